@@ -1,0 +1,311 @@
+//! The messages between whatever decides and the robot: plain data, no handles.
+//!
+//! Four kinds cross this boundary, and nothing else does: an [`Observation`] (what a skill may
+//! see), a [`Command`] (what it may ask for), [`Telemetry`] (what the watcher and the monitor may
+//! see) and an [`Interrupt`]. They are plain serde values so that a skill can run behind a
+//! process or a WebAssembly boundary and an episode can be logged and replayed.
+//!
+//! Units are SI: metres, radians, newtons, seconds; ticks are [`RATE_HZ`] per second. Poses are
+//! expressed in the world frame, z up, the robot's base at the origin.
+
+use arrayvec::ArrayVec;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use serde::{Deserialize, Serialize};
+
+/// Ticks per second of physics, skill, guard and watcher.
+pub const RATE_HZ: u32 = 240;
+
+/// Seconds per tick.
+pub const TICK_SECS: f64 = 1.0 / RATE_HZ as f64;
+
+/// The most arm joints a robot description may have.
+pub const MAX_JOINTS: usize = 8;
+
+/// One value per arm joint, base to tool, without allocation.
+pub type JointVec = ArrayVec<f64, MAX_JOINTS>;
+
+/// A rigid pose in the world frame: position in metres and a unit quaternion (x, y, z, w).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pose {
+    /// Position in metres.
+    pub position: [f64; 3],
+    /// Unit quaternion, x, y, z, w.
+    pub rotation: [f64; 4],
+}
+
+impl Pose {
+    /// The pose at the origin without rotation.
+    pub const IDENTITY: Self = Self { position: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+
+    /// The same pose as an f64 isometry.
+    #[must_use]
+    pub fn isometry(&self) -> Isometry3<f64> {
+        let [x, y, z, w] = self.rotation;
+        Isometry3::from_parts(
+            Translation3::from(self.position),
+            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+        )
+    }
+
+    /// Whether every number is finite and the quaternion is of unit length (within 1e-6).
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let norm2: f64 = self.rotation.iter().map(|v| v * v).sum();
+        self.position.iter().all(|v| v.is_finite()) && (norm2 - 1.0).abs() < 1e-6
+    }
+
+    /// Distance between the two origins in metres.
+    #[must_use]
+    pub fn distance_m(&self, other: &Self) -> f64 {
+        let [a, b] = [self.position, other.position];
+        libm::sqrt((0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum())
+    }
+}
+
+impl From<&Isometry3<f64>> for Pose {
+    fn from(iso: &Isometry3<f64>) -> Self {
+        let c = iso.rotation.coords;
+        Self { position: iso.translation.vector.into(), rotation: [c.x, c.y, c.z, c.w] }
+    }
+}
+
+/// Linear (m/s) and angular (rad/s) velocity in the world frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Twist {
+    /// Metres per second.
+    pub linear: [f64; 3],
+    /// Radians per second.
+    pub angular: [f64; 3],
+}
+
+impl Twist {
+    /// Magnitude of the linear part in m/s.
+    #[must_use]
+    pub fn speed_m_s(&self) -> f64 {
+        libm::sqrt(self.linear.iter().map(|v| v * v).sum())
+    }
+}
+
+/// One primitive of the cell's work; a sequence is the three in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TaskKind {
+    /// Approach the object on the table, close on it and lift it.
+    Grasp,
+    /// Bring the held object over the tray, square to it.
+    Align,
+    /// Set the held object down in the tray and retreat.
+    Place,
+}
+
+impl TaskKind {
+    /// The order of work in a pick-align-place sequence.
+    pub const SEQUENCE: [Self; 3] = [Self::Grasp, Self::Align, Self::Place];
+
+    /// Lower-case name, as in manifests and on screen.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Grasp => "grasp",
+            Self::Align => "align",
+            Self::Place => "place",
+        }
+    }
+}
+
+/// A perceived pose: where the camera last saw something, and how long ago.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Perceived pose, with noise and bias.
+    pub pose: Pose,
+    /// Ticks since the picture was taken.
+    pub age_ticks: u32,
+    /// Counts the pictures: a new number is a new measurement.
+    pub sequence: u32,
+}
+
+/// What the guard did with the previous command; a skill may react to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GuardVerdict {
+    /// Passed unchanged.
+    #[default]
+    Allowed,
+    /// Passed with a smaller speed, force or reach.
+    Clamped,
+    /// Not passed; the robot holds.
+    Denied,
+}
+
+/// What a skill may see in one tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Observation {
+    /// Ticks since the task started.
+    pub tick: u64,
+    /// Measured joint positions, rad.
+    pub q: JointVec,
+    /// Measured joint velocities, rad/s.
+    pub dq: JointVec,
+    /// Joint torques, N m.
+    pub tau: JointVec,
+    /// Tool pose from the measured joints.
+    pub tool: Pose,
+    /// Tool velocity from the measured joints.
+    pub tool_twist: Twist,
+    /// Distance between the finger pads, m.
+    pub gripper_width_m: f64,
+    /// Mean normal force on the pads, N.
+    pub gripper_force_n: f64,
+    /// Contact force sensed at the wrist, without the payload's weight, N.
+    pub wrist_force_n: f64,
+    /// Where the object was last seen; absent when the picture was dropped.
+    pub object: Option<Estimate>,
+    /// Where the tray (target) was last seen; absent when the picture was dropped.
+    pub target: Option<Estimate>,
+    /// Whether the gripper answers at the moment.
+    pub tool_available: bool,
+    /// The primitive that is to be done.
+    pub goal: TaskKind,
+    /// What became of the previous command.
+    pub guard: GuardVerdict,
+}
+
+/// Why a skill gave up. Manifests list the ones a version may raise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FailureSignal {
+    /// Nothing was seen where the object or the target should be.
+    TargetNotFound,
+    /// The fingers closed on nothing.
+    GraspMissed,
+    /// The object moved in, or left, the hand.
+    ObjectSlipped,
+    /// Contact where none was expected.
+    UnexpectedContact,
+    /// The object could not be brought over the target.
+    AlignmentLost,
+    /// The object did not come to rest in the target.
+    PlacementMissed,
+    /// The gripper does not answer.
+    ToolUnavailable,
+    /// The pictures are too old to act on.
+    InputStale,
+    /// The work took longer than the skill allows itself.
+    TimedOut,
+}
+
+impl FailureSignal {
+    /// Every signal there is.
+    pub const ALL: [Self; 9] = [
+        Self::TargetNotFound,
+        Self::GraspMissed,
+        Self::ObjectSlipped,
+        Self::UnexpectedContact,
+        Self::AlignmentLost,
+        Self::PlacementMissed,
+        Self::ToolUnavailable,
+        Self::InputStale,
+        Self::TimedOut,
+    ];
+}
+
+/// What a skill may ask for in one tick. A setpoint stays in force until it is replaced.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Command {
+    /// Leave both channels as they are.
+    Hold,
+    /// Channel arm: move the tool in a straight line to a pose, world frame.
+    ToolPose {
+        /// Where the tool is to go.
+        pose: Pose,
+        /// Path speed, m/s, above 0.
+        max_speed_m_s: f64,
+    },
+    /// Channel arm: move the joints to a configuration.
+    Joints {
+        /// Target, rad, one value per joint.
+        q: JointVec,
+        /// Speed of the fastest joint, rad/s, above 0.
+        max_speed_rad_s: f64,
+    },
+    /// Channel gripper: bring the pads to a distance, pressing with at most a force.
+    Gripper {
+        /// Distance between the pads, m.
+        width_m: f64,
+        /// Closing or opening speed of the width, m/s, above 0.
+        speed_m_s: f64,
+        /// Largest force per finger, N.
+        force_n: f64,
+    },
+    /// Channel arm: stand still as fast as the servo allows.
+    Stop,
+    /// The skill believes it has finished.
+    Done,
+    /// The skill gives up and says why.
+    Fail {
+        /// The declared reason.
+        signal: FailureSignal,
+    },
+}
+
+/// Asked of the robot from outside the skill.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Interrupt {
+    /// Brake at the servo's limit and stay; setpoints are ignored until [`Interrupt::Release`].
+    Stop,
+    /// Take setpoints again.
+    Release,
+}
+
+/// What touches what, as the cell's sensors tell it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Contacts {
+    /// A finger pad touches the object.
+    pub pad_object: bool,
+    /// Another part of the robot touches the object.
+    pub body_object: bool,
+    /// The robot touches the table or the tray.
+    pub robot_fixture: bool,
+    /// The robot touches clutter.
+    pub robot_clutter: bool,
+    /// Two parts of the robot touch.
+    pub robot_robot: bool,
+    /// The object touches table or tray.
+    pub object_fixture: bool,
+    /// The object touches clutter.
+    pub object_clutter: bool,
+}
+
+/// What the watcher and the monitor may read in one tick: sensors, with noise, never ground truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// Ticks since the task started.
+    pub tick: u64,
+    /// Measured joint positions, rad.
+    pub q: JointVec,
+    /// Measured joint velocities, rad/s.
+    pub dq: JointVec,
+    /// Largest distance of a joint from its servo target, rad.
+    pub tracking_error_rad: f64,
+    /// Tool pose from the measured joints.
+    pub tool: Pose,
+    /// Tool speed, m/s.
+    pub tool_speed_m_s: f64,
+    /// Distance between the finger pads, m.
+    pub gripper_width_m: f64,
+    /// Mean normal force on the pads, N.
+    pub gripper_force_n: f64,
+    /// Largest force of the robot or of the held object on its surroundings, N.
+    pub contact_force_n: f64,
+    /// What touches what.
+    pub contacts: Contacts,
+    /// How far the object has moved in the hand since the grip closed, m; absent without a grip.
+    pub slip_m: Option<f64>,
+    /// Age of the picture the skill acts on, ticks; absent when nothing was seen yet.
+    pub picture_age_ticks: Option<u32>,
+    /// Whether the gripper answers.
+    pub tool_available: bool,
+}

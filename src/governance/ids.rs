@@ -1,0 +1,240 @@
+//! Names and digests: the newtypes everything else refers to.
+//!
+//! Parsed once at the edge; a value of one of these types is always well formed.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+/// The longest name of a family, identity or channel, in bytes.
+pub const NAME_LEN_MAX: usize = 64;
+
+/// A name that is not of the form `[a-z0-9][a-z0-9._-]*`, or longer than [`NAME_LEN_MAX`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the name {0:?} is not allowed: 1 to 64 characters of a-z, 0-9, '.', '_' and '-', starting with a letter or digit")]
+pub struct NameError(pub String);
+
+/// Whether `name` has the form every name in Holdpoint has.
+#[must_use]
+pub fn is_name(name: &str) -> bool {
+    let head = name.bytes().next().is_some_and(|b| b.is_ascii_lowercase() || b.is_ascii_digit());
+    head && name.len() <= NAME_LEN_MAX
+        && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b"._-".contains(&b))
+}
+
+/// A capability family, e.g. `grasp`: the versions of one skill.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Family(String);
+
+impl Family {
+    /// Parses a family name.
+    ///
+    /// # Errors
+    /// [`NameError`] where the name is not of the allowed form.
+    pub fn new(name: impl Into<String>) -> Result<Self, NameError> {
+        let name = name.into();
+        if is_name(&name) { Ok(Self(name)) } else { Err(NameError(name)) }
+    }
+
+    /// The name.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for Family {
+    type Error = NameError;
+    fn try_from(name: String) -> Result<Self, NameError> {
+        Self::new(name)
+    }
+}
+
+impl From<Family> for String {
+    fn from(family: Family) -> Self {
+        family.0
+    }
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// One version of one family, written `grasp@1.2.0`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct CapabilityId {
+    /// The family.
+    pub family: Family,
+    /// The declared semantic version.
+    pub version: semver::Version,
+}
+
+/// Text that is not `<family>@<semver>`.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not a capability version; write <family>@<version>, e.g. grasp@1.2.0")]
+pub struct CapabilityIdError(pub String);
+
+impl FromStr for CapabilityId {
+    type Err = CapabilityIdError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let bad = || CapabilityIdError(text.to_owned());
+        let (family, version) = text.split_once('@').ok_or_else(bad)?;
+        let family = Family::new(family).map_err(|_| bad())?;
+        let version = semver::Version::parse(version).map_err(|_| bad())?;
+        Ok(Self { family, version })
+    }
+}
+
+impl TryFrom<String> for CapabilityId {
+    type Error = CapabilityIdError;
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
+}
+
+impl From<CapabilityId> for String {
+    fn from(id: CapabilityId) -> Self {
+        id.to_string()
+    }
+}
+
+impl fmt::Display for CapabilityId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}@{}", self.family, self.version)
+    }
+}
+
+/// A SHA-256 digest, shown and stored as 64 hexadecimal digits.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Digest([u8; 32]);
+
+/// Text that is not 64 hexadecimal digits.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not a digest: 64 hexadecimal digits are needed")]
+pub struct DigestError(pub String);
+
+impl Digest {
+    /// The digest of all parts, each preceded by its length, so that no two lists of parts collide.
+    #[must_use]
+    pub fn of_parts(domain: &str, parts: &[&[u8]]) -> Self {
+        let mut hasher = Sha256::new();
+        for part in std::iter::once(domain.as_bytes()).chain(parts.iter().copied()) {
+            hasher.update((part.len() as u64).to_le_bytes());
+            hasher.update(part);
+        }
+        Self(hasher.finalize().into())
+    }
+
+    /// The digest of a value's canonical JSON (see [`canonical_json`]).
+    ///
+    /// # Errors
+    /// Where the value has no JSON form (a map with keys that are no strings).
+    pub fn of_json<T: Serialize>(domain: &str, value: &T) -> Result<Self, serde_json::Error> {
+        Ok(Self::of_parts(domain, &[canonical_json(value)?.as_bytes()]))
+    }
+
+    /// The raw bytes.
+    #[must_use]
+    pub const fn bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+
+    /// Wraps raw bytes.
+    #[must_use]
+    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// The first eight hexadecimal digits, for people.
+    #[must_use]
+    pub fn short(&self) -> String {
+        self.to_string().chars().take(8).collect()
+    }
+}
+
+/// JSON with sorted keys and no spaces: equal values give equal bytes.
+///
+/// # Errors
+/// Where the value has no JSON form.
+pub fn canonical_json<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
+    // `serde_json::Value` keeps its maps sorted (the `preserve_order` feature is off).
+    serde_json::to_string(&serde_json::to_value(value)?)
+}
+
+impl fmt::Display for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Digest({self})")
+    }
+}
+
+impl FromStr for Digest {
+    type Err = DigestError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let bad = || DigestError(text.to_owned());
+        if text.len() != 64 || !text.is_ascii() {
+            return Err(bad());
+        }
+        let mut bytes = [0u8; 32];
+        for (i, byte) in bytes.iter_mut().enumerate() {
+            *byte = u8::from_str_radix(&text[2 * i..2 * i + 2], 16).map_err(|_| bad())?;
+        }
+        Ok(Self(bytes))
+    }
+}
+
+impl TryFrom<String> for Digest {
+    type Error = DigestError;
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
+}
+
+impl From<Digest> for String {
+    fn from(digest: Digest) -> Self {
+        digest.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names() {
+        for (name, ok) in
+            [("grasp", true), ("a.b-c_1", true), ("", false), ("Grasp", false), ("../x", false), ("-a", false)]
+        {
+            assert_eq!(is_name(name), ok, "{name}");
+        }
+        assert!(!is_name(&"a".repeat(65)));
+    }
+
+    #[test]
+    fn capability_ids_round_trip() {
+        let id: CapabilityId = "grasp@1.2.0".parse().unwrap();
+        assert_eq!(id.to_string(), "grasp@1.2.0");
+        assert!("grasp".parse::<CapabilityId>().is_err());
+        assert!("grasp@one".parse::<CapabilityId>().is_err());
+    }
+
+    #[test]
+    fn digests_round_trip_and_separate_parts() {
+        let digest = Digest::of_parts("test", &[b"ab", b"c"]);
+        assert_eq!(digest.to_string().parse::<Digest>().unwrap(), digest);
+        assert_ne!(digest, Digest::of_parts("test", &[b"a", b"bc"]));
+        assert_ne!(digest, Digest::of_parts("other", &[b"ab", b"c"]));
+    }
+}

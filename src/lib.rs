@@ -1,0 +1,13 @@
+#![doc = include_str!("ARCHITECTURE.md")]
+
+pub mod alarms;
+pub mod approvals;
+pub mod cli;
+pub mod engine;
+pub mod governance;
+pub mod headless;
+pub mod pipeline;
+pub mod registry;
+pub mod runtime;
+pub mod stats;
+pub mod text;
