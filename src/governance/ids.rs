@@ -13,7 +13,9 @@ pub const NAME_LEN_MAX: usize = 64;
 
 /// A name that is not of the form `[a-z0-9][a-z0-9._-]*`, or longer than [`NAME_LEN_MAX`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the name {0:?} is not allowed: 1 to 64 characters of a-z, 0-9, '.', '_' and '-', starting with a letter or digit")]
+#[error(
+    "the name {0:?} is not allowed: 1 to 64 characters of a-z, 0-9, '.', '_' and '-', starting with a letter or digit"
+)]
 pub struct NameError(pub String);
 
 /// Whether `name` has the form every name in Holdpoint has.
@@ -214,9 +216,14 @@ mod tests {
 
     #[test]
     fn names() {
-        for (name, ok) in
-            [("grasp", true), ("a.b-c_1", true), ("", false), ("Grasp", false), ("../x", false), ("-a", false)]
-        {
+        for (name, ok) in [
+            ("grasp", true),
+            ("a.b-c_1", true),
+            ("", false),
+            ("Grasp", false),
+            ("../x", false),
+            ("-a", false),
+        ] {
             assert_eq!(is_name(name), ok, "{name}");
         }
         assert!(!is_name(&"a".repeat(65)));

@@ -1,0 +1,230 @@
+//! Detectors of a rising failure rate after activation (section 3.8 of the design, paper stage 6).
+//!
+//! [`Cusum`] is the early warning (Page 1954); [`ShiryaevRoberts`] is an e-detector (Shin, Ramdas & Rinaldo 2023)
+//! whose mean run length to a false alarm is at least the stated number, for any failure rate up to `rate_normal`.
+//! Both latch: once alarmed they stay so until replaced.
+
+use serde::{Deserialize, Serialize};
+
+use super::{StatsError, open_unit};
+
+/// The longest false-alarm run length that can be asked for, in observations.
+pub const ARL_MAX: f64 = 1e9;
+
+/// The failure rates a [`ShiryaevRoberts`] bets on, as parts of the way from the normal rate to 1.
+const BETS: [f64; 3] = [0.05, 0.15, 0.35];
+
+/// What a detector says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Drift {
+    /// Nothing established.
+    Quiet,
+    /// The statistic passed half of its threshold.
+    Warning,
+    /// The statistic passed its threshold.
+    Alarm,
+}
+
+impl Drift {
+    /// NaN compares with nothing, so an unusable statistic is an alarm.
+    fn of(statistic: f64, threshold: f64) -> Self {
+        if statistic < threshold / 2.0 {
+            Self::Quiet
+        } else if statistic < threshold {
+            Self::Warning
+        } else {
+            Self::Alarm
+        }
+    }
+}
+
+/// `S = max(0, S + ln(likelihood ratio))`; alarm where `S >= threshold`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cusum {
+    rate_normal: f64,
+    rate_degraded: f64,
+    threshold: f64,
+    statistic: f64,
+    alarmed: bool,
+}
+
+impl Cusum {
+    /// A detector of a change from `rate_normal` to `rate_degraded` with decision interval `threshold` (in nats).
+    ///
+    /// # Errors
+    /// Rates outside (0, 1) or not rising, or a threshold that is not positive and finite.
+    pub fn new(rate_normal: f64, rate_degraded: f64, threshold: f64) -> Result<Self, StatsError> {
+        open_unit("rate_normal", rate_normal)?;
+        open_unit("rate_degraded", rate_degraded)?;
+        if rate_degraded <= rate_normal {
+            let (name, value) = ("rate_degraded", rate_degraded);
+            return Err(StatsError::Parameter { name, value, allowed: "above rate_normal" });
+        }
+        if !(threshold > 0.0 && threshold.is_finite()) {
+            return Err(StatsError::Parameter {
+                name: "threshold",
+                value: threshold,
+                allowed: "above 0 and finite",
+            });
+        }
+        Ok(Self { rate_normal, rate_degraded, threshold, statistic: 0.0, alarmed: false })
+    }
+
+    /// Takes one observation.
+    pub fn update(&mut self, failed: bool) -> Drift {
+        self.statistic =
+            (self.statistic + libm::log(ratio(self.rate_normal, self.rate_degraded, failed))).max(0.0);
+        self.alarmed |= Drift::of(self.statistic, self.threshold) == Drift::Alarm;
+        self.state()
+    }
+
+    /// What it says now.
+    #[must_use]
+    pub fn state(&self) -> Drift {
+        if self.alarmed { Drift::Alarm } else { Drift::of(self.statistic, self.threshold) }
+    }
+
+    /// The statistic, in nats; 0 is no evidence.
+    #[must_use]
+    pub const fn statistic(&self) -> f64 {
+        self.statistic
+    }
+
+    /// The decision interval, in nats.
+    #[must_use]
+    pub const fn threshold(&self) -> f64 {
+        self.threshold
+    }
+
+    /// A lower bound of the mean number of observations to a false alarm at `rate_normal`: `e^threshold`
+    /// (Lorden 1971).
+    #[must_use]
+    pub fn arl_min(&self) -> f64 {
+        libm::exp(self.threshold)
+    }
+}
+
+/// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm where the mean of R_i reaches the
+/// wanted run length.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShiryaevRoberts {
+    rate_normal: f64,
+    arl: f64,
+    statistics: [f64; BETS.len()],
+    alarmed: bool,
+}
+
+impl ShiryaevRoberts {
+    /// A detector of a failure rate above `rate_normal` with a mean of at least `arl` observations to a false
+    /// alarm.
+    ///
+    /// # Errors
+    /// A rate outside (0, 1), or a run length outside [1, [`ARL_MAX`]].
+    pub fn new(rate_normal: f64, arl: f64) -> Result<Self, StatsError> {
+        open_unit("rate_normal", rate_normal)?;
+        if !(1.0..=ARL_MAX).contains(&arl) {
+            return Err(StatsError::Parameter { name: "arl", value: arl, allowed: "from 1 to 1e9" });
+        }
+        Ok(Self { rate_normal, arl, statistics: [0.0; BETS.len()], alarmed: false })
+    }
+
+    /// Takes one observation.
+    pub fn update(&mut self, failed: bool) -> Drift {
+        /// Far above every threshold, far below what the next product could not hold.
+        const STATISTIC_MAX: f64 = 1e100;
+        for (statistic, bet) in self.statistics.iter_mut().zip(BETS) {
+            let rate_degraded = self.rate_normal + bet * (1.0 - self.rate_normal);
+            *statistic =
+                ((*statistic + 1.0) * ratio(self.rate_normal, rate_degraded, failed)).min(STATISTIC_MAX);
+        }
+        self.alarmed |= Drift::of(self.statistic(), self.arl) == Drift::Alarm;
+        self.state()
+    }
+
+    /// What it says now.
+    #[must_use]
+    pub fn state(&self) -> Drift {
+        if self.alarmed { Drift::Alarm } else { Drift::of(self.statistic(), self.arl) }
+    }
+
+    /// The statistic; the alarm comes where it reaches [`ShiryaevRoberts::arl`].
+    #[must_use]
+    pub fn statistic(&self) -> f64 {
+        super::mean(&self.statistics)
+    }
+
+    /// The guaranteed mean run length to a false alarm, which is also the threshold, in observations.
+    #[must_use]
+    pub const fn arl(&self) -> f64 {
+        self.arl
+    }
+}
+
+/// The likelihood ratio of one Bernoulli observation.
+fn ratio(rate_normal: f64, rate_degraded: f64, failed: bool) -> f64 {
+    if failed { rate_degraded / rate_normal } else { (1.0 - rate_degraded) / (1.0 - rate_normal) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stats::bootstrap::Stream;
+
+    /// Mean observations to the alarm over 200 streams, each ended at `limit`.
+    fn run_length(rate: f64, limit: u32, mut detector: impl FnMut() -> Box<dyn FnMut(bool) -> Drift>) -> f64 {
+        let mut stream = Stream::new(7);
+        let runs = 200;
+        let total: u32 = (0..runs)
+            .map(|_| {
+                let mut update = detector();
+                (1..=limit).find(|_| update(stream.unit() < rate) == Drift::Alarm).unwrap_or(limit)
+            })
+            .sum();
+        f64::from(total) / f64::from(runs)
+    }
+
+    #[test]
+    fn run_lengths() {
+        let shiryaev = || -> Box<dyn FnMut(bool) -> Drift> {
+            let mut detector = ShiryaevRoberts::new(0.05, 500.0).unwrap();
+            Box::new(move |failed| detector.update(failed))
+        };
+        assert!(run_length(0.05, 20_000, shiryaev) >= 500.0);
+        assert!(run_length(0.20, 20_000, shiryaev) < 60.0);
+        let cusum = || -> Box<dyn FnMut(bool) -> Drift> {
+            let mut detector = Cusum::new(0.05, 0.15, 5.0).unwrap();
+            Box::new(move |failed| detector.update(failed))
+        };
+        assert!(run_length(0.05, 20_000, cusum) >= libm::exp(5.0));
+        assert!(run_length(0.40, 20_000, cusum) < 30.0);
+    }
+
+    #[test]
+    fn alarms_latch_and_nan_alarms() {
+        let mut cusum = Cusum::new(0.05, 0.15, 2.0).unwrap();
+        assert_eq!(cusum.update(true), Drift::Warning);
+        assert_eq!(cusum.update(true), Drift::Alarm);
+        assert!((0..100).all(|_| cusum.update(false) == Drift::Alarm));
+        let mut shiryaev = ShiryaevRoberts::new(0.05, 50.0).unwrap();
+        assert!((0..10_000).any(|_| shiryaev.update(true) == Drift::Alarm));
+        assert!(shiryaev.statistic().is_finite());
+        assert_eq!(Drift::of(f64::NAN, 1.0), Drift::Alarm);
+    }
+
+    #[test]
+    fn refuses_bad_parameters() {
+        for rate in [0.0, 1.0, f64::NAN] {
+            assert!(Cusum::new(rate, 0.5, 1.0).is_err());
+            assert!(Cusum::new(0.05, rate, 1.0).is_err());
+            assert!(ShiryaevRoberts::new(rate, 100.0).is_err());
+        }
+        assert!(Cusum::new(0.2, 0.1, 1.0).is_err());
+        for value in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(Cusum::new(0.1, 0.2, value).is_err());
+            assert!(ShiryaevRoberts::new(0.1, value).is_err());
+        }
+    }
+}

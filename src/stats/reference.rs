@@ -1,0 +1,146 @@
+//! Comparison with SciPy; the values and how they were made are in `reference.json`.
+
+use serde::Deserialize;
+
+use super::*;
+
+#[derive(Deserialize)]
+struct Reference {
+    source: String,
+    proportions: Vec<Proportion>,
+    signed_rank: Vec<Ranked>,
+    normal: Vec<Normal>,
+    student: Vec<Student>,
+    student_pairs: Vec<Pairs>,
+    bootstrap: Vec<Bootstrap>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Proportion {
+    k: u64,
+    n: u64,
+    level: f64,
+    wilson: [f64; 2],
+    exact: [f64; 2],
+}
+
+#[derive(Debug, Deserialize)]
+struct Ranked {
+    differences: Vec<f64>,
+    w: f64,
+    two_sided: f64,
+    greater: f64,
+    less: f64,
+    method: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct Normal {
+    p: f64,
+    z: f64,
+}
+
+#[derive(Debug, Deserialize)]
+struct Student {
+    p: f64,
+    df: f64,
+    t: f64,
+}
+
+#[derive(Debug, Deserialize)]
+struct Pairs {
+    differences: Vec<f64>,
+    alpha: f64,
+    lower: f64,
+    upper: f64,
+}
+
+#[derive(Debug, Deserialize)]
+struct Bootstrap {
+    values: Vec<f64>,
+    method: String,
+    level: f64,
+    lower: f64,
+    upper: f64,
+}
+
+fn reference() -> Reference {
+    let reference: Reference = serde_json::from_str(include_str!("reference.json")).unwrap();
+    assert!(reference.source.starts_with("SciPy 1.17"));
+    reference
+}
+
+#[track_caller]
+fn near(got: f64, expected: f64, tolerance: f64, what: &impl std::fmt::Debug) {
+    assert!(
+        (got - expected).abs() <= tolerance * expected.abs().max(1.0),
+        "{got} is not {expected}: {what:?}"
+    );
+}
+
+#[test]
+fn proportions() {
+    for row in reference().proportions {
+        let score = wilson(row.k, row.n, row.level).unwrap();
+        let exact = clopper_pearson(row.k, row.n, row.level).unwrap();
+        for (got, expected) in [
+            (score.lower, row.wilson[0]),
+            (score.upper, row.wilson[1]),
+            (exact.lower, row.exact[0]),
+            (exact.upper, row.exact[1]),
+        ] {
+            near(got, expected, 1e-11, &row);
+        }
+    }
+}
+
+#[test]
+fn signed_ranks() {
+    for row in reference().signed_rank {
+        let test = signed_rank(&row.differences).unwrap();
+        assert_eq!(test.exact, row.method != "approx", "{row:?}");
+        for (got, expected) in [
+            (test.w, row.w),
+            (test.p_two_sided, row.two_sided),
+            (test.p_greater, row.greater),
+            (test.p_less, row.less),
+        ] {
+            near(got, expected, 1e-12, &row);
+        }
+    }
+}
+
+#[test]
+fn quantiles() {
+    let reference = reference();
+    for row in reference.normal {
+        near(normal_quantile(row.p).unwrap(), row.z, 1e-12, &row);
+    }
+    for row in reference.student {
+        near(student_quantile(row.p, row.df).unwrap(), row.t, 1e-10, &row);
+    }
+}
+
+#[test]
+fn paired_means() {
+    for row in reference().student_pairs {
+        let bound = student_pairs(&row.differences, row.alpha).unwrap();
+        near(bound.lower, row.lower, 1e-10, &row);
+        near(bound.upper, row.upper, 1e-10, &row);
+    }
+}
+
+#[test]
+fn bootstraps() {
+    for row in reference().bootstrap {
+        let interval = match row.method.as_str() {
+            "percentile" => percentile(&row.values, mean, row.level, 40_000, 3),
+            "BCa" => bca(&row.values, mean, row.level, 40_000, 3),
+            other => panic!("{other}"),
+        }
+        .unwrap();
+        // Both are Monte Carlo estimates; their own error here is about 0.01.
+        near(interval.lower, row.lower, 0.02, &row);
+        near(interval.upper, row.upper, 0.02, &row);
+    }
+}
