@@ -1,1 +1,148 @@
-//! Placeholder.
+//! Foreign text: everything that people, manifests, bundles or files wrote.
+//!
+//! An [`Untrusted`] value cannot be printed: it has no `Display`, and its `Debug` is sanitised. What may reach a
+//! widget, log, title, table or error is a [`Shown`], which only the sanitiser here makes. It shows as
+//! `\u{..}` whatever a terminal would act on or a reader would not see: control characters (C0, C1, DEL),
+//! bidirectional overrides, tag and zero-width characters, unusual spaces, private and unassigned code points.
+//! It also bounds the width in columns and the bytes of one grapheme, as a pile of accents makes one huge cell.
+//!
+//! What this module must not do: judge whether text is honest. Look-alike letters stay; ids and digests are
+//! compared, never read.
+
+mod sanitise;
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+pub use sanitise::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, sanitise};
+
+/// The width, in columns, for errors, logs and other places without a width of their own.
+pub const LINE_WIDTH_MAX: usize = 240;
+
+/// Text from outside, kept as it came. Equal to another only byte by byte.
+#[derive(Clone, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Untrusted(String);
+
+impl Untrusted {
+    /// Wraps text from outside.
+    #[must_use]
+    pub fn new(text: impl Into<String>) -> Self {
+        Self(text.into())
+    }
+
+    /// The text as it came, for comparing, hashing and storing; never for showing.
+    #[must_use]
+    pub fn raw(&self) -> &str {
+        &self.0
+    }
+
+    /// Whether there is nothing but white space.
+    #[must_use]
+    pub fn is_blank(&self) -> bool {
+        self.0.trim().is_empty()
+    }
+
+    /// The text on one line of at most `width_max` columns (see [`sanitise`]).
+    #[must_use]
+    pub fn display(&self, width_max: usize) -> Shown {
+        sanitise(&self.0, width_max)
+    }
+
+    /// The text on one line of at most [`LINE_WIDTH_MAX`] columns.
+    #[must_use]
+    pub fn line(&self) -> Shown {
+        self.display(LINE_WIDTH_MAX)
+    }
+
+    /// The text's own lines, at most `lines_max` of them; where some are left off the last one is `…`.
+    #[must_use]
+    pub fn lines(&self, width_max: usize, lines_max: usize) -> Vec<Shown> {
+        let mut shown: Vec<Shown> =
+            self.0.lines().take(lines_max).map(|line| sanitise(line, width_max)).collect();
+        if let Some(last) = shown.last_mut()
+            && self.0.lines().nth(lines_max).is_some()
+        {
+            *last = sanitise("…", width_max);
+        }
+        shown
+    }
+}
+
+impl From<String> for Untrusted {
+    fn from(text: String) -> Self {
+        Self(text)
+    }
+}
+
+impl From<&str> for Untrusted {
+    fn from(text: &str) -> Self {
+        Self(text.to_owned())
+    }
+}
+
+impl fmt::Debug for Untrusted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "\"{}\"", self.line())
+    }
+}
+
+/// Sanitised text: printable characters on one line, of bounded width. Only the sanitiser makes it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Shown(String);
+
+impl Shown {
+    /// The text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    /// The text as an owned string, for widgets that want one.
+    #[must_use]
+    pub fn into_string(self) -> String {
+        self.0
+    }
+
+    /// Width in terminal columns.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        unicode_width::UnicodeWidthStr::width(self.0.as_str())
+    }
+}
+
+impl AsRef<str> for Shown {
+    fn as_ref(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn debug_is_sanitised_and_serde_keeps_the_text() {
+        let text = Untrusted::new("a\u{1b}[31m\u{202e}b");
+        assert_eq!(format!("{text:?}"), r#""a\u{1b}[31m\u{202e}b""#);
+        let json = serde_json::to_string(&text).unwrap();
+        assert_eq!(serde_json::from_str::<Untrusted>(&json).unwrap(), text);
+    }
+
+    #[test]
+    fn lines_are_bounded() {
+        let text = Untrusted::new("one\ntwo\u{7}\nthree\nfour");
+        let shown = |lines_max| text.lines(80, lines_max).iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert_eq!(shown(4), ["one", r"two\u{7}", "three", "four"]);
+        assert_eq!(shown(2), ["one", "…"]);
+        assert!(shown(0).is_empty());
+        assert!(Untrusted::new(" \n").is_blank());
+    }
+}
