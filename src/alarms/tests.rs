@@ -1,0 +1,212 @@
+//! Tables and properties of the alarm states.
+
+use proptest::prelude::*;
+
+use super::*;
+
+const KEY: &str = "slip/grasp";
+
+fn raise_as(key: &str, priority: Priority, latching: bool) -> AlarmEvent {
+    AlarmEvent::Raise {
+        key: key.into(),
+        group: "grasp/monitor".into(),
+        priority,
+        latching,
+        text: "slip".into(),
+    }
+}
+
+fn named(event: &str) -> AlarmEvent {
+    let (key, by) = (KEY.to_owned(), "mara".to_owned());
+    match event {
+        "raise" => raise_as(KEY, Priority::High, false),
+        "raise-latching" => raise_as(KEY, Priority::High, true),
+        "raise-critical" => raise_as(KEY, Priority::Critical, false),
+        "clear" => AlarmEvent::Clear { key },
+        "acknowledge" => AlarmEvent::Acknowledge { key, by },
+        "reset" => AlarmEvent::Reset { key, by, reason: "looked at it".into() },
+        "reset-silently" => AlarmEvent::Reset { key, by, reason: " ".into() },
+        "shelve" => AlarmEvent::Shelve { key, by, until_ms: 5_000, reason: "known sensor".into() },
+        "shelve-silently" => AlarmEvent::Shelve { key, by, until_ms: 5_000, reason: "".into() },
+        "shelve-forever" => AlarmEvent::Shelve { key, by, until_ms: u64::MAX, reason: "tired".into() },
+        "unshelve" => AlarmEvent::Unshelve { key, by },
+        "tick" => AlarmEvent::Tick,
+        other => panic!("{other}"),
+    }
+}
+
+fn step(book: &mut AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+    let changes = apply(book, event, now_ms)?;
+    book.absorb(&changes);
+    Ok(changes)
+}
+
+#[test]
+fn transitions() {
+    use AlarmState::{Acknowledged, Latched, Normal, ReturnedUnacknowledged, Shelved, Unacknowledged};
+    for (events, expected) in [
+        ("raise", Some(Unacknowledged)),
+        ("raise acknowledge", Some(Acknowledged)),
+        ("raise acknowledge acknowledge", Some(Acknowledged)),
+        ("raise acknowledge raise", Some(Acknowledged)),
+        ("raise acknowledge raise-critical", Some(Unacknowledged)),
+        ("raise clear", Some(ReturnedUnacknowledged)),
+        ("raise clear acknowledge", Some(Normal)),
+        ("raise acknowledge clear", Some(Normal)),
+        ("raise acknowledge clear raise", Some(Unacknowledged)),
+        ("raise clear raise", Some(Unacknowledged)),
+        ("raise-latching acknowledge clear", Some(Latched)),
+        ("raise-latching acknowledge clear acknowledge clear", Some(Latched)),
+        ("raise-latching clear acknowledge reset", Some(Normal)),
+        ("raise-latching clear reset", Some(Normal)),
+        ("raise-latching clear acknowledge raise", Some(Unacknowledged)),
+        ("raise-latching clear acknowledge raise clear acknowledge", Some(Latched)),
+        ("raise shelve", Some(Shelved)),
+        ("raise shelve clear acknowledge", Some(Shelved)),
+        ("raise shelve clear acknowledge unshelve", Some(Normal)),
+        ("raise shelve unshelve", Some(Unacknowledged)),
+        ("raise shelve raise-critical", Some(Unacknowledged)),
+        // Refused:
+        ("acknowledge", None),
+        ("reset", None),
+        ("raise reset", None),
+        ("raise-latching reset", None),
+        ("raise-latching acknowledge reset", None),
+        ("raise-latching clear reset-silently", None),
+        ("raise shelve-silently", None),
+        ("raise shelve-forever", None),
+        ("raise unshelve", None),
+        ("raise-critical shelve", None),
+    ] {
+        let mut book = AlarmBook::new();
+        let mut last = Ok(Vec::new());
+        for (at, event) in events.split(' ').enumerate() {
+            assert!(last.is_ok(), "{events}: refused before its last event: {last:?}");
+            last = step(&mut book, &named(event), 10 * at as u64);
+        }
+        match expected {
+            Some(state) => assert_eq!(book.get(KEY).map(Alarm::state), Some(state), "{events}"),
+            None => assert!(last.is_err(), "{events}"),
+        }
+    }
+}
+
+#[test]
+fn shelves_end_by_themselves_and_call_again() {
+    let mut book = AlarmBook::new();
+    step(&mut book, &named("raise"), 0).unwrap();
+    step(&mut book, &named("shelve"), 10).unwrap();
+    assert_eq!(book.summary().shelved, 1);
+    assert!(step(&mut book, &AlarmEvent::Tick, 4_999).unwrap().is_empty());
+    let changes = step(&mut book, &AlarmEvent::Tick, 5_000).unwrap();
+    assert!(matches!(changes[..], [AlarmChange::Set { annunciated: true, from: AlarmState::Shelved, .. }]));
+    assert_eq!(book.summary().highest_unacknowledged, Some(Priority::High));
+}
+
+#[test]
+fn three_raises_in_a_minute_chatter() {
+    let mut book = AlarmBook::new();
+    for at in [0, 20_000, 40_000] {
+        assert!(!book.get(KEY).is_some_and(|alarm| alarm.is_chattering(at)));
+        step(&mut book, &named("raise"), at).unwrap();
+        step(&mut book, &named("clear"), at + 1).unwrap();
+    }
+    let alarm = book.get(KEY).unwrap();
+    assert!(alarm.is_chattering(60_000) && !alarm.is_chattering(60_001));
+    assert_eq!((alarm.raises, book.open().len()), (3, 1));
+}
+
+#[test]
+fn floods_group_by_cause_and_keep_criticals_apart() {
+    let mut book = AlarmBook::new();
+    for at in 0..=FLOOD_START as u64 {
+        assert!(!book.is_flooded(), "{at}");
+        step(&mut book, &raise_as(&format!("low-{at:02}"), Priority::Low, false), at).unwrap();
+    }
+    assert!(book.is_flooded());
+    step(&mut book, &raise_as("trip", Priority::Critical, true), 50).unwrap();
+    let rows = grouped(&book);
+    assert_eq!(
+        rows.iter().map(|row| (row.first.key.as_str(), row.members.len())).collect::<Vec<_>>(),
+        [("trip", 1), ("low-00", 11)]
+    );
+    // It ends when the window holds fewer than five.
+    let changes = step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 4).unwrap();
+    assert!(changes.is_empty() && book.is_flooded());
+    step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 10).unwrap();
+    assert!(!book.is_flooded());
+    assert_eq!(grouped(&book).len(), 12);
+}
+
+#[test]
+fn full_books_drop_what_is_normal_and_nothing_else() {
+    let mut book = AlarmBook::new();
+    for at in 0..ALARMS_MAX {
+        step(&mut book, &raise_as(&format!("a{at}"), Priority::Low, false), at as u64).unwrap();
+    }
+    let one_more = raise_as("one-more", Priority::Critical, true);
+    assert!(matches!(apply(&book, &one_more, 1_000), Err(AlarmError::Full(_))));
+    step(&mut book, &AlarmEvent::Clear { key: "a7".into() }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Acknowledge { key: "a7".into(), by: "mara".into() }, 1_000).unwrap();
+    step(&mut book, &one_more, 1_000).unwrap();
+    assert!(book.get("a7").is_none() && book.get("one-more").is_some());
+    // What was long normal goes by itself.
+    step(&mut book, &AlarmEvent::Clear { key: "a8".into() }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Acknowledge { key: "a8".into(), by: "mara".into() }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 8).unwrap();
+    assert!(book.get("a8").is_none());
+}
+
+#[test]
+fn foreign_names_are_refused() {
+    let mut book = AlarmBook::new();
+    step(&mut book, &named("raise"), 0).unwrap();
+    let forged = AlarmEvent::Acknowledge { key: KEY.into(), by: "mara\u{202e}".into() };
+    let error = apply(&book, &forged, 0).unwrap_err();
+    assert_eq!(error.to_string(), r#""mara\u{202e}" is not the name of an identity"#);
+    assert!(apply(&book, &raise_as("", Priority::Low, false), 0).is_err());
+    assert!(apply(&book, &raise_as(&"k".repeat(201), Priority::Low, false), 0).is_err());
+}
+
+const NAMES: [&str; 10] = [
+    "raise",
+    "raise-latching",
+    "raise-critical",
+    "clear",
+    "acknowledge",
+    "reset",
+    "shelve",
+    "unshelve",
+    "tick",
+    "shelve-silently",
+];
+
+proptest! {
+    #[test]
+    fn any_history_keeps_the_rules(history in proptest::collection::vec((0..NAMES.len(), 0u64..4_000), 1..60)) {
+        let (mut book, mut replayed, mut now_ms) = (AlarmBook::new(), AlarmBook::new(), 0);
+        for (index, later_ms) in history {
+            now_ms += later_ms;
+            let before = book.clone();
+            match apply(&book, &named(NAMES[index]), now_ms) {
+                Ok(changes) => {
+                    book.absorb(&changes);
+                    let stored = serde_json::to_string(&changes).unwrap();
+                    replayed.absorb(&serde_json::from_str::<Vec<AlarmChange>>(&stored).unwrap());
+                }
+                Err(_) => prop_assert_eq!(&book, &before),
+            }
+            prop_assert_eq!(&book, &replayed);
+            let Some(alarm) = book.get(KEY) else { continue };
+            // A present condition is never shown as normal, and a critical one never lies on a shelf.
+            prop_assert!(!alarm.condition || alarm.state() != AlarmState::Normal);
+            prop_assert!(alarm.priority != Priority::Critical || alarm.shelf.is_none());
+            prop_assert!(alarm.raises_ms.len() <= CHATTER_RAISES);
+            // Only an operator ends the call for attention: it is over only after an acknowledgement or reset.
+            let was_open = before.get(KEY).is_some_and(|old| old.acknowledged_by.is_none());
+            if was_open && alarm.acknowledged_by.is_some() {
+                prop_assert!(matches!(NAMES[index], "acknowledge" | "reset"));
+            }
+        }
+    }
+}
