@@ -1,2 +1,20 @@
 //! The rules: pure functions over plain data. No I/O, no clock, no randomness, no async.
+//!
+//! Texts and values come in, decisions with their reasons go out; whoever calls opens the files,
+//! measures the episodes and keeps the time.
+
+pub mod composition;
+pub mod decision;
+pub mod evidence;
+pub mod exports;
 pub mod ids;
+pub mod lifecycle;
+pub mod manifest;
+pub mod mode;
+pub mod outcome;
+pub mod profile;
+pub mod submission;
+mod text_error;
+pub mod value_type;
+
+pub use text_error::TextError;

@@ -1,0 +1,257 @@
+//! Joining the four dimensions: the composite score (reported, never gating) and `Psi`, the next permitted stage.
+//!
+//! Sources: paper equation 2 and Procedure 2; readings X39 to X47; weights from readings 2.1.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::decision::{Answers, Decision, Dimension, Kappa, MadeUnder, Reason, ReasonCode};
+use super::manifest::Manifest;
+use super::outcome::{
+    ActivationMode, Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome,
+    Recommendation, RecoveryOutcome,
+};
+
+/// A typed condition of use; none of them is free text.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
+pub enum Condition {
+    /// Under the profile `sim` only.
+    SimulationOnly,
+    /// The guard enforces this envelope, tighter than the one declared.
+    TighterEnvelope {
+        /// Largest tool speed, m/s.
+        speed_max_m_s: f64,
+        /// Largest force, N.
+        force_max_n: f64,
+    },
+    /// The monitor's thresholds are scaled by this factor, below 1.
+    StricterThresholds {
+        /// Factor in (0, 1).
+        factor: f64,
+    },
+    /// Shadow has to be worked at this length first.
+    ShadowFirst {
+        /// Sequences.
+        sequences: u32,
+    },
+    /// This many distinct people have to approve.
+    ApprovalRequired {
+        /// People.
+        quorum: u8,
+    },
+    /// Callers go through an adapter that supplies these fields with their defaults.
+    InterfaceAdapter {
+        /// Names of the fields, in order.
+        fields: Vec<String>,
+    },
+    /// The predecessor stays loaded and takes over at the first trip.
+    RollbackCoupled,
+}
+
+/// Weights of the composite (readings 2.1): any other weights must sum to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Weights {
+    /// `w_I`.
+    pub interface: f64,
+    /// `w_P`.
+    pub policy: f64,
+    /// `w_B`.
+    pub behavior: f64,
+    /// `w_R`.
+    pub recovery: f64,
+}
+
+impl Weights {
+    /// The weights that reproduce the paper's fourteen rows within .004.
+    pub const PAPER: Self = Self { interface: 0.22, policy: 0.25, behavior: 0.30, recovery: 0.23 };
+}
+
+/// The four assessments of one candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kappas {
+    /// `kappa_I`.
+    pub interface: Assessment<InterfaceOutcome>,
+    /// `kappa_P`.
+    pub policy: Assessment<PolicyOutcome>,
+    /// `kappa_B`.
+    pub behavior: Assessment<BehaviorOutcome>,
+    /// `kappa_R`.
+    pub recovery: Assessment<RecoveryOutcome>,
+}
+
+impl Kappas {
+    /// The four results in the common form, in the order I, P, B, R.
+    #[must_use]
+    pub fn checks(&self) -> [(Dimension, Check); 4] {
+        [
+            (Dimension::Interface, self.interface.outcome.into()),
+            (Dimension::Policy, self.policy.outcome.into()),
+            (Dimension::Behavior, self.behavior.outcome.into()),
+            (Dimension::Recovery, self.recovery.outcome.into()),
+        ]
+    }
+
+    /// Every condition of the four, without repetition, in the order I, P, B, R.
+    #[must_use]
+    pub fn conditions(&self) -> Vec<Condition> {
+        let lists = [
+            &self.interface.conditions,
+            &self.policy.conditions,
+            &self.behavior.conditions,
+            &self.recovery.conditions,
+        ];
+        let mut all: Vec<Condition> = Vec::new();
+        for condition in lists.into_iter().flatten() {
+            if !all.contains(condition) {
+                all.push(condition.clone());
+            }
+        }
+        all
+    }
+
+    /// The modes that restricted passes cap the activation at.
+    #[must_use]
+    pub fn caps(&self) -> BTreeSet<ActivationMode> {
+        self.checks()
+            .into_iter()
+            .filter_map(|(_, check)| match check {
+                Check::PassRestricted(mode) => Some(mode),
+                Check::Pass
+                | Check::Review
+                | Check::Fail
+                | Check::Inconclusive
+                | Check::NoData
+                | Check::Skipped => None,
+            })
+            .collect()
+    }
+
+    /// Every reason of the four, in the order I, P, B, R.
+    #[must_use]
+    pub fn reasons(&self) -> Vec<Reason> {
+        let lists =
+            [&self.interface.reasons, &self.policy.reasons, &self.behavior.reasons, &self.recovery.reasons];
+        lists.into_iter().flatten().cloned().collect()
+    }
+}
+
+/// `composite = w_I kappa_I + w_P kappa_P + w_B kappa_B + w_R kappa_R`; `None` where one is missing.
+#[must_use]
+pub fn composite(weights: &Weights, kappas: [Option<Kappa>; 4]) -> Option<Kappa> {
+    let [Some(i), Some(p), Some(b), Some(r)] = kappas else { return None };
+    let Weights { interface, policy, behavior, recovery } = weights;
+    Kappa::clamped(interface * i.get() + policy * p.get() + behavior * b.get() + recovery * r.get())
+}
+
+/// What `Psi` has to know of the profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PsiContext {
+    /// Whether the profile has somebody who can approve.
+    pub has_approver: bool,
+}
+
+/// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
+///
+/// I incompatible -> reject; P incompatible -> reject; P review -> rollback-review; B incompatible -> sandbox;
+/// R incompatible -> sandbox (rollback-review where an approver exists and rollback itself works);
+/// missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
+#[must_use]
+pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decision<Recommendation> {
+    let (outcome, dimension) = recommend(kappas, context);
+    let mut reasons = Vec::new();
+    if let Some(dimension) = dimension {
+        reasons.extend(kappas.reasons().into_iter().filter(|reason| reason.dimension == dimension));
+    }
+    let missing = kappas
+        .checks()
+        .into_iter()
+        .any(|(_, check)| matches!(check, Check::NoData | Check::Inconclusive | Check::Skipped));
+    if missing {
+        let text = "a value is missing, so nothing beyond the next evaluation is permitted";
+        reasons.push(Reason::new(ReasonCode::CompositionNoData, Dimension::Composition, text));
+    }
+    match outcome {
+        Recommendation::Activate => {
+            let text = "every dimension is compatible";
+            reasons.push(Reason::new(ReasonCode::CompositionEligible, Dimension::Composition, text));
+        }
+        Recommendation::Shadow => {
+            let text = "a restriction caps the recommendation at shadow";
+            reasons.push(Reason::new(ReasonCode::CompositionRestricted, Dimension::Composition, text));
+        }
+        Recommendation::Reject | Recommendation::Sandbox | Recommendation::RollbackReview => {}
+    }
+    // The other dimensions' reasons follow, so that the record is complete.
+    for reason in kappas.reasons() {
+        if !reasons.contains(&reason) {
+            reasons.push(reason);
+        }
+    }
+    let answers = Answers {
+        admitted: outcome != Recommendation::Reject,
+        conditions: kappas.conditions(),
+        monitoring: "by the watcher and the policy guard of the stage it is admitted to".into(),
+        rollback_when: "nothing is active: leaving the stage leaves the active version untouched".into(),
+    };
+    Decision::new(outcome, reasons, answers, made_under)
+}
+
+fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Dimension>) {
+    let [(_, interface), (_, policy), (_, behavior), (_, recovery)] = kappas.checks();
+    let blocked = |check| matches!(check, Check::Fail | Check::NoData | Check::Inconclusive | Check::Skipped);
+    if blocked(interface) {
+        return (Recommendation::Reject, Some(Dimension::Interface));
+    }
+    if blocked(policy) {
+        return (Recommendation::Reject, Some(Dimension::Policy));
+    }
+    if policy == Check::Review {
+        return (Recommendation::RollbackReview, Some(Dimension::Policy));
+    }
+    if blocked(behavior) {
+        return (Recommendation::Sandbox, Some(Dimension::Behavior));
+    }
+    if recovery == Check::Fail && context.has_approver && rollback_works(&kappas.recovery) {
+        return (Recommendation::RollbackReview, Some(Dimension::Recovery));
+    }
+    if blocked(recovery) {
+        return (Recommendation::Sandbox, Some(Dimension::Recovery));
+    }
+    let estimated = [kappas.behavior.basis, kappas.recovery.basis].contains(&Basis::Estimated);
+    if !kappas.caps().is_empty() || estimated {
+        return (Recommendation::Shadow, None);
+    }
+    (Recommendation::Activate, None)
+}
+
+/// A recovery failure is reviewable unless rollback itself is what fails.
+fn rollback_works(recovery: &Assessment<RecoveryOutcome>) -> bool {
+    !recovery.reasons.iter().any(|reason| {
+        matches!(
+            reason.code,
+            ReasonCode::RecoveryRollbackBelowFloor | ReasonCode::RecoveryPredecessorNotLoadable
+        )
+    })
+}
+
+/// A manifest and the conditions under which it may be used, for display.
+#[must_use]
+pub fn envelope(manifest: &Manifest, conditions: &[Condition]) -> (f64, f64) {
+    let declared = (manifest.permissions.max_speed_m_s, manifest.permissions.max_force_n);
+    conditions.iter().fold(declared, |(speed, force), condition| match condition {
+        Condition::TighterEnvelope { speed_max_m_s, force_max_n } => {
+            (speed.min(*speed_max_m_s), force.min(*force_max_n))
+        }
+        Condition::SimulationOnly
+        | Condition::StricterThresholds { .. }
+        | Condition::ShadowFirst { .. }
+        | Condition::ApprovalRequired { .. }
+        | Condition::InterfaceAdapter { .. }
+        | Condition::RollbackCoupled => (speed, force),
+    })
+}

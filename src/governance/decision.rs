@@ -1,0 +1,448 @@
+//! What every decision carries: its outcome, the reasons that made it, four answers and what it was made under.
+//!
+//! Owns the vocabulary of reasons. Must not decide anything itself.
+
+use serde::{Deserialize, Serialize};
+
+use super::composition::Condition;
+use super::ids::Digest;
+
+/// The part of the rules a reason belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Dimension {
+    /// `kappa_I`: signature, schema, conditions, dependencies.
+    Interface,
+    /// `kappa_P`: coverage of reachable modes by policy.
+    Policy,
+    /// `kappa_B`: measured behaviour against the active version.
+    Behavior,
+    /// `kappa_R`: rehearsed recovery against the active version.
+    Recovery,
+    /// The rule that joins the four, `Psi`.
+    Composition,
+    /// Shadow deployment, `Delta_shadow`.
+    Shadow,
+    /// The activation gate, `theta_act`.
+    Gate,
+    /// The people asked.
+    Approval,
+    /// Monitoring after activation, `M`.
+    Monitor,
+}
+
+macro_rules! reason_codes {
+    ($($(#[$doc:meta])* $name:ident = $text:literal,)*) => {
+        /// Why something was decided: a closed set of stable names (used by scenario files and the audit record).
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        pub enum ReasonCode {
+            $($(#[$doc])* #[serde(rename = $text)] $name,)*
+        }
+
+        impl ReasonCode {
+            /// Every reason there is.
+            pub const ALL: &'static [Self] = &[$(Self::$name,)*];
+
+            /// The stable name, kebab-case.
+            #[must_use]
+            pub const fn as_str(self) -> &'static str {
+                match self { $(Self::$name => $text,)* }
+            }
+        }
+    };
+}
+
+reason_codes! {
+    /// The interface is as before, or a proper refinement.
+    InterfaceCompatible = "interface-compatible",
+    /// A call valid for the active version is not valid for the candidate.
+    InterfaceSignatureBreaking = "interface-signature-breaking",
+    /// A caller needs an adapter (a new required input that has a default).
+    InterfaceSignatureAdaptable = "interface-signature-adaptable",
+    /// An output's type, unit or frame changed, or an output went away.
+    InterfaceSchemaBreaking = "interface-schema-breaking",
+    /// An output's form differs in a way an adapter can mend.
+    InterfaceSchemaAdaptable = "interface-schema-adaptable",
+    /// A precondition was strengthened or a postcondition weakened, beyond mending.
+    InterfaceConditionBreaking = "interface-condition-breaking",
+    /// A precondition was strengthened within what the caller can assure.
+    InterfaceConditionAdaptable = "interface-condition-adaptable",
+    /// A dependency has no version in the registry, or the dependencies form a circle.
+    InterfaceDependencyBreaking = "interface-dependency-breaking",
+    /// A dependency is met by a registered version that is not the active one.
+    InterfaceDependencyAdaptable = "interface-dependency-adaptable",
+    /// The code's exports are not what the manifest says.
+    InterfaceExportMismatch = "interface-export-mismatch",
+    /// The version number promises more compatibility than was found.
+    InterfaceVersionMislabelled = "interface-version-mislabelled",
+    /// Nothing was there to assess the interface with.
+    InterfaceNoData = "interface-no-data",
+
+    /// Every reachable mode is covered and allowed.
+    PolicyCompatible = "policy-compatible",
+    /// A reachable mode is forbidden.
+    PolicyForbiddenMode = "policy-forbidden-mode",
+    /// A reachable mode of high risk is covered by no policy.
+    PolicyUncoveredHighRisk = "policy-uncovered-high-risk",
+    /// A reachable mode is covered by no policy.
+    PolicyUncoveredMode = "policy-uncovered-mode",
+    /// Too small a share of the reachable modes is covered.
+    PolicyBelowThreshold = "policy-below-threshold",
+    /// The code needs a mode the manifest does not declare.
+    PolicyUndeclaredImport = "policy-undeclared-import",
+    /// The environment does not admit this profile.
+    PolicyEnvironmentNotAdmitted = "policy-environment-not-admitted",
+    /// The resources asked for do not fit the profile.
+    PolicyResourcesExceeded = "policy-resources-exceeded",
+    /// More authority than the profile grants by itself.
+    PolicyAuthorityReview = "policy-authority-review",
+    /// Allowed, but only in a tighter envelope than declared.
+    PolicyTighterEnvelope = "policy-tighter-envelope",
+    /// A permission the active version does not have.
+    PolicyNewPermission = "policy-new-permission",
+    /// A permission of a higher level than the active version's.
+    PolicyEscalation = "policy-escalation",
+    /// There is no table for this profile, or it belongs to another policy.
+    PolicyNoData = "policy-no-data",
+
+    /// No component is worse beyond its tolerance.
+    BehaviorCompatible = "behavior-compatible",
+    /// The established worsening brings kappa_B below the threshold.
+    BehaviorEstablishedWorse = "behavior-established-worse",
+    /// A component may be worse than its tolerance; the evidence does not exclude it.
+    BehaviorSuspicious = "behavior-suspicious",
+    /// Success rose while a safety component is established as worse.
+    BehaviorSafetyTraded = "behavior-safety-traded",
+    /// A component improved (reported apart, never counted).
+    BehaviorImproved = "behavior-improved",
+    /// An event the runtime must make impossible was seen.
+    BehaviorHardStop = "behavior-hard-stop",
+    /// Fewer episodes than the budget.
+    BehaviorInconclusive = "behavior-inconclusive",
+    /// No usable episodes.
+    BehaviorNoData = "behavior-no-data",
+    /// The values are declared or from earlier traces, not measured.
+    BehaviorEstimated = "behavior-estimated",
+
+    /// Recovery is as good as the active version's.
+    RecoveryCompatible = "recovery-compatible",
+    /// `kappa_R` is below the threshold.
+    RecoveryBelowThreshold = "recovery-below-threshold",
+    /// Recovery as a whole is below half the profile's floor.
+    RecoveryFarBelowFloor = "recovery-far-below-floor",
+    /// The rollback drills pass less often than the floor; never reviewable.
+    RecoveryRollbackBelowFloor = "recovery-rollback-below-floor",
+    /// Recovery is below the profile's floor.
+    RecoveryFragile = "recovery-fragile",
+    /// Recovery is above the floor and clearly below the active version's.
+    RecoveryConditional = "recovery-conditional",
+    /// A drill could not be carried out, or too few were.
+    RecoveryNoData = "recovery-no-data",
+    /// The predecessor cannot be loaded, or its digest differs.
+    RecoveryPredecessorNotLoadable = "recovery-predecessor-not-loadable",
+    /// The bound fallback is in no registry.
+    RecoveryFallbackUnresolved = "recovery-fallback-unresolved",
+    /// A recovery hook is not exported by the code.
+    RecoveryHookMissing = "recovery-hook-missing",
+    /// A failure signal the watcher does not know.
+    RecoverySignalUnknown = "recovery-signal-unknown",
+
+    /// Every dimension is compatible.
+    CompositionEligible = "composition-eligible",
+    /// A restriction of one dimension caps the recommendation.
+    CompositionRestricted = "composition-restricted",
+    /// Something needed for the recommendation is missing.
+    CompositionNoData = "composition-no-data",
+
+    /// No governance signal differs between twin and live world.
+    ShadowClean = "shadow-clean",
+    /// Policy hits or watcher events are established as more frequent in the twin.
+    ShadowGovernanceDivergence = "shadow-governance-divergence",
+    /// Outputs differ; shadow is lengthened, nothing is decided.
+    ShadowOutputDivergence = "shadow-output-divergence",
+    /// The twin leaves the band of the active version's traces; shadow is lengthened.
+    ShadowEnvelopeDivergence = "shadow-envelope-divergence",
+    /// Too few shadow sequences, or none usable.
+    ShadowNoData = "shadow-no-data",
+
+    /// The gate is passed.
+    GatePassed = "gate-passed",
+    /// A dimension failed.
+    GateDimensionFailed = "gate-dimension-failed",
+    /// A value is an estimate; the gate uses measured ones only.
+    GateNotMeasured = "gate-not-measured",
+    /// Evidence of another version, profile, policy or active version.
+    GateStaleEvidence = "gate-stale-evidence",
+    /// Evidence is missing.
+    GateNoData = "gate-no-data",
+    /// A stage was skipped; allowed in experiments only.
+    GateSkipped = "gate-skipped",
+    /// Change is frozen at this time.
+    GateFrozen = "gate-frozen",
+    /// The profile demands an improvement and none is established.
+    GateNoImprovement = "gate-no-improvement",
+    /// A site policy forbids this activation.
+    GateSitePolicyForbids = "gate-site-policy-forbids",
+    /// A hard limit was passed.
+    GateHardLimit = "gate-hard-limit",
+    /// A break-glass review of the family is open.
+    GateReviewOpen = "gate-review-open",
+    /// The profile is closed to this version by a profile demotion.
+    GateProfileClosed = "gate-profile-closed",
+
+    /// Enough distinct people approved.
+    ApprovalGranted = "approval-granted",
+    /// No approval is needed.
+    ApprovalNotNeeded = "approval-not-needed",
+    /// Approvals are still missing.
+    ApprovalPending = "approval-pending",
+    /// Somebody refused.
+    ApprovalRefused = "approval-refused",
+    /// Nobody answered in time; the version is held.
+    ApprovalTimeout = "approval-timeout",
+    /// The approval is over other evidence, another row version, profile or policy.
+    ApprovalStale = "approval-stale",
+    /// The approval has expired.
+    ApprovalExpired = "approval-expired",
+    /// The approver asked for it, or wrote it.
+    ApprovalSelf = "approval-self",
+    /// The same person twice.
+    ApprovalDuplicate = "approval-duplicate",
+    /// The approver's role does not reach this tier.
+    ApprovalRole = "approval-role",
+    /// The signature is not the approver's.
+    ApprovalSignature = "approval-signature",
+    /// The nonce was used before.
+    ApprovalReplayed = "approval-replayed",
+    /// The emergency door was used.
+    ApprovalBreakGlass = "approval-break-glass",
+
+    /// Nothing out of the ordinary.
+    MonitorHealthy = "monitor-healthy",
+    /// A safety event; rolls back at once.
+    MonitorSafetyTrip = "monitor-safety-trip",
+    /// A rate is established as worse; rolls back.
+    MonitorRateTrip = "monitor-rate-trip",
+    /// A rate drifts; early warning, restricts.
+    MonitorRateWarning = "monitor-rate-warning",
+    /// Telemetry is missing or not a number.
+    MonitorTelemetryMissing = "monitor-telemetry-missing",
+    /// Nobody answered an escalation by its deadline.
+    MonitorEscalationUnanswered = "monitor-escalation-unanswered",
+    /// A person asked for it.
+    MonitorOperator = "monitor-operator",
+    /// The provisional window passed without a trip.
+    MonitorConfirmed = "monitor-confirmed",
+}
+
+impl std::fmt::Display for ReasonCode {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Text that is no reason's name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not a reason; e.g. \"interface-signature-breaking\" is one")]
+pub struct ReasonCodeError(pub String);
+
+impl std::str::FromStr for ReasonCode {
+    type Err = ReasonCodeError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .iter()
+            .copied()
+            .find(|code| code.as_str() == text)
+            .ok_or_else(|| ReasonCodeError(text.to_owned()))
+    }
+}
+
+/// One reason: what was found, with the number and the limit it was held against where there are any.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reason {
+    /// The stable name.
+    pub code: ReasonCode,
+    /// What it is about.
+    pub dimension: Dimension,
+    /// One plain sentence.
+    pub text: String,
+    /// The measured value; absent where there is none or it is not finite.
+    pub evidence: Option<f64>,
+    /// The limit it was held against.
+    pub limit: Option<f64>,
+}
+
+impl Reason {
+    /// A reason without numbers.
+    #[must_use]
+    pub fn new(code: ReasonCode, dimension: Dimension, text: impl Into<String>) -> Self {
+        Self { code, dimension, text: text.into(), evidence: None, limit: None }
+    }
+
+    /// The same reason with its measured value and limit; what is not finite is left out.
+    #[must_use]
+    pub fn with(mut self, evidence: f64, limit: f64) -> Self {
+        self.evidence = evidence.is_finite().then_some(evidence);
+        self.limit = limit.is_finite().then_some(limit);
+        self
+    }
+}
+
+/// The four questions every decision answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answers {
+    /// Is it admitted (to the next stage, or to act)?
+    pub admitted: bool,
+    /// Under which conditions?
+    pub conditions: Vec<Condition>,
+    /// How is it monitored?
+    pub monitoring: String,
+    /// When is it rolled back?
+    pub rollback_when: String,
+}
+
+/// Digests of what a decision was made under; a change of any of them voids it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MadeUnder {
+    /// The candidate's bundle and manifest.
+    pub candidate: Digest,
+    /// The version that was active; absent for a bootstrap.
+    pub active: Option<Digest>,
+    /// The policy set (see [`super::policy::PolicyTable`]).
+    pub policy: Digest,
+    /// The profile with every number in it.
+    pub profile: Digest,
+    /// The identities and roles that held.
+    pub authority: Digest,
+    /// Robot, scene and engine build.
+    pub environment: Digest,
+    /// The evidence looked at.
+    pub evidence: Digest,
+}
+
+/// An outcome with its reasons, answers and circumstances. Built by the rules of this module tree only.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Decision<O> {
+    outcome: O,
+    reasons: Vec<Reason>,
+    answers: Answers,
+    made_under: MadeUnder,
+}
+
+impl<O> Decision<O> {
+    pub(super) const fn new(
+        outcome: O,
+        reasons: Vec<Reason>,
+        answers: Answers,
+        made_under: MadeUnder,
+    ) -> Self {
+        Self { outcome, reasons, answers, made_under }
+    }
+
+    /// What was decided.
+    pub const fn outcome(&self) -> &O {
+        &self.outcome
+    }
+
+    /// Why, the deciding reasons first.
+    #[must_use]
+    pub fn reasons(&self) -> &[Reason] {
+        &self.reasons
+    }
+
+    /// The four answers.
+    #[must_use]
+    pub const fn answers(&self) -> &Answers {
+        &self.answers
+    }
+
+    /// What it was made under.
+    #[must_use]
+    pub const fn made_under(&self) -> &MadeUnder {
+        &self.made_under
+    }
+
+    /// Whether a reason with this name is among the reasons.
+    #[must_use]
+    pub fn has(&self, code: ReasonCode) -> bool {
+        self.reasons.iter().any(|reason| reason.code == code)
+    }
+}
+
+/// A compatibility value in [0, 1]; a number that is not finite cannot become one.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Serialize, Deserialize)]
+#[serde(try_from = "f64", into = "f64")]
+pub struct Kappa(f64);
+
+/// A number outside [0, 1], or not a number.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0} is not a compatibility value; 0 to 1 is allowed")]
+pub struct KappaError(pub f64);
+
+impl Kappa {
+    /// No deviation at all.
+    pub const ONE: Self = Self(1.0);
+
+    /// Wraps a value in [0, 1]; `None` for anything else.
+    #[must_use]
+    pub fn new(value: f64) -> Option<Self> {
+        (value.is_finite() && (0.0..=1.0).contains(&value)).then_some(Self(value))
+    }
+
+    /// Clamps a finite value into [0, 1]; `None` where it is not finite.
+    #[must_use]
+    pub fn clamped(value: f64) -> Option<Self> {
+        value.is_finite().then(|| Self(value.clamp(0.0, 1.0)))
+    }
+
+    /// The value.
+    #[must_use]
+    pub const fn get(self) -> f64 {
+        self.0
+    }
+}
+
+impl TryFrom<f64> for Kappa {
+    type Error = KappaError;
+    fn try_from(value: f64) -> Result<Self, KappaError> {
+        Self::new(value).ok_or(KappaError(value))
+    }
+}
+
+impl From<Kappa> for f64 {
+    fn from(kappa: Kappa) -> Self {
+        kappa.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reason_codes_are_distinct_and_round_trip() {
+        let mut seen = std::collections::BTreeSet::new();
+        for code in ReasonCode::ALL {
+            assert!(seen.insert(code.as_str()), "{code} twice");
+            assert!(super::super::ids::is_name(code.as_str()), "{code}");
+            assert_eq!(code.as_str().parse::<ReasonCode>().unwrap(), *code);
+            assert_eq!(serde_json::to_string(code).unwrap(), format!("\"{code}\""));
+        }
+        assert!("no-such-reason".parse::<ReasonCode>().is_err());
+    }
+
+    #[test]
+    fn kappa_refuses_what_is_no_share() {
+        for (value, ok) in
+            [(0.0, true), (1.0, true), (0.5, true), (-0.1, false), (1.1, false), (f64::NAN, false)]
+        {
+            assert_eq!(Kappa::new(value).is_some(), ok, "{value}");
+        }
+        assert_eq!(Kappa::clamped(1.7), Some(Kappa::ONE));
+        assert_eq!(Kappa::clamped(f64::INFINITY), None);
+    }
+}

@@ -1,0 +1,276 @@
+//! Evidence: what was measured, for which version and under which circumstances.
+//!
+//! Plain values, raw per episode, so that every rule can be recomputed from the record. Judges nothing.
+
+use serde::{Deserialize, Serialize};
+
+use super::ids::Digest;
+
+/// What a piece of evidence was gathered for. Evidence of anything else is stale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Binding {
+    /// The candidate (manifest and bundle).
+    pub candidate: Digest,
+    /// The active version it was compared with; absent for a bootstrap.
+    pub active: Option<Digest>,
+    /// The profile.
+    pub profile: Digest,
+    /// The policy set.
+    pub policy: Digest,
+    /// Robot, scene, perturbations and engine build.
+    pub environment: Digest,
+}
+
+/// What one episode gave (design rule 5.1): read from physics and the watcher.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EpisodeValues {
+    /// The task was done.
+    pub success: bool,
+    /// A measured quantity was past its limit, or the guard denied a command.
+    pub violation: bool,
+    /// The watcher raised a signal.
+    pub anomaly: bool,
+    /// The recovery procedure ran.
+    pub recovery: bool,
+    /// A person stepped in.
+    pub intervention: bool,
+    /// The time allowed ran out.
+    pub timeout: bool,
+    /// A quantity passed the near margin of its limit (with or without passing the limit).
+    pub near_violation: bool,
+    /// Retries.
+    pub retries: u32,
+    /// Execution time, s, not negative.
+    pub time_s: f64,
+    /// How long motion went on after a declared failure or a stop, ms, not negative.
+    pub unsafe_continuation_ms: f64,
+}
+
+impl EpisodeValues {
+    /// Whether every number is one, and plausible: finite, not negative, at most 10^4 retries and 10^5 s.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        (0.0..=1.0e5).contains(&self.time_s)
+            && (0.0..=1.0e8).contains(&self.unsafe_continuation_ms)
+            && self.retries <= 10_000
+    }
+}
+
+/// The same episode (task, seed, disturbances) run by both versions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pair {
+    /// Seed of the episode; no two pairs share one.
+    pub seed: u64,
+    /// What the active version gave.
+    pub active: EpisodeValues,
+    /// What the candidate gave.
+    pub candidate: EpisodeValues,
+}
+
+/// An event that the runtime must make impossible; one ends an evaluation at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HardStop {
+    /// The code asked for something its manifest does not declare.
+    UndeclaredImport,
+    /// A command reached the robot past the guard.
+    CommandPastGuard,
+    /// Motion after a stop.
+    MotionAfterStop,
+    /// A number that is not finite came out of the code.
+    NonFiniteOutput,
+    /// The code used more time, memory or output than it was given.
+    BudgetBreach,
+}
+
+impl HardStop {
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::UndeclaredImport => "undeclared-import",
+            Self::CommandPastGuard => "command-past-guard",
+            Self::MotionAfterStop => "motion-after-stop",
+            Self::NonFiniteOutput => "non-finite-output",
+            Self::BudgetBreach => "budget-breach",
+        }
+    }
+}
+
+/// Paired episodes of one evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PairedEvidence {
+    /// What it was gathered for.
+    pub binding: Binding,
+    /// In seed order.
+    pub pairs: Vec<Pair>,
+    /// Hard stops seen, in order.
+    pub hard_stops: Vec<HardStop>,
+}
+
+/// Behavioural signature `B_c` with its two companions (paper section 4.3; readings X49): means per episode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Signature {
+    /// Share of successes.
+    pub success: f64,
+    /// Mean execution time, s.
+    pub time_s: f64,
+    /// Mean retries.
+    pub retry: f64,
+    /// Share of episodes with a violation.
+    pub violation: f64,
+    /// Share of episodes with an anomaly.
+    pub anomaly: f64,
+    /// Share of episodes in which recovery ran.
+    pub recovery: f64,
+    /// Share of episodes with an intervention (not part of `kappa_B`).
+    #[serde(default)]
+    pub intervention: f64,
+    /// Share of episodes that ran out of time (not part of `kappa_B`).
+    #[serde(default)]
+    pub timeout: f64,
+}
+
+/// The four rehearsals of design rule 3.5.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DrillKind {
+    /// The predecessor is restored with its policy state and goes on.
+    Rollback,
+    /// The bound fallback takes over and ends safely.
+    Fallback,
+    /// Standstill in the safe pose within the declared time, without a violation.
+    Abort,
+    /// The watcher names the injected failure in time.
+    Detect,
+}
+
+impl DrillKind {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Rollback, Self::Fallback, Self::Abort, Self::Detect];
+
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rollback => "rollback",
+            Self::Fallback => "fallback",
+            Self::Abort => "abort",
+            Self::Detect => "detect",
+        }
+    }
+}
+
+/// Outcomes of the drills of one kind. A missing hook is a failed drill; one that could not be set up is infeasible.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DrillTally {
+    /// Passed, read from joint speed, contact and pose.
+    pub passed: u32,
+    /// Failed.
+    pub failed: u32,
+    /// Could not be carried out.
+    pub infeasible: u32,
+}
+
+impl DrillTally {
+    /// Drills that say something.
+    #[must_use]
+    pub const fn feasible(&self) -> u32 {
+        self.passed.saturating_add(self.failed)
+    }
+}
+
+/// Tallies of the four kinds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drills {
+    /// `r_rollback`.
+    pub rollback: DrillTally,
+    /// `r_fallback`.
+    pub fallback: DrillTally,
+    /// `r_abort`.
+    pub abort: DrillTally,
+    /// `r_detect`.
+    pub detect: DrillTally,
+}
+
+impl Drills {
+    /// The tally of one kind.
+    #[must_use]
+    pub const fn of(&self, kind: DrillKind) -> &DrillTally {
+        match kind {
+            DrillKind::Rollback => &self.rollback,
+            DrillKind::Fallback => &self.fallback,
+            DrillKind::Abort => &self.abort,
+            DrillKind::Detect => &self.detect,
+        }
+    }
+
+    /// The tally of one kind, to count into.
+    pub const fn of_mut(&mut self, kind: DrillKind) -> &mut DrillTally {
+        match kind {
+            DrillKind::Rollback => &mut self.rollback,
+            DrillKind::Fallback => &mut self.fallback,
+            DrillKind::Abort => &mut self.abort,
+            DrillKind::Detect => &mut self.detect,
+        }
+    }
+}
+
+/// The same drills done with the candidate and with the active version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecoveryEvidence {
+    /// What it was gathered for.
+    pub binding: Binding,
+    /// The candidate's drills.
+    pub candidate: Drills,
+    /// The active version's drills.
+    pub active: Drills,
+}
+
+/// What one shadow sequence gave: the twin (driven by the candidate) against the live world.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShadowSequence {
+    /// Seed of the disturbances both worlds shared.
+    pub seed: u64,
+    /// A policy hit (denied or clamped command) in the live world.
+    pub live_policy_hit: bool,
+    /// A policy hit in the twin.
+    pub twin_policy_hit: bool,
+    /// A watcher event in the live world.
+    pub live_watcher_event: bool,
+    /// A watcher event in the twin.
+    pub twin_watcher_event: bool,
+    /// Mean distance of the candidate's commands from the active version's on the same observations, 0 to 1 of range.
+    pub output_divergence: f64,
+    /// Share of the twin's trajectory outside the band of the active version's traces, 0 to 1.
+    pub envelope_divergence: f64,
+}
+
+impl ShadowSequence {
+    /// Whether both shares are numbers in [0, 1].
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        (0.0..=1.0).contains(&self.output_divergence) && (0.0..=1.0).contains(&self.envelope_divergence)
+    }
+}
+
+/// Sequences of one shadow deployment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShadowEvidence {
+    /// What it was gathered for.
+    pub binding: Binding,
+    /// In the order they were worked.
+    pub sequences: Vec<ShadowSequence>,
+    /// Hard stops seen.
+    pub hard_stops: Vec<HardStop>,
+}

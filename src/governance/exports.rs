@@ -1,0 +1,35 @@
+//! What a bundle's code really offers and needs, as the runtime reads it from the code itself.
+//!
+//! Never built from a manifest: the checks hold the two against each other.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use holdpoint_sim::io::FailureSignal;
+use serde::{Deserialize, Serialize};
+
+use super::mode::ModeNeed;
+use super::value_type::FieldSpec;
+
+/// The exports and imports of a loaded bundle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Interface {
+    /// The controller's name.
+    pub controller: String,
+    /// Version of the controller's semantics: it changes when the same parameters give other behaviour.
+    pub semantics_version: semver::Version,
+    /// Entry points the code exports.
+    pub entry_points: BTreeSet<String>,
+    /// Inputs the code reads.
+    pub inputs: BTreeMap<String, FieldSpec>,
+    /// Outputs the code writes.
+    pub outputs: BTreeMap<String, FieldSpec>,
+    /// Parameters the code takes.
+    pub parameters: BTreeMap<String, FieldSpec>,
+    /// Recovery hooks the code exports, by name.
+    pub hooks: BTreeSet<String>,
+    /// Failure signals the code can raise.
+    pub failure_signals: BTreeSet<FailureSignal>,
+    /// Channels and kinds of command the code can use.
+    pub needs: BTreeSet<ModeNeed>,
+}

@@ -1,0 +1,424 @@
+//! The manifest: the eight declared fields of a capability version, and nothing hidden.
+//!
+//! Owns the text form (TOML, unknown fields refused), its limits, the canonical form and the digest.
+//! Opens no file: text in, value out. Source: paper section 6.4, appendix J; readings X50.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use holdpoint_sim::io::FailureSignal;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::ids::{Digest, Family, canonical_json, is_name};
+use super::mode::{Authority, Channel, CommandKind, Zone};
+use super::text_error::{TextError, check_size, parse_toml};
+use super::value_type::{FieldSpec, MAGNITUDE_MAX, Value};
+
+/// The largest manifest text, bytes; checked before it is parsed.
+pub const MANIFEST_BYTES_MAX: usize = 256 * 1024;
+
+/// The most fields of one table of a manifest.
+pub const FIELDS_MAX: usize = 64;
+
+/// The longest stop a safe abort may declare, ms.
+pub const STOP_TIME_MAX_MS: u32 = 5_000;
+
+/// The largest speed and force that may be declared, m/s and N: beyond any arm of this class.
+pub const DECLARED_SPEED_MAX_M_S: f64 = 10.0;
+/// See [`DECLARED_SPEED_MAX_M_S`].
+pub const DECLARED_FORCE_MAX_N: f64 = 1_000.0;
+
+/// The eight fields `name, version, I, O, phi, P, R, D` of a capability version.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// The family, e.g. `grasp`.
+    #[schemars(with = "String")]
+    pub name: Family,
+    /// Semantic version; a promise that is checked, never trusted.
+    #[schemars(with = "String")]
+    pub version: semver::Version,
+    /// I: what it is given.
+    #[serde(default)]
+    pub inputs: BTreeMap<String, FieldSpec>,
+    /// O: what it gives back.
+    #[serde(default)]
+    pub outputs: BTreeMap<String, FieldSpec>,
+    /// phi: how it is called.
+    pub invocation: Invocation,
+    /// P: what it may ask of the robot.
+    pub permissions: Permissions,
+    /// R: how it is stopped, undone and replaced.
+    #[serde(default)]
+    pub recovery: Recovery,
+    /// D: what it needs and where its code is.
+    pub deployment: Deployment,
+}
+
+/// phi: entry points, parameters, pre- and postconditions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Invocation {
+    /// Names by which it can be called.
+    pub entry_points: BTreeSet<String>,
+    /// Settings, typed like inputs.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, FieldSpec>,
+    /// What must hold before a call.
+    #[serde(default)]
+    pub preconditions: BTreeMap<String, Bound>,
+    /// What holds after a successful call.
+    #[serde(default)]
+    pub postconditions: BTreeMap<String, Bound>,
+}
+
+/// A range or an equality on a named observable; a missing end is unbounded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Bound {
+    /// Lowest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Highest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// The one value allowed; not together with `min` or `max`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub equals: Option<Value>,
+}
+
+/// P: the permissions asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Permissions {
+    /// Actuator channels.
+    pub channels: BTreeSet<Channel>,
+    /// Kinds of command.
+    pub commands: BTreeSet<CommandKind>,
+    /// Zones the tool may enter.
+    pub zones: BTreeSet<Zone>,
+    /// Sensors it reads, e.g. `camera`.
+    #[serde(default)]
+    pub sensors: BTreeSet<String>,
+    /// Tools it uses, e.g. `parallel-gripper`.
+    #[serde(default)]
+    pub tools: BTreeSet<String>,
+    /// Largest tool speed, m/s.
+    pub max_speed_m_s: f64,
+    /// Largest force, N: grip per finger or contact, whichever is larger.
+    pub max_force_n: f64,
+    /// Authority level 0 to 3.
+    pub authority: Authority,
+    /// Computing resources.
+    pub resources: Resources,
+}
+
+/// Computing resources of a version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Resources {
+    /// Processor time per tick, microseconds.
+    pub cpu_us_per_tick: u32,
+    /// Memory, KiB.
+    pub memory_kib: u32,
+}
+
+/// R: hooks, fallback and failure signals. A hook that is left out fails its drill.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Recovery {
+    /// Exported hook that restores the predecessor's state.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rollback_hook: Option<String>,
+    /// What takes over when it fails.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fallback: Option<Fallback>,
+    /// How it stops safely.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub safe_abort: Option<SafeAbort>,
+    /// Failures it reports.
+    #[serde(default)]
+    #[schemars(with = "BTreeSet<String>")]
+    pub failure_signals: BTreeSet<FailureSignal>,
+}
+
+/// A fallback binding, `family@version-requirement`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Fallback {
+    /// The family that takes over.
+    #[schemars(with = "String")]
+    pub family: Family,
+    /// Versions that will do.
+    #[schemars(with = "String")]
+    pub version: semver::VersionReq,
+}
+
+/// The safe-abort hook.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SafeAbort {
+    /// Exported hook.
+    pub hook: String,
+    /// Longest time to standstill in the safe pose, ms.
+    pub stop_time_max_ms: u32,
+}
+
+/// D: dependencies, environments and the bundle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Deployment {
+    /// Families it calls on, and the versions that will do.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, String>")]
+    pub dependencies: BTreeMap<Family, semver::VersionReq>,
+    /// Profiles it may be used under.
+    pub environments: BTreeSet<super::profile::ProfileName>,
+    /// Where the code is: `native:<controller>` or a path to a `.wasm` component.
+    #[schemars(with = "String")]
+    pub bundle: Bundle,
+    /// Parameter file beside the manifest; parts `[a-z0-9._-]` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub params: Option<RelativePath>,
+}
+
+/// Where a version's code is.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Bundle {
+    /// A controller compiled into the engine, by name.
+    Native(String),
+    /// A WebAssembly component beside the manifest.
+    Wasm(RelativePath),
+}
+
+impl TryFrom<String> for Bundle {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        let allowed = "\"native:<controller>\" or a relative path ending in .wasm";
+        match text.strip_prefix("native:") {
+            Some(name) if is_name(name) => Ok(Self::Native(name.to_owned())),
+            Some(_) => Err(format!("the bundle {text:?} is not allowed; {allowed} is")),
+            None => match RelativePath::try_from(text.clone()) {
+                Ok(path) if text.ends_with(".wasm") => Ok(Self::Wasm(path)),
+                Ok(_) | Err(_) => Err(format!("the bundle {text:?} is not allowed; {allowed} is")),
+            },
+        }
+    }
+}
+
+impl From<Bundle> for String {
+    fn from(bundle: Bundle) -> Self {
+        match bundle {
+            Bundle::Native(name) => format!("native:{name}"),
+            Bundle::Wasm(path) => path.0,
+        }
+    }
+}
+
+/// A path below the manifest's folder: at most four parts, each a name, none `..`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct RelativePath(String);
+
+impl RelativePath {
+    /// The path with `/` between its parts.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for RelativePath {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        let parts: Vec<&str> = text.split('/').collect();
+        if parts.len() <= 4 && parts.iter().all(|part| is_name(part)) {
+            Ok(Self(text))
+        } else {
+            Err(format!(
+                "the path {text:?} is not allowed; up to four parts of a-z, 0-9, '.', '_' and '-', separated by '/', \
+                 below the manifest's folder are"
+            ))
+        }
+    }
+}
+
+impl From<RelativePath> for String {
+    fn from(path: RelativePath) -> Self {
+        path.0
+    }
+}
+
+impl Manifest {
+    /// Parses and checks a manifest; `file` is only named in errors.
+    ///
+    /// # Errors
+    /// [`TextError`] with file, line, field, value and what is allowed: text over 256 KiB, TOML that
+    /// does not parse, unknown or missing fields, numbers that are not finite, names and counts beyond
+    /// their limits.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
+        check_size(file, text, MANIFEST_BYTES_MAX)?;
+        let manifest: Self = parse_toml(file, text)?;
+        match manifest.problem() {
+            None => Ok(manifest),
+            Some((field, value, allowed)) => Err(TextError::value(file, text, &field, &value, &allowed)),
+        }
+    }
+
+    /// The id `family@version`.
+    #[must_use]
+    pub fn id(&self) -> super::ids::CapabilityId {
+        super::ids::CapabilityId { family: self.name.clone(), version: self.version.clone() }
+    }
+
+    /// Canonical JSON: equal manifests give equal bytes, whatever the order and spacing of the text.
+    ///
+    /// # Errors
+    /// Never for a parsed manifest: it holds finite numbers and string keys only.
+    pub fn canonical(&self) -> Result<String, serde_json::Error> {
+        canonical_json(self)
+    }
+
+    /// SHA-256 of the canonical form.
+    ///
+    /// # Errors
+    /// As [`Manifest::canonical`].
+    pub fn digest(&self) -> Result<Digest, serde_json::Error> {
+        Digest::of_json("holdpoint.manifest.v1", self)
+    }
+
+    /// The published JSON Schema of the manifest.
+    #[must_use]
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
+    }
+
+    fn problem(&self) -> Option<(String, String, String)> {
+        let phi = &self.invocation;
+        [("inputs", &self.inputs), ("outputs", &self.outputs), ("invocation.parameters", &phi.parameters)]
+            .into_iter()
+            .find_map(|(table, fields)| fields_problem(table, fields))
+            .or_else(|| names_problem("invocation.entry_points", phi.entry_points.iter(), 1, 8))
+            .or_else(|| bounds_problem("invocation.preconditions", &phi.preconditions))
+            .or_else(|| bounds_problem("invocation.postconditions", &phi.postconditions))
+            .or_else(|| self.permissions.problem())
+            .or_else(|| self.recovery.problem())
+            .or_else(|| self.deployment.problem())
+    }
+}
+
+type Problem = Option<(String, String, String)>;
+
+fn names_problem<'a>(
+    field: &str,
+    names: impl ExactSizeIterator<Item = &'a String>,
+    min: usize,
+    max: usize,
+) -> Problem {
+    if !(min..=max).contains(&names.len()) {
+        return Some((field.into(), format!("{} names", names.len()), format!("{min} to {max} names")));
+    }
+    let mut names = names;
+    let bad = names.find(|name| !is_name(name))?;
+    Some((field.into(), bad.clone(), "names of a-z, 0-9, '.', '_' and '-', up to 64 characters".into()))
+}
+
+fn fields_problem(table: &str, fields: &BTreeMap<String, FieldSpec>) -> Problem {
+    names_problem(table, fields.keys(), 0, FIELDS_MAX).or_else(|| {
+        fields.iter().find_map(|(name, spec)| {
+            spec.problem().map(|(key, value, allowed)| (format!("{table}.{name}.{key}"), value, allowed))
+        })
+    })
+}
+
+fn bounds_problem(table: &str, bounds: &BTreeMap<String, Bound>) -> Problem {
+    names_problem(table, bounds.keys(), 0, FIELDS_MAX).or_else(|| {
+        bounds.iter().find_map(|(name, bound)| {
+            bound.problem().map(|(value, allowed)| (format!("{table}.{name}"), value, allowed))
+        })
+    })
+}
+
+impl Bound {
+    fn problem(&self) -> Option<(String, String)> {
+        let ends = [self.min, self.max];
+        let numbers = ends.iter().flatten().copied().chain(self.equals.as_ref().and_then(Value::number));
+        if let Some(bad) = numbers.into_iter().find(|v| !v.is_finite() || v.abs() > MAGNITUDE_MAX) {
+            return Some((bad.to_string(), "a finite number of magnitude up to 1e9".into()));
+        }
+        match (self.min, self.max, &self.equals) {
+            (None, None, None) => Some(("(nothing)".into(), "min, max, both, or equals".into())),
+            (None, None, Some(Value::Numbers(v))) => {
+                Some((format!("{v:?}"), "a bool, a number or a name".into()))
+            }
+            (None, None, Some(Value::Name(name))) if !is_name(name) => Some((name.clone(), "a name".into())),
+            (Some(_), _, Some(_)) | (_, Some(_), Some(_)) => {
+                Some(("equals beside min or max".into(), "either a range or equals".into()))
+            }
+            (Some(min), Some(max), None) if min > max => {
+                Some((format!("{min} > {max}"), "min <= max".into()))
+            }
+            (Some(_), _, None) | (None, Some(_), None) => None,
+            (None, None, Some(Value::Bool(_) | Value::Int(_) | Value::Real(_) | Value::Name(_))) => None,
+        }
+    }
+}
+
+impl Permissions {
+    fn problem(&self) -> Problem {
+        let number = |field: &str, value: f64, max: f64| {
+            let ok = value.is_finite() && (0.0..=max).contains(&value);
+            (!ok).then(|| (format!("permissions.{field}"), value.to_string(), format!("0 to {max}")))
+        };
+        let empty = [
+            ("channels", self.channels.is_empty()),
+            ("commands", self.commands.is_empty()),
+            ("zones", self.zones.is_empty()),
+        ];
+        let empty = empty.into_iter().find(|(_, empty)| *empty);
+        empty
+            .map(|(field, _)| {
+                (format!("permissions.{field}"), "[]".to_owned(), "at least one entry".to_owned())
+            })
+            .or_else(|| names_problem("permissions.sensors", self.sensors.iter(), 0, 16))
+            .or_else(|| names_problem("permissions.tools", self.tools.iter(), 0, 16))
+            .or_else(|| number("max_speed_m_s", self.max_speed_m_s, DECLARED_SPEED_MAX_M_S))
+            .or_else(|| number("max_force_n", self.max_force_n, DECLARED_FORCE_MAX_N))
+    }
+}
+
+impl Recovery {
+    fn problem(&self) -> Problem {
+        let hooks = self.rollback_hook.iter().map(|hook| ("recovery.rollback_hook", hook));
+        let mut hooks =
+            hooks.chain(self.safe_abort.iter().map(|abort| ("recovery.safe_abort.hook", &abort.hook)));
+        if let Some((field, hook)) = hooks.find(|(_, hook)| !is_name(hook)) {
+            return Some((field.into(), hook.clone(), "a name".into()));
+        }
+        let stop = self.safe_abort.as_ref()?.stop_time_max_ms;
+        (!(1..=STOP_TIME_MAX_MS).contains(&stop)).then(|| {
+            (
+                "recovery.safe_abort.stop_time_max_ms".into(),
+                stop.to_string(),
+                format!("1 to {STOP_TIME_MAX_MS}"),
+            )
+        })
+    }
+}
+
+impl Deployment {
+    fn problem(&self) -> Problem {
+        if self.environments.is_empty() {
+            return Some((
+                "deployment.environments".into(),
+                "[]".into(),
+                "at least one of sim, real, human".into(),
+            ));
+        }
+        let count = self.dependencies.len();
+        (count > 16)
+            .then(|| ("deployment.dependencies".into(), format!("{count} families"), "up to 16".into()))
+    }
+}

@@ -1,0 +1,333 @@
+//! Reachable modes: what a version's permissions let it ask of the robot.
+//!
+//! A mode is channel x command kind x zone x authority; speed and force bands say how near the
+//! profile's limits it may get. Owns the enumeration of modes; knows nothing of policies.
+
+use std::collections::BTreeSet;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::manifest::Permissions;
+
+/// A path by which a version can move something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channel {
+    /// The arm, through the servo.
+    Arm,
+    /// The gripper, through its servo.
+    Gripper,
+    /// The field bus: direct actuator access, past the mediated channels.
+    Bus,
+}
+
+/// The kind of a command as policies name it (the paper's action type).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum CommandKind {
+    /// Straight line of the tool to a pose.
+    ToolPose,
+    /// Joint motion to a configuration.
+    Joints,
+    /// Fingers to a width with at most a force.
+    Gripper,
+    /// Stand still.
+    Stop,
+    /// Raw actuator values on the field bus.
+    Direct,
+}
+
+/// A named part of the cell, as in the scene file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Zone {
+    /// Where objects are picked.
+    Work,
+    /// Where objects are put.
+    Tray,
+    /// Between the two.
+    Transit,
+    /// Where a person may be: keep out.
+    Human,
+}
+
+impl Channel {
+    /// Every channel.
+    pub const ALL: [Self; 3] = [Self::Arm, Self::Gripper, Self::Bus];
+    /// The name in policies and manifests.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Arm => "arm",
+            Self::Gripper => "gripper",
+            Self::Bus => "bus",
+        }
+    }
+    /// Whether this channel takes this kind of command.
+    #[must_use]
+    pub const fn takes(self, command: CommandKind) -> bool {
+        match command {
+            CommandKind::ToolPose | CommandKind::Joints | CommandKind::Stop => matches!(self, Self::Arm),
+            CommandKind::Gripper => matches!(self, Self::Gripper),
+            CommandKind::Direct => matches!(self, Self::Bus),
+        }
+    }
+}
+
+impl CommandKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::ToolPose, Self::Joints, Self::Gripper, Self::Stop, Self::Direct];
+    /// The name in policies and manifests.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ToolPose => "tool-pose",
+            Self::Joints => "joints",
+            Self::Gripper => "gripper",
+            Self::Stop => "stop",
+            Self::Direct => "direct",
+        }
+    }
+    /// The kind and channel of a command at the robot's boundary; `None` for those that move nothing
+    /// (hold, done, fail) and so need no permission.
+    #[must_use]
+    pub const fn of(command: &holdpoint_sim::io::Command) -> Option<(Channel, Self)> {
+        use holdpoint_sim::io::Command;
+        match command {
+            Command::ToolPose { .. } => Some((Channel::Arm, Self::ToolPose)),
+            Command::Joints { .. } => Some((Channel::Arm, Self::Joints)),
+            Command::Gripper { .. } => Some((Channel::Gripper, Self::Gripper)),
+            Command::Stop => Some((Channel::Arm, Self::Stop)),
+            Command::Hold | Command::Done | Command::Fail { .. } => None,
+        }
+    }
+}
+
+impl Zone {
+    /// Every zone.
+    pub const ALL: [Self; 4] = [Self::Work, Self::Tray, Self::Transit, Self::Human];
+    /// The name in policies, manifests and scenes.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Work => "work",
+            Self::Tray => "tray",
+            Self::Transit => "transit",
+            Self::Human => "human",
+        }
+    }
+}
+
+/// How much a version may decide by itself: 0 observes, 1 moves in its task, 2 changes shared state, 3 overrides others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "u8", into = "u8")]
+pub struct Authority(u8);
+
+impl JsonSchema for Authority {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Authority".into()
+    }
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({ "type": "integer", "minimum": 0, "maximum": 3 })
+    }
+}
+
+/// An authority level above 3.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the authority level {0} is not allowed; 0, 1, 2 and 3 are")]
+pub struct AuthorityError(pub u8);
+
+impl Authority {
+    /// Every level.
+    pub const ALL: [Self; 4] = [Self(0), Self(1), Self(2), Self(3)];
+    /// The lowest level of high risk (design rule: authority >= 2).
+    pub const HIGH_RISK_FROM: Self = Self(2);
+    /// The level as a number.
+    #[must_use]
+    pub const fn level(self) -> u8 {
+        self.0
+    }
+}
+
+impl TryFrom<u8> for Authority {
+    type Error = AuthorityError;
+    fn try_from(level: u8) -> Result<Self, AuthorityError> {
+        if level <= 3 { Ok(Self(level)) } else { Err(AuthorityError(level)) }
+    }
+}
+
+impl From<Authority> for u8 {
+    fn from(authority: Authority) -> Self {
+        authority.0
+    }
+}
+
+/// One mode as the policy table and the runtime guard know it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeKey {
+    /// Through which channel.
+    pub channel: Channel,
+    /// What kind of command.
+    pub command: CommandKind,
+    /// Where the tool is or is sent.
+    pub zone: Zone,
+    /// With how much authority.
+    pub authority: Authority,
+}
+
+impl ModeKey {
+    /// Every mode there is, in a fixed order.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let mut modes = Vec::new();
+        for channel in Channel::ALL {
+            for command in CommandKind::ALL.into_iter().filter(|command| channel.takes(*command)) {
+                for zone in Zone::ALL {
+                    for authority in Authority::ALL {
+                        modes.push(Self { channel, command, zone, authority });
+                    }
+                }
+            }
+        }
+        modes
+    }
+}
+
+impl std::fmt::Display for ModeKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { channel, command, zone, authority } = self;
+        write!(
+            f,
+            "{}/{} in {} at authority {}",
+            channel.name(),
+            command.name(),
+            zone.name(),
+            authority.level()
+        )
+    }
+}
+
+/// How near a limit of the profile a permission reaches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Band {
+    /// Up to 80 % of the limit.
+    Normal,
+    /// Above 80 % and up to the limit: high risk.
+    High,
+    /// Above the limit: usable in a tighter envelope only.
+    Over,
+}
+
+impl Band {
+    /// Share of a limit above which a mode is of high risk.
+    pub const HIGH_FROM: f64 = 0.8;
+
+    /// The band of `value` against `limit`; what is not a number is over the limit.
+    #[must_use]
+    pub fn of(value: f64, limit: f64) -> Self {
+        if !(value <= limit) {
+            Self::Over
+        } else if value > Self::HIGH_FROM * limit {
+            Self::High
+        } else {
+            Self::Normal
+        }
+    }
+}
+
+/// A mode a version can reach, with the bands of its declared speed and force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReachableMode {
+    /// The mode.
+    pub key: ModeKey,
+    /// Band of the declared speed (arm modes).
+    pub speed: Band,
+    /// Band of the declared force.
+    pub force: Band,
+}
+
+impl ReachableMode {
+    /// Human zone, authority >= 2, or above 80 % of a limit.
+    #[must_use]
+    pub fn is_high_risk(&self) -> bool {
+        self.key.zone == Zone::Human
+            || self.key.authority >= Authority::HIGH_RISK_FROM
+            || self.speed >= Band::High
+            || self.force >= Band::High
+    }
+}
+
+/// A channel and kind of command, as a bundle's code needs them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeNeed {
+    /// Through which channel.
+    pub channel: Channel,
+    /// What kind of command.
+    pub command: CommandKind,
+}
+
+/// The modes that permissions, or what the code needs, can reach (`kappa_P`, design rule 3.3).
+///
+/// The declared channels and commands are joined with `needs`: what the code can do counts even
+/// where the manifest is silent. Speed and force are held against `speed_max_m_s` and `force_max_n`.
+#[must_use]
+pub fn reachable(
+    permissions: &Permissions,
+    needs: &BTreeSet<ModeNeed>,
+    speed_max_m_s: f64,
+    force_max_n: f64,
+) -> BTreeSet<ReachableMode> {
+    let declared = permissions.channels.iter().flat_map(|channel| {
+        let taken = permissions.commands.iter().filter(|command| channel.takes(**command));
+        taken.map(|command| ModeNeed { channel: *channel, command: *command })
+    });
+    let pairs: BTreeSet<ModeNeed> = declared.chain(needs.iter().copied()).collect();
+    let speed = Band::of(permissions.max_speed_m_s, speed_max_m_s);
+    let force = Band::of(permissions.max_force_n, force_max_n);
+    let mut modes = BTreeSet::new();
+    for ModeNeed { channel, command } in pairs {
+        for zone in &permissions.zones {
+            let key = ModeKey { channel, command, zone: *zone, authority: permissions.authority };
+            // A stop neither moves nor presses; the gripper's travel is no tool speed.
+            let moves = command != CommandKind::Stop;
+            let travels = moves && channel != Channel::Gripper;
+            modes.insert(ReachableMode {
+                key,
+                speed: if travels { speed } else { Band::Normal },
+                force: if moves { force } else { Band::Normal },
+            });
+        }
+    }
+    modes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_eighty_modes_each_once() {
+        let modes = ModeKey::all();
+        assert_eq!(modes.len(), 5 * 4 * 4);
+        assert_eq!(modes.iter().collect::<BTreeSet<_>>().len(), modes.len());
+    }
+
+    #[test]
+    fn bands() {
+        for (value, band) in [
+            (0.0, Band::Normal),
+            (0.8, Band::Normal),
+            (0.81, Band::High),
+            (1.0, Band::High),
+            (1.01, Band::Over),
+            (f64::NAN, Band::Over),
+        ] {
+            assert_eq!(Band::of(value, 1.0), band, "{value}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! What comes beside a manifest: who wrote the version, how, from which parent, at which estimated risk.
+//!
+//! Owns the text form of `submission.toml`. Trusts nothing in it: declared traces give an estimate only.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::evidence::Signature;
+use super::ids::is_name;
+use super::text_error::{TextError, check_size, parse_toml};
+
+/// The largest submission text, bytes.
+pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;
+
+/// The longest summary, characters.
+pub const SUMMARY_CHARS_MAX: usize = 500;
+
+/// How a version came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Provenance {
+    /// Reinforcement learning.
+    Rl,
+    /// Imitation learning.
+    Imitation,
+    /// Written by a language model.
+    Llm,
+    /// Written by a person.
+    Manual,
+    /// Found by a parameter optimiser.
+    Optimiser,
+}
+
+impl Provenance {
+    /// Every provenance.
+    pub const ALL: [Self; 5] = [Self::Rl, Self::Imitation, Self::Llm, Self::Manual, Self::Optimiser];
+    /// The name in submissions and policies.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rl => "rl",
+            Self::Imitation => "imitation",
+            Self::Llm => "llm",
+            Self::Manual => "manual",
+            Self::Optimiser => "optimiser",
+        }
+    }
+}
+
+/// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Risk {
+    /// Low.
+    Low,
+    /// Medium.
+    Medium,
+    /// High.
+    High,
+}
+
+impl Risk {
+    /// Every tier, lowest first.
+    pub const ALL: [Self; 3] = [Self::Low, Self::Medium, Self::High];
+    /// The name in submissions and policies.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Low => "low",
+            Self::Medium => "medium",
+            Self::High => "high",
+        }
+    }
+}
+
+/// The contents of `submission.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Submission {
+    /// Who wrote it (an identity's name).
+    pub author: String,
+    /// How it came about.
+    pub provenance: Provenance,
+    /// The version it was made from; absent for a first version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub parent: Option<semver::Version>,
+    /// The author's estimate.
+    pub estimated_risk: Risk,
+    /// What changed, in a sentence or two.
+    #[serde(default)]
+    pub summary: String,
+    /// A signature the author claims; shown as an estimate, never used by the gate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub declared_traces: Option<Signature>,
+}
+
+impl Submission {
+    /// Parses and checks a submission; `file` is only named in errors.
+    ///
+    /// # Errors
+    /// [`TextError`]: text over 16 KiB, TOML that does not parse, unknown fields, a name or number not allowed.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
+        check_size(file, text, SUBMISSION_BYTES_MAX)?;
+        let submission: Self = parse_toml(file, text)?;
+        let bad = |field: &str, value: &str, allowed: &str| {
+            Err(TextError::value(file, text, field, value, allowed))
+        };
+        if !is_name(&submission.author) {
+            return bad("author", &submission.author, "a name of a-z, 0-9, '.', '_' and '-'");
+        }
+        let chars = submission.summary.chars().count();
+        if chars > SUMMARY_CHARS_MAX {
+            return bad("summary", &format!("{chars} characters"), "up to 500 characters");
+        }
+        if let Some((field, value, allowed)) = submission.declared_traces.as_ref().and_then(signature_problem)
+        {
+            return bad(&format!("declared_traces.{field}"), &value.to_string(), allowed);
+        }
+        Ok(submission)
+    }
+}
+
+fn signature_problem(s: &Signature) -> Option<(&'static str, f64, &'static str)> {
+    let shares = [
+        ("success", s.success),
+        ("violation", s.violation),
+        ("anomaly", s.anomaly),
+        ("recovery", s.recovery),
+        ("intervention", s.intervention),
+        ("timeout", s.timeout),
+    ];
+    let means = [("time_s", s.time_s), ("retry", s.retry)];
+    let share = shares.into_iter().find(|(_, v)| !(0.0..=1.0).contains(v)).map(|(f, v)| (f, v, "0 to 1"));
+    share.or_else(|| {
+        means.into_iter().find(|(_, v)| !(0.0..=1.0e4).contains(v)).map(|(f, v)| (f, v, "0 to 10000"))
+    })
+}

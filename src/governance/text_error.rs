@@ -1,0 +1,119 @@
+//! Errors of texts that people and candidates hand in, and the one way such a text is parsed.
+//!
+//! Owns the shape of the message (file, line, field, value, what is allowed). Opens no file.
+
+use serde::de::DeserializeOwned;
+
+/// A text that was refused; nothing was taken from it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TextError {
+    /// More bytes than allowed; it was not parsed.
+    #[error("{file}: {bytes} bytes are too many; up to {allowed} are allowed")]
+    TooLarge {
+        /// The file's name.
+        file: String,
+        /// Its size.
+        bytes: usize,
+        /// The largest size.
+        allowed: usize,
+    },
+    /// Not TOML, or a field is unknown, missing or of the wrong kind.
+    #[error("{file}:{line}: {message}")]
+    Syntax {
+        /// The file's name.
+        file: String,
+        /// Line, counted from 1.
+        line: usize,
+        /// What the parser says, with what it expected.
+        message: String,
+    },
+    /// A value that is not allowed.
+    #[error(
+        "{file}:{line}: the field {field:?} has the value {value:?}, which is not allowed; allowed: {allowed}"
+    )]
+    Value {
+        /// The file's name.
+        file: String,
+        /// Line of the field, or of the table it is in, counted from 1.
+        line: usize,
+        /// The field's path.
+        field: String,
+        /// The value found.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+}
+
+impl TextError {
+    /// A value that is not allowed, with the line where its field is.
+    #[must_use]
+    pub fn value(file: &str, text: &str, field: &str, value: &str, allowed: &str) -> Self {
+        Self::Value {
+            file: file.into(),
+            line: line_of(text, field),
+            field: field.into(),
+            value: value.into(),
+            allowed: allowed.into(),
+        }
+    }
+}
+
+/// Refuses a text over `bytes_max`, before anything looks into it.
+///
+/// # Errors
+/// [`TextError::TooLarge`].
+pub(super) fn check_size(file: &str, text: &str, bytes_max: usize) -> Result<(), TextError> {
+    if text.len() <= bytes_max {
+        return Ok(());
+    }
+    Err(TextError::TooLarge { file: file.into(), bytes: text.len(), allowed: bytes_max })
+}
+
+/// Parses TOML into a value.
+///
+/// # Errors
+/// [`TextError::Syntax`] with the line and the parser's words.
+pub(super) fn parse_toml<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, TextError> {
+    toml::from_str(text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start.min(text.len()));
+        let line = 1 + text.as_bytes().iter().take(start).filter(|byte| **byte == b'\n').count();
+        TextError::Syntax { file: file.into(), line, message: error.message().to_owned() }
+    })
+}
+
+/// The line (from 1) that sets `path`, or the nearest table above it; 1 where neither is found.
+fn line_of(text: &str, path: &str) -> usize {
+    let mut table = String::new();
+    let mut best = (0, 1);
+    for (index, line) in text.lines().enumerate() {
+        let line = line.trim();
+        let here = if let Some(name) = line.strip_prefix('[') {
+            table = name.trim_matches(|c| c == '[' || c == ']' || c == ' ').to_owned();
+            table.clone()
+        } else if let Some((key, _)) = line.split_once('=') {
+            let key = key.trim();
+            if table.is_empty() { key.to_owned() } else { format!("{table}.{key}") }
+        } else {
+            continue;
+        };
+        let above = path == here || path.strip_prefix(&here).is_some_and(|rest| rest.starts_with('.'));
+        if above && here.len() > best.0 {
+            best = (here.len(), index + 1);
+        }
+    }
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_found_by_path() {
+        let text = "name = \"x\"\n[a.b]\nc = 1\n[a]\nd.e = 2\n";
+        for (path, line) in [("name", 1), ("a.b.c", 3), ("a.b.z", 2), ("a.d.e", 5), ("q", 1)] {
+            assert_eq!(line_of(text, path), line, "{path}");
+        }
+    }
+}

@@ -1,0 +1,339 @@
+//! Types of named fields: what a capability takes in, gives out and can be set to.
+//!
+//! Owns field specifications and their rules (finite, ordered ranges, units and frames from a closed
+//! list). Compares nothing; that is [`super::interface`]'s work.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The most names of an enum field.
+pub const ENUM_VALUES_MAX: usize = 32;
+
+/// The longest list field.
+pub const LIST_LENGTH_MAX: u32 = 64;
+
+/// The largest magnitude a declared number may have.
+pub const MAGNITUDE_MAX: f64 = 1.0e9;
+
+/// The kind of a field's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// True or false.
+    Bool,
+    /// A whole number.
+    Int,
+    /// A finite number.
+    Real,
+    /// Three finite numbers.
+    Vec3,
+    /// A unit quaternion, x y z w.
+    Quat,
+    /// A position and a unit quaternion.
+    Pose,
+    /// One of `values`.
+    Enum,
+    /// Up to `length_max` values of kind `element`.
+    List,
+}
+
+/// A unit; a changed unit is a breaking change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+pub enum Unit {
+    /// Metre.
+    #[serde(rename = "m")]
+    Metre,
+    /// Radian.
+    #[serde(rename = "rad")]
+    Radian,
+    /// Metre per second.
+    #[serde(rename = "m/s")]
+    MetrePerSecond,
+    /// Radian per second.
+    #[serde(rename = "rad/s")]
+    RadianPerSecond,
+    /// Newton.
+    #[serde(rename = "N")]
+    Newton,
+    /// Newton metre.
+    #[serde(rename = "N m")]
+    NewtonMetre,
+    /// Second.
+    #[serde(rename = "s")]
+    Second,
+    /// Millisecond.
+    #[serde(rename = "ms")]
+    Millisecond,
+    /// Kilogram.
+    #[serde(rename = "kg")]
+    Kilogram,
+    /// A pure number.
+    #[serde(rename = "1")]
+    One,
+}
+
+/// The frame a position or pose is expressed in; a changed frame is a breaking change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Frame {
+    /// z up, the robot's base at the origin.
+    World,
+    /// The tool's frame.
+    Tool,
+    /// The object's frame.
+    Object,
+    /// The target's frame.
+    Target,
+}
+
+/// A value as manifests write it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Value {
+    /// True or false.
+    Bool(bool),
+    /// A whole number.
+    Int(i64),
+    /// A finite number.
+    Real(f64),
+    /// A name of an enum.
+    Name(String),
+    /// Numbers of a vector, quaternion, pose (position, then x y z w) or list.
+    Numbers(Vec<f64>),
+}
+
+impl Value {
+    /// The value as a number, where it is one.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "declared whole numbers are below 1e9")]
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Int(value) => Some(*value as f64),
+            Self::Real(value) => Some(*value),
+            Self::Bool(_) | Self::Name(_) | Self::Numbers(_) => None,
+        }
+    }
+}
+
+const fn yes() -> bool {
+    true
+}
+
+/// A named field's type, unit, frame, range and default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FieldSpec {
+    /// Kind of value.
+    #[serde(rename = "type")]
+    pub kind: Kind,
+    /// Unit of the numbers; required for reals, vectors and lists of them, `1` for pure numbers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// Frame of a vector, quaternion or pose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Frame>,
+    /// Lowest and highest number allowed, both included.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f64; 2]>,
+    /// Names of an enum.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub values: Vec<String>,
+    /// Kind of a list's elements; never a list.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub element: Option<Kind>,
+    /// Most elements of a list.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_max: Option<u32>,
+    /// Whether a caller must give it (inputs) or it is always there (outputs).
+    #[serde(default = "yes")]
+    pub required: bool,
+    /// What holds when it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub default: Option<Value>,
+}
+
+impl FieldSpec {
+    /// A required field of this kind without unit, frame or range.
+    #[must_use]
+    pub const fn plain(kind: Kind) -> Self {
+        Self {
+            kind,
+            unit: None,
+            frame: None,
+            range: None,
+            values: Vec::new(),
+            element: None,
+            length_max: None,
+            required: true,
+            default: None,
+        }
+    }
+
+    /// A required real with a unit and a range.
+    #[must_use]
+    pub const fn real(unit: Unit, lowest: f64, highest: f64) -> Self {
+        let mut spec = Self::plain(Kind::Real);
+        spec.unit = Some(unit);
+        spec.range = Some([lowest, highest]);
+        spec
+    }
+
+    /// A required pose in a frame, metres.
+    #[must_use]
+    pub const fn pose(frame: Frame) -> Self {
+        let mut spec = Self::plain(Kind::Pose);
+        spec.unit = Some(Unit::Metre);
+        spec.frame = Some(frame);
+        spec
+    }
+
+    /// The same field with a value that holds when none is given (and so not required).
+    #[must_use]
+    pub fn or(mut self, default: Value) -> Self {
+        self.default = Some(default);
+        self.required = false;
+        self
+    }
+
+    /// What is wrong with this specification: the key, the value and what is allowed; `None` if nothing is.
+    #[must_use]
+    pub fn problem(&self) -> Option<(&'static str, String, String)> {
+        let bad = |key, value: String, allowed: &str| Some((key, value, allowed.to_owned()));
+        let numeric = matches!(self.kind, Kind::Int | Kind::Real | Kind::Vec3)
+            || (self.kind == Kind::List && matches!(self.element, Some(Kind::Int | Kind::Real)));
+        let spatial = matches!(self.kind, Kind::Vec3 | Kind::Quat | Kind::Pose);
+        if let Some([lowest, highest]) = self.range {
+            let finite = [lowest, highest].iter().all(|v| v.is_finite() && v.abs() <= MAGNITUDE_MAX);
+            if !finite || lowest > highest {
+                return bad("range", format!("{lowest}, {highest}"), "two finite numbers, the lower first");
+            }
+            if !numeric {
+                return bad(
+                    "range",
+                    format!("{lowest}, {highest}"),
+                    "a range only for int, real, vec3 and lists of them",
+                );
+            }
+        }
+        if matches!(self.kind, Kind::Real | Kind::Vec3 | Kind::Pose) && self.unit.is_none() {
+            return bad("unit", "(missing)".into(), "a unit, \"1\" for a pure number");
+        }
+        if self.frame.is_some() && !spatial {
+            return bad("frame", format!("{:?}", self.frame), "a frame only for vec3, quat and pose");
+        }
+        if matches!(self.kind, Kind::Quat | Kind::Pose) && self.frame.is_none() {
+            return bad("frame", "(missing)".into(), "world, tool, object or target");
+        }
+        let names_ok = !self.values.is_empty()
+            && self.values.len() <= ENUM_VALUES_MAX
+            && self.values.iter().all(|name| super::ids::is_name(name));
+        if (self.kind == Kind::Enum) != !self.values.is_empty() || (self.kind == Kind::Enum && !names_ok) {
+            return bad("values", format!("{:?}", self.values), "1 to 32 names, for an enum only");
+        }
+        let scalar = matches!(self.element, Some(Kind::Bool | Kind::Int | Kind::Real | Kind::Vec3));
+        if (self.kind == Kind::List) != self.element.is_some() || (self.kind == Kind::List && !scalar) {
+            return bad("element", format!("{:?}", self.element), "bool, int, real or vec3, for a list only");
+        }
+        let length_ok = self.length_max.is_some_and(|n| (1..=LIST_LENGTH_MAX).contains(&n));
+        if (self.kind == Kind::List) != self.length_max.is_some() || (self.kind == Kind::List && !length_ok) {
+            return bad("length_max", format!("{:?}", self.length_max), "1 to 64, for a list only");
+        }
+        if let Some(default) = &self.default
+            && !self.admits(default)
+        {
+            return bad("default", format!("{default:?}"), "a value of the field's own type and range");
+        }
+        None
+    }
+
+    /// Whether `value` is of this field's type and inside its range.
+    #[must_use]
+    pub fn admits(&self, value: &Value) -> bool {
+        let inside = |v: f64| {
+            v.is_finite()
+                && v.abs() <= MAGNITUDE_MAX
+                && self.range.is_none_or(|[low, high]| low <= v && v <= high)
+        };
+        match (self.kind, value) {
+            (Kind::Bool, Value::Bool(_)) => true,
+            (Kind::Int, Value::Int(_)) | (Kind::Real, Value::Int(_) | Value::Real(_)) => {
+                value.number().is_some_and(inside)
+            }
+            (Kind::Vec3, Value::Numbers(v)) => v.len() == 3 && v.iter().copied().all(inside),
+            (Kind::Quat, Value::Numbers(v)) => v.len() == 4 && unit_length(v),
+            (Kind::Pose, Value::Numbers(v)) => {
+                v.len() == 7 && v[..3].iter().copied().all(inside) && unit_length(&v[3..])
+            }
+            (Kind::Enum, Value::Name(name)) => self.values.contains(name),
+            (Kind::List, Value::Numbers(v)) => {
+                let numbers = matches!(self.element, Some(Kind::Int | Kind::Real));
+                let whole = self.element != Some(Kind::Int) || v.iter().all(|v| v.fract() == 0.0);
+                numbers
+                    && whole
+                    && self.length_max.is_some_and(|max| v.len() <= max as usize)
+                    && v.iter().copied().all(inside)
+            }
+            (
+                Kind::Bool
+                | Kind::Int
+                | Kind::Real
+                | Kind::Vec3
+                | Kind::Quat
+                | Kind::Pose
+                | Kind::Enum
+                | Kind::List,
+                Value::Bool(_) | Value::Int(_) | Value::Real(_) | Value::Name(_) | Value::Numbers(_),
+            ) => false,
+        }
+    }
+}
+
+fn unit_length(v: &[f64]) -> bool {
+    (v.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_admit_their_own_kind_and_range_only() {
+        let speed = FieldSpec::real(Unit::MetrePerSecond, 0.0, 1.0);
+        let pose = FieldSpec::pose(Frame::World);
+        for (spec, value, ok) in [
+            (&speed, Value::Real(0.5), true),
+            (&speed, Value::Int(1), true),
+            (&speed, Value::Real(1.1), false),
+            (&speed, Value::Real(f64::NAN), false),
+            (&speed, Value::Bool(true), false),
+            (&pose, Value::Numbers(vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), true),
+            (&pose, Value::Numbers(vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0]), false),
+            (&pose, Value::Numbers(vec![0.0]), false),
+        ] {
+            assert_eq!(spec.admits(&value), ok, "{value:?}");
+        }
+    }
+
+    #[test]
+    fn bad_specifications_are_named() {
+        let real = FieldSpec::real(Unit::One, 0.0, 1.0);
+        let list =
+            FieldSpec { element: Some(Kind::Real), length_max: Some(4), ..FieldSpec::plain(Kind::List) };
+        for (spec, key) in [
+            (real.clone(), None),
+            (list.clone(), None),
+            (FieldSpec { range: Some([1.0, 0.0]), ..real.clone() }, Some("range")),
+            (FieldSpec { range: Some([f64::NAN, 0.0]), ..real.clone() }, Some("range")),
+            (FieldSpec { range: Some([0.0, f64::INFINITY]), ..real.clone() }, Some("range")),
+            (FieldSpec { unit: None, ..real.clone() }, Some("unit")),
+            (FieldSpec { frame: Some(Frame::Tool), ..real.clone() }, Some("frame")),
+            (FieldSpec { frame: None, ..FieldSpec::pose(Frame::World) }, Some("frame")),
+            (FieldSpec::plain(Kind::Enum), Some("values")),
+            (FieldSpec { element: Some(Kind::List), ..list.clone() }, Some("element")),
+            (FieldSpec { length_max: Some(65), ..list.clone() }, Some("length_max")),
+            (real.clone().or(Value::Real(2.0)), Some("default")),
+        ] {
+            assert_eq!(spec.problem().map(|(key, ..)| key), key, "{spec:?}");
+        }
+    }
+}
