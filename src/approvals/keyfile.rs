@@ -1,0 +1,155 @@
+//! Key files: a secret ed25519 key in a file only its owner can read, the public one beside it.
+//!
+//! The secret is 64 hexadecimal digits and a line feed; it is wiped from memory after use.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Write};
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use ed25519_dalek::{SigningKey, VerifyingKey};
+use zeroize::Zeroizing;
+
+/// A key that cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum KeyError {
+    /// The file could not be used.
+    #[error("cannot {what} the key {path:?}: {source}")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// Others can read the secret.
+    #[error(
+        "the key {path:?} has mode {mode:04o}; others must have no access. Hint: chmod 600 it, or make a new key"
+    )]
+    Permissions {
+        /// The file.
+        path: PathBuf,
+        /// Its mode.
+        mode: u32,
+    },
+    /// Not a key.
+    #[error("{path:?} is not an ed25519 key: 64 hexadecimal digits are needed")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The system gave no random numbers.
+    #[error("the system gave no random numbers for a key: {0}")]
+    Random(getrandom::Error),
+}
+
+fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> KeyError {
+    let path = path.to_owned();
+    move |source| KeyError::Io { what, path, source }
+}
+
+/// Makes a fresh key from the system's random numbers.
+///
+/// # Errors
+/// [`KeyError::Random`].
+pub fn generate() -> Result<SigningKey, KeyError> {
+    let mut seed = Zeroizing::new([0u8; 32]);
+    getrandom::fill(seed.as_mut()).map_err(KeyError::Random)?;
+    Ok(SigningKey::from_bytes(&seed))
+}
+
+/// Writes a secret key to a new file with mode 0600.
+///
+/// # Errors
+/// Where the file exists or cannot be written.
+pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
+    let mut text = Zeroizing::new(String::with_capacity(65));
+    for byte in key.as_bytes() {
+        text.push(char::from(b"0123456789abcdef"[usize::from(byte >> 4)]));
+        text.push(char::from(b"0123456789abcdef"[usize::from(byte & 15)]));
+    }
+    text.push('\n');
+    let mut file =
+        OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(io("create", path))?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(io("write", path))
+}
+
+/// Reads a secret key; refuses a link and a file that others can read or write.
+///
+/// # Errors
+/// [`KeyError`].
+pub fn read_secret(path: &Path) -> Result<SigningKey, KeyError> {
+    let found = fs::symlink_metadata(path).map_err(io("read", path))?;
+    let mode = found.permissions().mode() & 0o7777;
+    if !found.is_file() || mode & 0o077 != 0 {
+        return Err(KeyError::Permissions { path: path.to_owned(), mode });
+    }
+    let bytes = Zeroizing::new(read_hex(path)?);
+    Ok(SigningKey::from_bytes(&bytes))
+}
+
+/// Writes a public key to a new file: 64 hexadecimal digits, then `note` (a role) on the same line.
+///
+/// # Errors
+/// Where the file exists or cannot be written.
+pub fn write_public(path: &Path, key: &VerifyingKey, note: &str) -> Result<(), KeyError> {
+    let mut file =
+        OpenOptions::new().write(true).create_new(true).mode(0o644).open(path).map_err(io("create", path))?;
+    let text = format!("{} {note}", hex(key.as_bytes()));
+    writeln!(file, "{}", text.trim_end()).and_then(|()| file.sync_all()).map_err(io("write", path))
+}
+
+/// Reads a public key and the note after it.
+///
+/// # Errors
+/// [`KeyError`].
+pub fn read_public(path: &Path) -> Result<(VerifyingKey, String), KeyError> {
+    let text = read_text(path)?;
+    let (key, note) = text.trim_end().split_once(' ').unwrap_or((text.trim_end(), ""));
+    Ok((parse_public(key).ok_or_else(|| KeyError::Malformed { path: path.to_owned() })?, note.to_owned()))
+}
+
+/// A public key from 64 hexadecimal digits.
+#[must_use]
+pub fn parse_public(text: &str) -> Option<VerifyingKey> {
+    VerifyingKey::from_bytes(&unhex(text)?).ok()
+}
+
+/// Lower-case hexadecimal digits.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Exactly `N` bytes from hexadecimal digits.
+#[must_use]
+pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
+    if text.len() != 2 * N || !text.bytes().all(|b| b.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut bytes = [0u8; N];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&text[2 * i..2 * i + 2], 16).ok()?;
+    }
+    Some(bytes)
+}
+
+fn read_hex(path: &Path) -> Result<[u8; 32], KeyError> {
+    let text = read_text(path)?;
+    unhex(text.trim_end()).ok_or_else(|| KeyError::Malformed { path: path.to_owned() })
+}
+
+/// Reads at most what a key file can hold.
+fn read_text(path: &Path) -> Result<Zeroizing<String>, KeyError> {
+    const LEN_MAX: u64 = 256;
+    let mut text = Zeroizing::new(String::with_capacity(256));
+    let file = File::open(path).map_err(io("read", path))?;
+    match file.take(LEN_MAX).read_to_string(&mut text) {
+        Ok(_) => Ok(text),
+        Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
+            Err(KeyError::Malformed { path: path.to_owned() })
+        }
+        Err(error) => Err(io("read", path)(error)),
+    }
+}

@@ -1,0 +1,299 @@
+//! The approval object: what a person decided, bound to exactly what was shown, used once.
+
+use ed25519_dalek::{Signature, VerifyingKey};
+use serde::{Deserialize, Serialize};
+
+use super::identity::{IdentityInfo, Role};
+use super::keyfile::{hex, parse_public, unhex};
+use crate::governance::ids::{CapabilityId, Digest};
+use crate::registry::names::ApprovalDecision;
+
+/// Separates these bytes from everything else that is ever signed.
+const DOMAIN: &str = "holdpoint/approval/v1";
+/// The longest reason, bytes.
+const REASON_BYTES_MAX: usize = 4096;
+
+/// A number used once: 16 bytes, written as 32 hexadecimal digits.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Nonce(String);
+
+impl Nonce {
+    /// A fresh one from the system's random numbers.
+    ///
+    /// # Errors
+    /// [`ApprovalError::Random`].
+    pub fn random() -> Result<Self, ApprovalError> {
+        let mut bytes = [0u8; 16];
+        getrandom::fill(&mut bytes).map_err(ApprovalError::Random)?;
+        Ok(Self::from_bytes(bytes))
+    }
+
+    /// A given one, for scripts whose runs must be equal.
+    #[must_use]
+    pub fn from_bytes(bytes: [u8; 16]) -> Self {
+        Self(hex(&bytes))
+    }
+
+    /// Its 32 digits.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for Nonce {
+    type Error = ApprovalError;
+    fn try_from(text: String) -> Result<Self, ApprovalError> {
+        match unhex::<16>(&text) {
+            Some(bytes) => Ok(Self::from_bytes(bytes)),
+            None => Err(ApprovalError::Nonce(text)),
+        }
+    }
+}
+
+impl From<Nonce> for String {
+    fn from(nonce: Nonce) -> Self {
+        nonce.0
+    }
+}
+
+impl std::fmt::Display for Nonce {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// A decision and everything it is bound to; a change of any of it voids the decision.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Approval {
+    /// Name of the identity.
+    pub who: String,
+    /// Its role.
+    pub role: Role,
+    /// Yes or no.
+    pub decision: ApprovalDecision,
+    /// Why.
+    pub reason: String,
+    /// The version decided on.
+    pub version: CapabilityId,
+    /// Digest of all that was submitted.
+    pub candidate_digest: Digest,
+    /// The row version decided on.
+    pub row_version: u64,
+    /// Digest of the evidence that was shown.
+    pub evidence_digest: Digest,
+    /// Digest of profile, policies and thresholds.
+    pub policy_digest: Digest,
+    /// Name of the profile.
+    pub profile: String,
+    /// The store it was made for.
+    pub store_id: String,
+    /// Used once.
+    pub nonce: Nonce,
+    /// Virtual time from which it is void, ms.
+    pub not_after_ms: u64,
+}
+
+impl Approval {
+    /// The bytes that are signed: every field with its length, behind a domain tag.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; 32] {
+        *self.digest(&self.store_id).bytes()
+    }
+
+    /// What was decided, whatever the store: equal in equal runs, and so fit for the audit chain.
+    #[must_use]
+    pub fn claim_digest(&self) -> Digest {
+        self.digest("")
+    }
+
+    fn digest(&self, store_id: &str) -> Digest {
+        let Self { who, role, decision, reason, version, profile, nonce, .. } = self;
+        let version = version.to_string();
+        let parts: [&[u8]; 13] = [
+            store_id.as_bytes(),
+            who.as_bytes(),
+            role.as_str().as_bytes(),
+            decision.as_str().as_bytes(),
+            reason.as_bytes(),
+            version.as_bytes(),
+            self.candidate_digest.bytes(),
+            &self.row_version.to_le_bytes(),
+            self.evidence_digest.bytes(),
+            self.policy_digest.bytes(),
+            profile.as_bytes(),
+            nonce.as_str().as_bytes(),
+            &self.not_after_ms.to_le_bytes(),
+        ];
+        Digest::of_parts(DOMAIN, &parts)
+    }
+}
+
+/// A decision with its signature and the key that is to have made it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SignedApproval {
+    approval: Approval,
+    public_key: String,
+    signature: String,
+}
+
+/// An approval that does not hold.
+#[derive(Debug, thiserror::Error)]
+pub enum ApprovalError {
+    /// Not 32 hexadecimal digits.
+    #[error("{0:?} is not a nonce: 32 hexadecimal digits are needed")]
+    Nonce(String),
+    /// The system gave no random numbers.
+    #[error("the system gave no random numbers for a nonce: {0}")]
+    Random(getrandom::Error),
+    /// The signature is not by that key over these bytes.
+    #[error("the signature of {0:?} does not match the decision")]
+    Signature(String),
+    /// The key is not the identity's.
+    #[error("the decision is signed with another key than that of {0:?}")]
+    Key(String),
+    /// The role is not the identity's.
+    #[error("{who:?} signed as {signed:?} but is {is:?}")]
+    Role {
+        /// Name of the identity.
+        who: String,
+        /// The role in the decision.
+        signed: Role,
+        /// The identity's role.
+        is: Role,
+    },
+    /// The reason is too long.
+    #[error("the reason has {0} bytes; at most 4096 are allowed")]
+    ReasonTooLong(usize),
+}
+
+impl SignedApproval {
+    pub(super) fn new(approval: Approval, public_key: VerifyingKey, signature: Signature) -> Self {
+        Self { approval, public_key: hex(public_key.as_bytes()), signature: hex(&signature.to_bytes()) }
+    }
+
+    /// What was decided. Trust it only after [`Self::verify`].
+    #[must_use]
+    pub const fn approval(&self) -> &Approval {
+        &self.approval
+    }
+
+    /// The public key it carries, 64 hexadecimal digits.
+    #[must_use]
+    pub fn public_key(&self) -> &str {
+        &self.public_key
+    }
+
+    /// The signature, 128 hexadecimal digits.
+    #[must_use]
+    pub fn signature(&self) -> &str {
+        &self.signature
+    }
+
+    /// Puts the parts together as they were stored; [`Self::verify_signature`] says whether they belong together.
+    #[must_use]
+    pub const fn from_parts(approval: Approval, public_key: String, signature: String) -> Self {
+        Self { approval, public_key, signature }
+    }
+
+    /// Checks the signature against the key it carries (strict ed25519: no malleable signature, no weak key).
+    ///
+    /// # Errors
+    /// [`ApprovalError::Signature`], [`ApprovalError::ReasonTooLong`].
+    pub fn verify_signature(&self) -> Result<(), ApprovalError> {
+        if self.approval.reason.len() > REASON_BYTES_MAX {
+            return Err(ApprovalError::ReasonTooLong(self.approval.reason.len()));
+        }
+        let bad = || ApprovalError::Signature(self.approval.who.clone());
+        let key = parse_public(&self.public_key).ok_or_else(bad)?;
+        let signature = Signature::from_bytes(&unhex::<64>(&self.signature).ok_or_else(bad)?);
+        key.verify_strict(&self.approval.bytes(), &signature).map_err(|_| bad())
+    }
+
+    /// Checks that this identity made the decision, in its role.
+    ///
+    /// # Errors
+    /// [`ApprovalError`].
+    pub fn verify(&self, identity: &IdentityInfo) -> Result<(), ApprovalError> {
+        if self.public_key != hex(identity.public_key.as_bytes()) || self.approval.who != identity.name {
+            return Err(ApprovalError::Key(identity.name.clone()));
+        }
+        if self.approval.role != identity.role {
+            return Err(ApprovalError::Role {
+                who: identity.name.clone(),
+                signed: self.approval.role.clone(),
+                is: identity.role.clone(),
+            });
+        }
+        self.verify_signature()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Identity;
+    use super::*;
+
+    fn approval() -> Approval {
+        Approval {
+            who: String::new(),
+            role: Role::new("operator").unwrap(),
+            decision: ApprovalDecision::Approve,
+            reason: "seen".into(),
+            version: "grasp@1.2.0".parse().unwrap(),
+            candidate_digest: Digest::of_parts("t", &[b"c"]),
+            row_version: 4,
+            evidence_digest: Digest::of_parts("t", &[b"e"]),
+            policy_digest: Digest::of_parts("t", &[b"p"]),
+            profile: "human".into(),
+            store_id: "s".into(),
+            nonce: Nonce::from_bytes([7; 16]),
+            not_after_ms: 1000,
+        }
+    }
+
+    #[test]
+    fn any_edit_voids_the_signature() {
+        let folder = tempfile::tempdir().unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::new("operator").unwrap()).unwrap();
+        let signed = ada.sign(approval());
+        signed.verify(ada.info()).unwrap();
+        let other = Digest::of_parts("t", &[b"x"]);
+        let edits: [(&str, fn(&mut Approval, Digest)); 13] = [
+            ("who", |a, _| a.who = "eve".into()),
+            ("role", |a, _| a.role = Role::new("chief").unwrap()),
+            ("decision", |a, _| a.decision = ApprovalDecision::Reject),
+            ("reason", |a, _| a.reason.push('!')),
+            ("version", |a, _| a.version = "grasp@1.2.1".parse().unwrap()),
+            ("candidate", |a, d| a.candidate_digest = d),
+            ("row", |a, _| a.row_version += 1),
+            ("evidence", |a, d| a.evidence_digest = d),
+            ("policy", |a, d| a.policy_digest = d),
+            ("profile", |a, _| a.profile = "sim".into()),
+            ("store", |a, _| a.store_id = "t".into()),
+            ("nonce", |a, _| a.nonce = Nonce::from_bytes([8; 16])),
+            ("expiry", |a, _| a.not_after_ms += 1),
+        ];
+        for (name, edit) in edits {
+            let mut forged = signed.clone();
+            edit(&mut forged.approval, other);
+            assert!(forged.verify_signature().is_err(), "{name}");
+            assert!(forged.verify(ada.info()).is_err(), "{name}");
+        }
+    }
+
+    #[test]
+    fn another_persons_key_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::new("operator").unwrap()).unwrap();
+        let eve = Identity::create(folder.path(), "eve", Role::new("operator").unwrap()).unwrap();
+        let signed = eve.sign(approval());
+        assert!(matches!(signed.verify(ada.info()), Err(ApprovalError::Key(_))));
+        let json = serde_json::to_string(&signed).unwrap();
+        assert_eq!(serde_json::from_str::<SignedApproval>(&json).unwrap(), signed);
+        assert!(serde_json::from_str::<SignedApproval>(&json.replacen('{', "{\"x\":1,", 1)).is_err());
+    }
+}

@@ -1,0 +1,191 @@
+//! The active pointer: the one change that decides who controls the robot, with everything it must rest on.
+
+use rusqlite::params;
+
+use super::apply::{Applier, Touched, check_text};
+use super::change::ActiveCause;
+use super::error::StoreError;
+use super::rows::Table;
+use crate::governance::ids::{CapabilityId, Digest, Family};
+
+/// A family as it is in the store.
+struct FamilyRow {
+    active: Option<String>,
+    pinned: Option<String>,
+    bootstrapped: bool,
+    void_seq: u64,
+}
+
+impl Applier<'_> {
+    fn family(&self, family: &Family) -> Result<FamilyRow, StoreError> {
+        self.find(
+            "find a family",
+            "SELECT active, pinned, bootstrapped, void_seq FROM family WHERE name = ?1",
+            [family.as_str()],
+            |row| {
+                Ok(FamilyRow {
+                    active: row.get(0)?,
+                    pinned: row.get(1)?,
+                    bootstrapped: row.get(2)?,
+                    void_seq: row.get(3)?,
+                })
+            },
+        )?
+        .ok_or_else(|| StoreError::NotFound { what: "family", name: family.to_string() })
+    }
+
+    /// Moves the active pointer after checking what its cause rests on.
+    pub(super) fn set_active(
+        &mut self,
+        family: &Family,
+        active: Option<&CapabilityId>,
+        pinned: Option<&CapabilityId>,
+        cause: &ActiveCause,
+    ) -> Result<Touched, StoreError> {
+        let before = self.family(family)?;
+        let refuse = |problem: &str| Err(StoreError::Invariant(format!("{family}: {problem}")));
+        if [active, pinned].into_iter().flatten().any(|version| version.family != *family) {
+            return refuse("the active version and its rollback target must be of the family");
+        }
+        let active_name = active.map(ToString::to_string);
+        let pinned_name = pinned.map(ToString::to_string);
+        let mut gate = (None, 0u32);
+        match (cause, active) {
+            (ActiveCause::Vacate, None) => {}
+            (ActiveCause::Vacate, Some(_)) => return refuse("a vacated family has no active version"),
+            (_, None) => return refuse("only a vacated family has no active version"),
+            (ActiveCause::Bootstrap, Some(version)) => {
+                if before.bootstrapped {
+                    return refuse("it has its first version already; a new one must pass the gate");
+                }
+                if !self.is_baseline(version)? {
+                    return refuse("its first version must be registered as baseline");
+                }
+            }
+            (ActiveCause::Gate { evidence, approvals_needed }, Some(version)) => {
+                if before.active.is_some() && pinned_name != before.active {
+                    return refuse("the version that is replaced must be pinned as rollback target");
+                }
+                self.check_gate(version, *evidence, *approvals_needed, before.void_seq)?;
+                gate = (Some(evidence.to_string()), *approvals_needed);
+            }
+            (ActiveCause::Restore, Some(_)) => {
+                if before.pinned.is_none() || before.pinned != active_name {
+                    return refuse("only the pinned rollback target can be restored");
+                }
+            }
+            (ActiveCause::Rearm, Some(version)) => {
+                if before.active.is_some() || !self.was_active(version)? {
+                    return refuse(
+                        "only a stopped family can be re-armed, with a version that was active before",
+                    );
+                }
+            }
+        }
+        let seq = self.next_seq();
+        self.execute(
+            "set the active version",
+            "UPDATE family SET active = ?2, pinned = ?3, bootstrapped = 1 WHERE name = ?1",
+            params![family.as_str(), active_name, pinned_name],
+        )?;
+        let word = match cause {
+            ActiveCause::Bootstrap => "bootstrap",
+            ActiveCause::Gate { .. } => "gate",
+            ActiveCause::Restore => "restore",
+            ActiveCause::Vacate => "vacate",
+            ActiveCause::Rearm => "rearm",
+        };
+        self.execute(
+            "keep the activation",
+            "INSERT INTO activation (seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+            params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms],
+        )?;
+        let rows = vec![(Table::Family, family.to_string()), (Table::Activation, seq.to_string())];
+        let subject = active_name.unwrap_or_else(|| family.to_string());
+        Ok(Touched::new("active-set", subject, rows))
+    }
+
+    fn is_baseline(&self, version: &CapabilityId) -> Result<bool, StoreError> {
+        let name = version.to_string();
+        self.find("find a version", "SELECT baseline FROM version WHERE name = ?1", [&name], |row| {
+            row.get(0)
+        })?
+        .ok_or(StoreError::NotFound { what: "version", name })
+    }
+
+    fn was_active(&self, version: &CapabilityId) -> Result<bool, StoreError> {
+        let sql = "SELECT 1 FROM activation WHERE family = ?1 AND active = ?2 LIMIT 1";
+        let name = version.to_string();
+        let found = self.find("look up activations", sql, [version.family.as_str(), &name], |_| Ok(()))?;
+        Ok(found.is_some())
+    }
+
+    /// A gate record for this version at the row version decided on, current, and enough approvals used up.
+    fn check_gate(
+        &self,
+        version: &CapabilityId,
+        evidence: Digest,
+        approvals_needed: u32,
+        void_seq: u64,
+    ) -> Result<(), StoreError> {
+        let name = version.to_string();
+        let (_, row_version) = self.version(version)?;
+        let (_, _, context_seq) = self.context()?;
+        let found = self.find(
+            "look up the gate record",
+            "SELECT 1 FROM evidence WHERE version = ?1 AND kind = 'gate' AND digest = ?2 AND row_version = ?3
+               AND seq > ?4 AND seq > ?5",
+            params![
+                name,
+                evidence.to_string(),
+                self.row_version_before(&name, row_version),
+                void_seq,
+                context_seq
+            ],
+            |_| Ok(()),
+        )?;
+        if found.is_none() {
+            return Err(StoreError::Invariant(format!(
+                "{name} has no current gate record {}: nothing becomes active without one",
+                evidence.short()
+            )));
+        }
+        let given = self.approved_by(&name);
+        if given < approvals_needed as usize {
+            return Err(StoreError::Invariant(format!(
+                "{name} needs the approval of {approvals_needed} people in this transaction, {given} gave it"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Stops a family or re-arms it; makes it where it is new.
+    pub(super) fn set_family(
+        &mut self,
+        family: &Family,
+        safe_stopped: bool,
+        reason: &str,
+    ) -> Result<Touched, StoreError> {
+        check_text("reason", reason)?;
+        self.execute(
+            "set a family",
+            "INSERT INTO family (name, bootstrapped, safe_stopped, reason, void_seq) VALUES (?1, 0, ?2, ?3, 0)
+             ON CONFLICT (name) DO UPDATE SET safe_stopped = ?2, reason = ?3",
+            params![family.as_str(), safe_stopped, reason],
+        )?;
+        Ok(Touched::new("family-set", family, vec![(Table::Family, family.to_string())]))
+    }
+
+    /// Everything recorded for the family up to now no longer counts.
+    pub(super) fn void_family(&mut self, family: &Family, reason: &str) -> Result<Touched, StoreError> {
+        check_text("reason", reason)?;
+        self.family(family)?;
+        self.execute(
+            "void a family's evidence",
+            "UPDATE family SET void_seq = ?2 WHERE name = ?1",
+            params![family.as_str(), self.next_seq()],
+        )?;
+        Ok(Touched::new("family-voided", family, vec![(Table::Family, family.to_string())]))
+    }
+}

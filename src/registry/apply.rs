@@ -1,0 +1,810 @@
+//! Applies the changes of one transaction, each with its audit record. The caller holds the write transaction and
+//! throws it away on any error.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rusqlite::{Connection, OptionalExtension, Row, params};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::audit::{self, Head};
+use super::change::{
+    AUDIT_MAX, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion, Receipt,
+    TEXT_BYTES_MAX, Transaction, VersionFlags,
+};
+use super::error::StoreError;
+use super::invariants;
+use super::names::{ApprovalDecision, EvidenceKind, StateName};
+use super::rows::{Table, row_digest};
+use crate::approvals::SignedApproval;
+use crate::governance::ids::{CapabilityId, Digest, canonical_json, is_name};
+
+/// The most versions a store holds.
+const VERSIONS_MAX: u64 = 100_000;
+/// The most alarms a store holds.
+const ALARMS_MAX: u64 = 10_000;
+/// The longest command id, bytes.
+const COMMAND_ID_BYTES_MAX: usize = 128;
+
+/// Kinds of record that only the store writes; callers may not use them.
+pub(crate) const OWN_KINDS: [&str; 14] = [
+    "version-registered",
+    "state-set",
+    "flags-set",
+    "scores-set",
+    "active-set",
+    "family-set",
+    "family-voided",
+    "evidence-put",
+    "approval-requested",
+    "approval-put",
+    "approval-consumed",
+    "context-set",
+    "telemetry-sealed",
+    "alarm-changed",
+];
+
+/// A transaction being applied.
+pub(super) struct Applier<'a> {
+    pub(super) connection: &'a Connection,
+    pub(super) at_ms: u64,
+    wall_ms: i64,
+    store_id: &'a str,
+    first_seq: u64,
+    head: Head,
+    row_versions: Vec<(CapabilityId, u64)>,
+    /// Row version of each version whose state was set, as it was before this transaction.
+    row_versions_before: BTreeMap<String, u64>,
+    /// Who approved what, by approvals consumed in this transaction.
+    approved: BTreeMap<String, BTreeSet<String>>,
+    /// Families whose invariants are checked before the commit.
+    families: BTreeSet<String>,
+}
+
+/// What a change touched: its record's kind and subject, and the rows whose digests enter it.
+pub(super) struct Touched {
+    kind: &'static str,
+    subject: String,
+    rows: Vec<(Table, String)>,
+}
+
+impl Touched {
+    pub(super) fn new(kind: &'static str, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
+        Self { kind, subject: subject.to_string(), rows }
+    }
+}
+
+/// The digest that tells a retry from another command with the same id.
+pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreError> {
+    Digest::of_json("holdpoint/command/v1", &(&transaction.changes, &transaction.audit))
+        .map_err(|error| StoreError::invalid("command", &transaction.command_id, error))
+}
+
+/// Applies a whole transaction; nothing is committed.
+pub(crate) fn apply(
+    connection: &Connection,
+    transaction: &Transaction,
+    store_id: &str,
+) -> Result<(Receipt, Head), StoreError> {
+    check_size(transaction)?;
+    let digest = command_digest(transaction)?;
+    let before = audit::head(connection).map_err(StoreError::sql("read the audit chain"))?;
+    if let Some(receipt) = earlier_receipt(connection, transaction, digest)? {
+        return Ok((receipt, before));
+    }
+    if transaction.at_ms < before.at_ms {
+        return Err(StoreError::ClockBack { last_ms: before.at_ms, found_ms: transaction.at_ms });
+    }
+    let mut applier = Applier {
+        connection,
+        at_ms: transaction.at_ms,
+        wall_ms: transaction.wall_ms,
+        store_id,
+        first_seq: before.seq + 1,
+        head: before,
+        row_versions: Vec::new(),
+        row_versions_before: BTreeMap::new(),
+        approved: BTreeMap::new(),
+        families: BTreeSet::new(),
+    };
+    crate::fp!("begin");
+    for change in &transaction.changes {
+        let touched = applier.change(change)?;
+        applier.record(&touched, change)?;
+    }
+    for body in &transaction.audit {
+        applier.caller_record(body)?;
+    }
+    for family in &applier.families {
+        if let Some(violation) = invariants::check_family(connection, family)
+            .map_err(StoreError::sql("check its invariants"))?
+            .into_iter()
+            .next()
+        {
+            return Err(StoreError::Invariant(violation.to_string()));
+        }
+    }
+    let written = applier.head.seq >= applier.first_seq;
+    let receipt = Receipt {
+        command_id: transaction.command_id.clone(),
+        first_seq: if written { applier.first_seq } else { 0 },
+        last_seq: if written { applier.head.seq } else { 0 },
+        head: applier.head.hash,
+        row_versions: applier.row_versions,
+    };
+    connection
+        .prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
+        .and_then(|mut insert| {
+            let text =
+                canonical_json(&receipt).map_err(|e| rusqlite::Error::ToSqlConversionFailure(e.into()))?;
+            insert.execute(params![receipt.command_id, digest.to_string(), applier.head.seq, text])
+        })
+        .map_err(StoreError::sql("keep the receipt"))?;
+    crate::fp!("before-commit");
+    Ok((receipt, applier.head))
+}
+
+fn earlier_receipt(
+    connection: &Connection,
+    transaction: &Transaction,
+    digest: Digest,
+) -> Result<Option<Receipt>, StoreError> {
+    let error = StoreError::sql("look up the command");
+    let found: Option<(String, String)> = connection
+        .prepare_cached("SELECT digest, receipt FROM command WHERE id = ?1")
+        .and_then(|mut select| {
+            select.query_row([&transaction.command_id], |row| Ok((row.get(0)?, row.get(1)?))).optional()
+        })
+        .map_err(&error)?;
+    let Some((stored, receipt)) = found else { return Ok(None) };
+    if stored != digest.to_string() {
+        return Err(StoreError::CommandReused(transaction.command_id.clone()));
+    }
+    serde_json::from_str(&receipt)
+        .map(Some)
+        .map_err(|source| StoreError::invalid("stored receipt", &transaction.command_id, source))
+}
+
+fn check_size(transaction: &Transaction) -> Result<(), StoreError> {
+    let id = &transaction.command_id;
+    if id.is_empty() || id.len() > COMMAND_ID_BYTES_MAX || id.chars().any(char::is_control) {
+        return Err(StoreError::invalid("command id", id, "1 to 128 bytes without control characters"));
+    }
+    if transaction.changes.len() > CHANGES_MAX || transaction.audit.len() > AUDIT_MAX {
+        let size = format!("{} changes, {} records", transaction.changes.len(), transaction.audit.len());
+        return Err(StoreError::invalid("transaction of", size, "at most 256 of each"));
+    }
+    Ok(())
+}
+
+/// A whole number as SQLite keeps it.
+pub(super) fn check_int(what: &'static str, value: u64) -> Result<(), StoreError> {
+    i64::try_from(value).map(drop).map_err(|_| StoreError::invalid(what, value, "at most 2^63 - 1"))
+}
+
+/// JSON text of at most [`BODY_BYTES_MAX`].
+pub(super) fn check_json(what: &'static str, text: &str) -> Result<(), StoreError> {
+    if text.len() > BODY_BYTES_MAX {
+        return Err(StoreError::invalid(what, format!("of {} bytes", text.len()), "at most 4 MiB"));
+    }
+    match serde_json::from_str::<serde::de::IgnoredAny>(text) {
+        Ok(_) => Ok(()),
+        Err(error) => {
+            let start: String = text.chars().take(80).collect();
+            Err(StoreError::invalid(what, start, format!("it must be JSON ({error})")))
+        }
+    }
+}
+
+/// Free text of at most [`TEXT_BYTES_MAX`].
+pub(super) fn check_text(what: &'static str, text: &str) -> Result<(), StoreError> {
+    if text.len() > TEXT_BYTES_MAX {
+        return Err(StoreError::invalid(what, format!("of {} bytes", text.len()), "at most 4096 bytes"));
+    }
+    Ok(())
+}
+
+/// A name of the usual form.
+pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), StoreError> {
+    if is_name(name) {
+        Ok(())
+    } else {
+        Err(StoreError::invalid(what, name, "a name: a-z, 0-9, '.', '_', '-'"))
+    }
+}
+
+/// Sorts semantic versions as text (precedence by semver.org, item 11).
+pub(super) fn sort_key(version: &semver::Version) -> String {
+    let mut key = format!("{:020}.{:020}.{:020}", version.major, version.minor, version.patch);
+    if version.pre.is_empty() {
+        key.push('~');
+    } else {
+        for part in version.pre.split('.') {
+            match part.parse::<u64>() {
+                Ok(number) => key.push_str(&format!("!{number:020}")),
+                Err(_) => key.push_str(&format!("!{part}")),
+            }
+        }
+    }
+    key.push_str(&format!("+{}", version.build));
+    key
+}
+
+impl Applier<'_> {
+    /// Sequence number of the record of the change being applied.
+    pub(super) const fn next_seq(&self) -> u64 {
+        self.head.seq + 1
+    }
+
+    /// The row version a decision before this transaction saw.
+    pub(super) fn row_version_before(&self, name: &str, now: u64) -> u64 {
+        self.row_versions_before.get(name).copied().unwrap_or(now)
+    }
+
+    /// Distinct people whose approval of this version this transaction consumed.
+    pub(super) fn approved_by(&self, name: &str) -> usize {
+        self.approved.get(name).map_or(0, BTreeSet::len)
+    }
+
+    pub(super) fn execute(
+        &self,
+        what: &'static str,
+        sql: &str,
+        parameters: impl rusqlite::Params,
+    ) -> Result<usize, StoreError> {
+        self.connection
+            .prepare_cached(sql)
+            .and_then(|mut statement| statement.execute(parameters))
+            .map_err(StoreError::sql(what))
+    }
+
+    pub(super) fn find<T>(
+        &self,
+        what: &'static str,
+        sql: &str,
+        parameters: impl rusqlite::Params,
+        read: impl FnOnce(&Row<'_>) -> rusqlite::Result<T>,
+    ) -> Result<Option<T>, StoreError> {
+        self.connection
+            .prepare_cached(sql)
+            .and_then(|mut select| select.query_row(parameters, read).optional())
+            .map_err(StoreError::sql(what))
+    }
+
+    /// Appends the record of a change with the digests of the rows it touched.
+    fn record(&mut self, touched: &Touched, change: &Change) -> Result<(), StoreError> {
+        let mut rows = Vec::with_capacity(touched.rows.len());
+        for (table, key) in &touched.rows {
+            let digest =
+                row_digest(self.connection, *table, key).map_err(StoreError::sql("read a row back"))?;
+            let digest =
+                digest.ok_or_else(|| StoreError::NotFound { what: table.name(), name: key.clone() })?;
+            rows.push(json!([table.name(), key, digest]));
+        }
+        let body = json!({ "change": summary(change)?, "rows": rows });
+        let body =
+            canonical_json(&body).map_err(|error| StoreError::invalid("record", touched.kind, error))?;
+        let times = (self.at_ms, self.wall_ms);
+        self.head = audit::append(self.connection, times, touched.kind, &touched.subject, body)?;
+        Ok(())
+    }
+
+    fn caller_record(&mut self, record: &AuditBody) -> Result<(), StoreError> {
+        check_name("kind of record", &record.kind)?;
+        if OWN_KINDS.contains(&record.kind.as_str()) {
+            return Err(StoreError::invalid(
+                "kind of record",
+                &record.kind,
+                "one the store does not write itself",
+            ));
+        }
+        check_text("subject of a record", &record.subject)?;
+        check_json("body of a record", &record.body)?;
+        let times = (self.at_ms, self.wall_ms);
+        self.head =
+            audit::append(self.connection, times, &record.kind, &record.subject, record.body.clone())?;
+        Ok(())
+    }
+
+    fn change(&mut self, change: &Change) -> Result<Touched, StoreError> {
+        match change {
+            Change::RegisterVersion(new) => self.register(new),
+            Change::SetState { version, expected_row_version, from, to, reason } => {
+                self.set_state(version, (*expected_row_version, *from), *to, reason)
+            }
+            Change::SetFlags { version, flags } => self.set_flags(version, *flags),
+            Change::SetScores { version, kappas, signature } => {
+                self.set_scores(version, kappas, signature.as_deref())
+            }
+            Change::SetActive { family, active, pinned, cause } => {
+                self.families.insert(family.to_string());
+                self.set_active(family, active.as_ref(), pinned.as_ref(), cause)
+            }
+            Change::SetFamily { family, safe_stopped, reason } => {
+                self.families.insert(family.to_string());
+                self.set_family(family, *safe_stopped, reason)
+            }
+            Change::VoidFamily { family, reason } => self.void_family(family, reason),
+            Change::PutEvidence { version, kind, json, digest } => {
+                self.put_evidence(version, *kind, json, *digest)
+            }
+            Change::PutApprovalRequest(request) => self.put_request(request),
+            Change::PutApproval(signed) => self.put_approval(signed),
+            Change::ConsumeApproval { nonce, evidence_digest } => {
+                self.consume_approval(nonce, *evidence_digest)
+            }
+            Change::SetContext { profile, policy_digest, json } => {
+                self.set_context(profile, *policy_digest, json)
+            }
+            Change::SealTelemetry { version, batch, rows, .. } => {
+                check_int("batch", *batch)?;
+                check_int("rows", *rows)?;
+                self.version(version)?;
+                Ok(Touched::new("telemetry-sealed", version, Vec::new()))
+            }
+            Change::AlarmChange { alarm, subject, state, priority, json } => {
+                self.alarm(alarm, subject, state, priority, json)
+            }
+        }
+    }
+
+    fn register(&mut self, new: &NewVersion) -> Result<Touched, StoreError> {
+        for (what, text) in [
+            ("manifest", &new.manifest),
+            ("submission", &new.submission),
+            ("permission profile", &new.permissions),
+            ("environment scope", &new.environments),
+        ] {
+            check_json(what, text)?;
+        }
+        for (what, text) in [("author", &new.author), ("provenance", &new.provenance), ("risk", &new.risk)] {
+            check_text(what, text)?;
+        }
+        let (name, family) = (new.id.to_string(), new.id.family.to_string());
+        check_text("version", &name)?;
+        let count: Option<u64> =
+            self.find("count versions", "SELECT count(*) FROM version", [], |row| row.get(0))?;
+        if count.unwrap_or(0) >= VERSIONS_MAX {
+            return Err(StoreError::invalid(
+                "number of versions",
+                VERSIONS_MAX,
+                "no more than that in one store",
+            ));
+        }
+        if self
+            .find("find a version", "SELECT 1 FROM version WHERE name = ?1", [&name], |_| Ok(()))?
+            .is_some()
+        {
+            return Err(StoreError::Exists { what: "version", name });
+        }
+        self.execute(
+            "register a version",
+            "INSERT INTO version (name, family, version, sort_key, parent, state, row_version, baseline,
+               candidate_digest, manifest_digest, bundle_digest, author, provenance, risk, permissions, environments,
+               manifest, submission, registered_ms, changed_ms)
+             VALUES (?1, ?2, ?3, ?4, ?5, 'registered', 1, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?17)",
+            params![
+                name,
+                family,
+                new.id.version.to_string(),
+                sort_key(&new.id.version),
+                new.parent.as_ref().map(ToString::to_string),
+                new.baseline,
+                new.candidate_digest.to_string(),
+                new.manifest_digest.to_string(),
+                new.bundle_digest.to_string(),
+                new.author,
+                new.provenance,
+                new.risk,
+                new.permissions,
+                new.environments,
+                new.manifest,
+                new.submission,
+                self.at_ms,
+            ],
+        )?;
+        self.execute(
+            "add a family",
+            "INSERT INTO family (name, bootstrapped, safe_stopped, reason, void_seq) VALUES (?1, 0, 0, '', 0)
+             ON CONFLICT (name) DO NOTHING",
+            [&family],
+        )?;
+        Ok(Touched::new(
+            "version-registered",
+            &name,
+            vec![(Table::Version, name.clone()), (Table::Family, family)],
+        ))
+    }
+
+    /// State and row version of a version that must be there.
+    pub(super) fn version(&self, version: &CapabilityId) -> Result<(StateName, u64), StoreError> {
+        let name = version.to_string();
+        self.find(
+            "find a version",
+            "SELECT state, row_version FROM version WHERE name = ?1",
+            [&name],
+            |row| Ok((row.get(0)?, row.get(1)?)),
+        )?
+        .ok_or(StoreError::NotFound { what: "version", name })
+    }
+
+    fn set_state(
+        &mut self,
+        version: &CapabilityId,
+        expected: (u64, StateName),
+        to: StateName,
+        reason: &str,
+    ) -> Result<Touched, StoreError> {
+        check_text("reason", reason)?;
+        let (state, row_version) = self.version(version)?;
+        if (row_version, state) != expected {
+            return Err(StoreError::Stale {
+                version: version.clone(),
+                expected: format!("{} (row version {})", expected.1, expected.0),
+                found: format!("{state} (row version {row_version})"),
+            });
+        }
+        let name = version.to_string();
+        let terminal = matches!(to, StateName::Rejected | StateName::RolledBack);
+        self.execute(
+            "set a state",
+            "UPDATE version SET state = ?2, row_version = row_version + 1, changed_ms = ?3,
+               running = CASE WHEN ?4 THEN NULL ELSE running END,
+               paused = CASE WHEN ?4 THEN 0 ELSE paused END,
+               awaiting_approval = CASE WHEN ?4 THEN 0 ELSE awaiting_approval END,
+               provisional = CASE WHEN ?2 = 'active' THEN provisional ELSE 0 END,
+               restricted = CASE WHEN ?2 = 'active' THEN restricted ELSE 0 END,
+               rollback_pending = CASE WHEN ?2 = 'active' THEN rollback_pending ELSE 0 END
+             WHERE name = ?1",
+            params![name, to, self.at_ms, terminal],
+        )?;
+        if to == StateName::Superseded {
+            crate::fp!("old-superseded");
+        }
+        crate::fp!("state-set");
+        self.row_versions_before.entry(name.clone()).or_insert(row_version);
+        self.row_versions.push((version.clone(), row_version + 1));
+        self.families.insert(version.family.to_string());
+        Ok(Touched::new("state-set", version, vec![(Table::Version, name)]))
+    }
+
+    fn set_flags(&mut self, version: &CapabilityId, flags: VersionFlags) -> Result<Touched, StoreError> {
+        self.version(version)?;
+        let name = version.to_string();
+        self.execute(
+            "set flags",
+            "UPDATE version SET running = ?2, paused = ?3, awaiting_approval = ?4, provisional = ?5, restricted = ?6,
+               rollback_pending = ?7, changed_ms = ?8 WHERE name = ?1",
+            params![
+                name,
+                flags.running,
+                flags.paused,
+                flags.awaiting_approval,
+                flags.provisional,
+                flags.restricted,
+                flags.rollback_pending,
+                self.at_ms
+            ],
+        )?;
+        self.families.insert(version.family.to_string());
+        Ok(Touched::new("flags-set", version, vec![(Table::Version, name)]))
+    }
+
+    fn set_scores(
+        &mut self,
+        version: &CapabilityId,
+        kappas: &[Option<f64>; 4],
+        signature: Option<&str>,
+    ) -> Result<Touched, StoreError> {
+        self.version(version)?;
+        if let Some(kappa) = kappas.iter().flatten().find(|kappa| !(0.0..=1.0).contains(*kappa)) {
+            return Err(StoreError::invalid("kappa", kappa, "a number from 0 to 1, or none"));
+        }
+        signature.map_or(Ok(()), |text| check_json("behavioural signature", text))?;
+        let name = version.to_string();
+        let [i, p, b, r] = kappas;
+        self.execute(
+            "set scores",
+            "UPDATE version SET kappa_i = ?2, kappa_p = ?3, kappa_b = ?4, kappa_r = ?5, signature = ?6,
+               changed_ms = ?7 WHERE name = ?1",
+            params![name, i, p, b, r, signature, self.at_ms],
+        )?;
+        Ok(Touched::new("scores-set", version, vec![(Table::Version, name)]))
+    }
+
+    fn put_evidence(
+        &mut self,
+        version: &CapabilityId,
+        kind: EvidenceKind,
+        json: &str,
+        digest: Digest,
+    ) -> Result<Touched, StoreError> {
+        check_json("evidence", json)?;
+        let (_, row_version) = self.version(version)?;
+        let (profile, policy_digest, _) = self.context()?;
+        let seq = self.next_seq();
+        self.execute(
+            "keep evidence",
+            "INSERT INTO evidence (seq, version, kind, row_version, profile, policy_digest, digest, json, at_ms)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+            params![
+                seq,
+                version.to_string(),
+                kind,
+                row_version,
+                profile,
+                policy_digest,
+                digest.to_string(),
+                json,
+                self.at_ms
+            ],
+        )?;
+        Ok(Touched::new("evidence-put", version, vec![(Table::Evidence, seq.to_string())]))
+    }
+
+    /// Profile, policy digest and since which record; must have been set.
+    pub(super) fn context(&self) -> Result<(String, String, u64), StoreError> {
+        self.find(
+            "read the context",
+            "SELECT profile, policy_digest, seq FROM context WHERE id = 1",
+            [],
+            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+        )?
+        .ok_or(StoreError::NotFound { what: "context (profile and policy)", name: "set it first".to_owned() })
+    }
+
+    fn set_context(
+        &mut self,
+        profile: &str,
+        policy_digest: Digest,
+        json: &str,
+    ) -> Result<Touched, StoreError> {
+        check_name("profile", profile)?;
+        check_json("context", json)?;
+        self.execute(
+            "set the context",
+            "INSERT INTO context (id, profile, policy_digest, json, seq) VALUES (1, ?1, ?2, ?3, ?4)
+             ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
+            params![profile, policy_digest.to_string(), json, self.next_seq()],
+        )?;
+        Ok(Touched::new("context-set", "", vec![(Table::Context, "1".to_owned())]))
+    }
+
+    fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
+        check_name("approval request", &request.id)?;
+        check_json("approval request", &request.json)?;
+        check_int("deadline", request.deadline_ms)?;
+        check_int("row version", request.row_version)?;
+        self.version(&request.version)?;
+        self.execute(
+            "keep an approval request",
+            "INSERT INTO approval_request (id, version, row_version, evidence_digest, policy_digest, profile, needed,
+               asked_ms, deadline_ms, state, json)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)
+             ON CONFLICT (id) DO UPDATE SET state = ?10, json = ?11
+               WHERE version = ?2 AND row_version = ?3 AND evidence_digest = ?4 AND policy_digest = ?5
+                 AND profile = ?6 AND needed = ?7 AND deadline_ms = ?9",
+            params![
+                request.id,
+                request.version.to_string(),
+                request.row_version,
+                request.evidence_digest.to_string(),
+                request.policy_digest.to_string(),
+                request.profile,
+                request.needed,
+                self.at_ms,
+                request.deadline_ms,
+                request.state,
+                request.json
+            ],
+        )
+        .and_then(|changed| match changed {
+            0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
+            _ => Ok(()),
+        })?;
+        let rows = vec![(Table::ApprovalRequest, request.id.clone())];
+        Ok(Touched::new("approval-requested", &request.version, rows))
+    }
+
+    fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
+        let approval = signed.approval();
+        let nonce = approval.nonce.to_string();
+        let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
+        signed.verify_signature().map_err(|error| refuse(error.to_string()))?;
+        if approval.store_id != self.store_id {
+            return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
+        }
+        check_int("expiry", approval.not_after_ms)?;
+        check_int("row version", approval.row_version)?;
+        self.version(&approval.version)?;
+        if self
+            .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
+            .is_some()
+        {
+            return Err(refuse("its nonce was seen before".to_owned()));
+        }
+        let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
+        self.execute(
+            "keep an approval",
+            "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+            params![
+                nonce,
+                self.next_seq(),
+                approval.version.to_string(),
+                approval.who,
+                approval.decision,
+                approval.row_version,
+                approval.not_after_ms,
+                approval.claim_digest().to_string(),
+                self.at_ms,
+                text
+            ],
+        )?;
+        Ok(Touched::new("approval-put", &approval.version, vec![(Table::Approval, nonce)]))
+    }
+
+    fn consume_approval(&mut self, nonce: &str, evidence_digest: Digest) -> Result<Touched, StoreError> {
+        let refuse =
+            |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
+        let (text, seq, consumed): (String, u64, Option<u64>) = self
+            .find(
+                "find an approval",
+                "SELECT signed, seq, consumed_seq FROM approval WHERE nonce = ?1",
+                [nonce],
+                |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "approval", name: nonce.to_owned() })?;
+        let signed: SignedApproval =
+            serde_json::from_str(&text).map_err(|error| refuse(&format!("it is damaged: {error}")))?;
+        let approval = signed.approval();
+        let name = approval.version.to_string();
+        let (_, row_version) = self.version(&approval.version)?;
+        let (profile, policy_digest, context_seq) = self.context()?;
+        let (candidate_digest, void_seq): (String, u64) = self
+            .find(
+                "find a version",
+                "SELECT v.candidate_digest, f.void_seq FROM version v JOIN family f ON f.name = v.family
+                 WHERE v.name = ?1",
+                [&name],
+                |row| Ok((row.get(0)?, row.get(1)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
+        // The first that applies is the answer; the order is from the plainest to the subtlest.
+        let problem = if consumed.is_some() {
+            Some("it was used already")
+        } else if approval.decision != ApprovalDecision::Approve {
+            Some("it is a refusal")
+        } else if self.at_ms >= approval.not_after_ms {
+            Some("it has expired")
+        } else if approval.row_version != self.row_version_before(&name, row_version) {
+            Some("the version has changed since")
+        } else if approval.candidate_digest.to_string() != candidate_digest {
+            Some("it is for another candidate")
+        } else if approval.evidence_digest != evidence_digest {
+            Some("the evidence has changed since")
+        } else if approval.profile != profile || approval.policy_digest.to_string() != policy_digest {
+            Some("profile or policy have changed since")
+        } else if seq <= void_seq || seq <= context_seq {
+            Some("it was voided by a change of the family's active version, profile, policy or thresholds")
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            return Err(refuse(problem));
+        }
+        signed.verify_signature().map_err(|error| refuse(&error.to_string()))?;
+        let next_seq = self.next_seq();
+        self.execute(
+            "use an approval",
+            "UPDATE approval SET consumed_seq = ?2 WHERE nonce = ?1 AND consumed_seq IS NULL",
+            params![nonce, next_seq],
+        )
+        .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
+        crate::fp!("approval-consumed");
+        let rows = vec![(Table::Approval, nonce.to_owned())];
+        let touched = Touched::new("approval-consumed", &approval.version, rows);
+        self.approved.entry(name).or_default().insert(approval.who.clone());
+        Ok(touched)
+    }
+
+    fn alarm(
+        &mut self,
+        alarm: &str,
+        subject: &str,
+        state: &str,
+        priority: &str,
+        json: &str,
+    ) -> Result<Touched, StoreError> {
+        check_json("alarm", json)?;
+        for (what, text) in [("alarm", alarm), ("subject", subject), ("state", state), ("priority", priority)]
+        {
+            check_text(what, text)?;
+        }
+        let count: Option<u64> =
+            self.find("count alarms", "SELECT count(*) FROM alarm", [], |row| row.get(0))?;
+        if count.unwrap_or(0) >= ALARMS_MAX
+            && self.find("find an alarm", "SELECT 1 FROM alarm WHERE id = ?1", [alarm], |_| Ok(()))?.is_none()
+        {
+            return Err(StoreError::invalid(
+                "number of alarms",
+                ALARMS_MAX,
+                "no more than that in one store",
+            ));
+        }
+        self.execute(
+            "keep an alarm",
+            "INSERT INTO alarm (id, subject, state, priority, json, changed_ms) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
+             ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
+            params![alarm, subject, state, priority, json, self.at_ms],
+        )?;
+        Ok(Touched::new("alarm-changed", subject, vec![(Table::Alarm, alarm.to_owned())]))
+    }
+}
+
+/// What the chain says of a change: everything but the long texts, which its rows' digests vouch for.
+fn summary(change: &Change) -> Result<Value, StoreError> {
+    #[derive(Serialize)]
+    struct ApprovalSummary<'a> {
+        change: &'static str,
+        who: &'a str,
+        role: &'a str,
+        decision: ApprovalDecision,
+        reason: &'a str,
+        row_version: u64,
+        evidence_digest: Digest,
+        policy_digest: Digest,
+        profile: &'a str,
+        not_after_ms: u64,
+        nonce: &'a str,
+    }
+    let value = if let Change::PutApproval(signed) = change {
+        let approval = signed.approval();
+        serde_json::to_value(ApprovalSummary {
+            change: "put-approval",
+            who: &approval.who,
+            role: approval.role.as_str(),
+            decision: approval.decision,
+            reason: &approval.reason,
+            row_version: approval.row_version,
+            evidence_digest: approval.evidence_digest,
+            policy_digest: approval.policy_digest,
+            profile: &approval.profile,
+            not_after_ms: approval.not_after_ms,
+            nonce: approval.nonce.as_str(),
+        })
+    } else {
+        serde_json::to_value(change)
+    };
+    let mut value = value.map_err(|error| StoreError::invalid("change", "", error))?;
+    if let Some(fields) = value.as_object_mut() {
+        for text in ["json", "manifest", "submission", "permissions", "environments", "signature"] {
+            fields.remove(text);
+        }
+    }
+    Ok(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sort_key;
+
+    #[test]
+    fn versions_sort_as_semver_says() {
+        let versions = [
+            "0.9.0",
+            "1.0.0-alpha",
+            "1.0.0-alpha.1",
+            "1.0.0-alpha.2",
+            "1.0.0-alpha.10",
+            "1.0.0",
+            "1.2.0",
+            "1.10.0",
+            "2.0.0",
+        ];
+        let keys: Vec<_> = versions.iter().map(|text| sort_key(&text.parse().unwrap())).collect();
+        let mut sorted = keys.clone();
+        sorted.sort();
+        assert_eq!(keys, sorted);
+    }
+}

@@ -1,0 +1,259 @@
+//! The audit chain: append-only records, each holding the hash of the one before.
+//!
+//! Owns what a record's bytes are and how one is appended and read. It hashes virtual time and never wall time, so
+//! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify).
+
+use std::io::{ErrorKind, Write};
+
+use rusqlite::{Connection, OptionalExtension, Row, params};
+use serde::Serialize;
+
+use super::error::StoreError;
+use crate::governance::ids::Digest;
+
+/// Domain tag of a record's hash.
+const DOMAIN: &str = "holdpoint/audit/v1";
+
+/// One record of the chain.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct AuditRecord {
+    /// 1, 2, 3, ... without gaps.
+    pub seq: u64,
+    /// Hash of the record before; zeros for the first.
+    pub prev: Digest,
+    /// SHA-256 over prev, seq, virtual time, kind, subject and body, each with its length, behind a domain tag.
+    pub hash: Digest,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// Kind of record.
+    pub kind: String,
+    /// What it is about: `family`, `family@version`, or empty.
+    pub subject: String,
+    /// JSON text.
+    pub body: String,
+    /// Wall time, ms since 1970; not hashed.
+    pub wall_ms: i64,
+}
+
+impl AuditRecord {
+    /// The hash these fields must have.
+    #[must_use]
+    pub fn expected_hash(&self) -> Digest {
+        Digest::of_parts(
+            DOMAIN,
+            &[
+                self.prev.bytes(),
+                &self.seq.to_le_bytes(),
+                &self.at_ms.to_le_bytes(),
+                self.kind.as_bytes(),
+                self.subject.as_bytes(),
+                self.body.as_bytes(),
+            ],
+        )
+    }
+
+    /// Columns, in the order [`Self::read`] takes them.
+    pub(crate) const COLUMNS: &str = "seq, prev, hash, at_ms, kind, subject, body, wall_ms";
+
+    /// Reads a row of [`Self::COLUMNS`].
+    pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<Self> {
+        Ok(Self {
+            seq: row.get(0)?,
+            prev: Digest::from_bytes(row.get(1)?),
+            hash: Digest::from_bytes(row.get(2)?),
+            at_ms: row.get(3)?,
+            kind: row.get(4)?,
+            subject: row.get(5)?,
+            body: row.get(6)?,
+            wall_ms: row.get(7)?,
+        })
+    }
+}
+
+/// The end of the chain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// Sequence number of the last record, 0 where there is none.
+    pub seq: u64,
+    /// Its hash, zeros where there is none.
+    pub hash: Digest,
+    /// Its virtual time, ms; the next record's is not before it.
+    pub at_ms: u64,
+}
+
+/// Reads the end of the chain.
+pub(crate) fn head(connection: &Connection) -> rusqlite::Result<Head> {
+    let (seq, hash) = connection
+        .prepare_cached("SELECT seq, hash FROM audit_head WHERE id = 1")?
+        .query_row([], |row| Ok((row.get::<_, u64>(0)?, Digest::from_bytes(row.get(1)?))))?;
+    let at_ms = connection
+        .prepare_cached("SELECT at_ms FROM audit WHERE seq = ?1")?
+        .query_row([seq], |row| row.get(0))
+        .optional()?
+        .unwrap_or(0);
+    Ok(Head { seq, hash, at_ms })
+}
+
+/// Appends one record; the caller holds the write transaction.
+pub(crate) fn append(
+    connection: &Connection,
+    (at_ms, wall_ms): (u64, i64),
+    kind: &str,
+    subject: &str,
+    body: String,
+) -> Result<Head, StoreError> {
+    let error = StoreError::sql("append to the audit chain");
+    let before = head(connection).map_err(&error)?;
+    let mut record = AuditRecord {
+        seq: before.seq + 1,
+        prev: before.hash,
+        hash: before.hash,
+        at_ms,
+        kind: kind.to_owned(),
+        subject: subject.to_owned(),
+        body,
+        wall_ms,
+    };
+    record.hash = record.expected_hash();
+    connection
+        .prepare_cached(
+            "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+        )
+        .and_then(|mut insert| {
+            insert.execute(params![
+                record.seq,
+                record.prev.bytes(),
+                record.hash.bytes(),
+                record.at_ms,
+                record.kind,
+                record.subject,
+                record.body,
+                record.wall_ms
+            ])
+        })
+        .map_err(&error)?;
+    connection
+        .prepare_cached("UPDATE audit_head SET seq = ?1, hash = ?2 WHERE id = 1")
+        .and_then(|mut update| update.execute(params![record.seq, record.hash.bytes()]))
+        .map_err(&error)?;
+    crate::fp!("audit-inserted");
+    Ok(Head { seq: record.seq, hash: record.hash, at_ms })
+}
+
+/// Calls `visit` with each record from `from_seq` on, in order, one at a time.
+pub(crate) fn for_each<E: From<rusqlite::Error>>(
+    connection: &Connection,
+    from_seq: u64,
+    mut visit: impl FnMut(AuditRecord) -> Result<(), E>,
+) -> Result<(), E> {
+    let sql = format!("SELECT {} FROM audit WHERE seq >= ?1 ORDER BY seq", AuditRecord::COLUMNS);
+    let mut select = connection.prepare(&sql)?;
+    let mut rows = select.query([from_seq])?;
+    while let Some(row) = rows.next()? {
+        visit(AuditRecord::read(row)?)?;
+    }
+    Ok(())
+}
+
+/// A failure while exporting.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The chain cannot be read.
+    #[error("the audit chain cannot be read: {0}")]
+    Read(#[from] rusqlite::Error),
+    /// The output cannot be written.
+    #[error("the audit chain cannot be written out: {0}")]
+    Write(#[from] std::io::Error),
+    /// A record has no JSON form.
+    #[error("the audit record cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+/// Writes the chain from `from_seq` on as JSON lines and returns how many; a reader that goes away is a clean end.
+///
+/// Every character outside printable ASCII is written as a `\u` escape, so that the lines are safe on a terminal.
+///
+/// # Errors
+/// [`ExportError`].
+pub(crate) fn export(
+    connection: &Connection,
+    from_seq: u64,
+    out: &mut dyn Write,
+) -> Result<u64, ExportError> {
+    let mut written = 0;
+    let ended = for_each(connection, from_seq, |record| {
+        let line = ascii_json(&serde_json::to_string(&record)?);
+        out.write_all(line.as_bytes())?;
+        out.write_all(b"\n")?;
+        written += 1;
+        Ok::<(), ExportError>(())
+    })
+    .and_then(|()| Ok(out.flush()?));
+    match ended {
+        Err(ExportError::Write(error)) if error.kind() == ErrorKind::BrokenPipe => Ok(written),
+        Err(error) => Err(error),
+        Ok(()) => Ok(written),
+    }
+}
+
+/// JSON text with everything but printable ASCII as `\u` escapes; the same value.
+fn ascii_json(json: &str) -> String {
+    let mut text = String::with_capacity(json.len());
+    for character in json.chars() {
+        if matches!(character, ' '..='~') {
+            text.push(character);
+        } else {
+            for unit in character.encode_utf16(&mut [0; 2]) {
+                text.push_str(&format!("\\u{unit:04x}"));
+            }
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escapes_keep_the_value() {
+        for value in ["plain", "\u{9b}31m", "\u{202e}evil", "é", "😀", "\u{7f}", "\u{1b}[2J"] {
+            let text = ascii_json(&serde_json::to_string(value).unwrap());
+            assert!(text.bytes().all(|b| (b' '..=b'~').contains(&b)), "{text}");
+            assert_eq!(serde_json::from_str::<String>(&text).unwrap(), value);
+        }
+    }
+
+    #[test]
+    fn every_field_is_hashed_but_wall_time() {
+        let zero = Digest::from_bytes([0; 32]);
+        let record = AuditRecord {
+            seq: 1,
+            prev: zero,
+            hash: zero,
+            at_ms: 2,
+            kind: "k".into(),
+            subject: "s".into(),
+            body: "{}".into(),
+            wall_ms: 3,
+        };
+        let hash = record.expected_hash();
+        let edits: [fn(&mut AuditRecord); 6] = [
+            |r| r.seq = 2,
+            |r| r.prev = Digest::from_bytes([1; 32]),
+            |r| r.at_ms = 3,
+            |r| r.kind = "l".into(),
+            |r| r.subject = "t".into(),
+            |r| r.body = "[]".into(),
+        ];
+        for (index, edit) in edits.into_iter().enumerate() {
+            let mut edited = record.clone();
+            edit(&mut edited);
+            assert_ne!(edited.expected_hash(), hash, "edit {index}");
+        }
+        let mut later = record.clone();
+        later.wall_ms = 9;
+        assert_eq!(later.expected_hash(), hash);
+    }
+}

@@ -1,0 +1,275 @@
+//! What a transaction on the registry is made of: plain data, no I/O.
+//!
+//! A [`Transaction`] is applied whole or not at all. Every [`Change`] leaves an audit record of its own in the same
+//! transaction; the caller's [`AuditBody`] records follow them and say why. Bodies (manifests, evidence, decisions)
+//! are opaque JSON text: the store keeps the bytes it was given and chains their digest.
+
+use serde::Serialize;
+
+use super::names::{EvidenceKind, RequestState, StageName, StateName};
+use crate::approvals::SignedApproval;
+use crate::governance::ids::{CapabilityId, Digest, Family};
+
+/// The largest JSON text the store takes for one field, bytes.
+pub const BODY_BYTES_MAX: usize = 4 << 20;
+/// The largest free text (reason, name of a trigger), bytes.
+pub const TEXT_BYTES_MAX: usize = 4096;
+/// The most changes in one transaction.
+pub const CHANGES_MAX: usize = 256;
+/// The most records a caller may add to one transaction.
+pub const AUDIT_MAX: usize = 256;
+
+/// One all-or-nothing step of the registry.
+#[derive(Clone, Debug, Serialize)]
+pub struct Transaction {
+    /// Names the command: a retry with the same id and content returns the first receipt. 1 to 128 bytes.
+    pub command_id: String,
+    /// Virtual time, ms; must not be before the last record's. Hashed into the chain.
+    pub at_ms: u64,
+    /// Wall time, ms since 1970; kept beside the records and never hashed, so that equal runs give equal chains.
+    pub wall_ms: i64,
+    /// Applied in this order. Put [`Change::ConsumeApproval`] before the [`Change::SetState`] it allows, and the
+    /// `SetState` of a leaving active version before that of its successor.
+    pub changes: Vec<Change>,
+    /// Records that explain the changes.
+    pub audit: Vec<AuditBody>,
+}
+
+/// A record the caller adds to the audit chain.
+#[derive(Clone, Debug, Serialize)]
+pub struct AuditBody {
+    /// Kind of record, e.g. `decision`; a name of the usual form.
+    pub kind: String,
+    /// What it is about: `family`, `family@version`, or empty.
+    pub subject: String,
+    /// JSON text.
+    pub body: String,
+}
+
+/// What the store answers once a transaction is on disk.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
+pub struct Receipt {
+    /// The command.
+    pub command_id: String,
+    /// First audit record written (0 where none was).
+    pub first_seq: u64,
+    /// Last audit record written (0 where none was).
+    pub last_seq: u64,
+    /// Digest of the chain's last record.
+    pub head: Digest,
+    /// Row version of each version whose state was set, in order.
+    pub row_versions: Vec<(CapabilityId, u64)>,
+}
+
+/// A version to register (paper appendix F, registry entry).
+#[derive(Clone, Debug, Serialize)]
+pub struct NewVersion {
+    /// Family and version.
+    pub id: CapabilityId,
+    /// The version it was made from.
+    pub parent: Option<CapabilityId>,
+    /// Digest of everything submitted; what approvals and gates bind to.
+    pub candidate_digest: Digest,
+    /// Digest of the canonical manifest.
+    pub manifest_digest: Digest,
+    /// Digest of what runs.
+    pub bundle_digest: Digest,
+    /// Canonical manifest, JSON text.
+    pub manifest: String,
+    /// Submission (author, provenance, risk, declared traces), JSON text.
+    pub submission: String,
+    /// Who submitted it.
+    pub author: String,
+    /// How it came about: rl, imitation, llm, manual, optimiser.
+    pub provenance: String,
+    /// Estimated risk as submitted.
+    pub risk: String,
+    /// Permission profile (the manifest's P), JSON text.
+    pub permissions: String,
+    /// Environment scope (D.environments), JSON text.
+    pub environments: String,
+    /// Whether this is a family's first version, active without a gate.
+    pub baseline: bool,
+}
+
+/// What is going on with a version beside its state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
+pub struct VersionFlags {
+    /// The stage that is running.
+    pub running: Option<StageName>,
+    /// Blocks all but reject, demote and rollback.
+    pub paused: bool,
+    /// Waiting for people.
+    pub awaiting_approval: bool,
+    /// Active, not yet confirmed.
+    pub provisional: bool,
+    /// Under a tighter envelope by the monitor.
+    pub restricted: bool,
+    /// A rollback has begun and is not finished.
+    pub rollback_pending: bool,
+}
+
+/// Why a family's active pointer moves.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "cause", rename_all = "kebab-case")]
+pub enum ActiveCause {
+    /// The family's first version; only where it never had one.
+    Bootstrap,
+    /// A candidate passed the gate.
+    Gate {
+        /// Digest of the gate evidence, stored for this version at its present row version.
+        evidence: Digest,
+        /// Distinct people whose approvals must be consumed in this same transaction.
+        approvals_needed: u32,
+    },
+    /// The pinned predecessor takes over again.
+    Restore,
+    /// Nobody is active; the family must be safe-stopped in the same transaction.
+    Vacate,
+    /// An operator re-arms a safe-stopped family with a version that was active before.
+    Rearm,
+}
+
+/// One change of the registry.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "change", rename_all = "kebab-case")]
+pub enum Change {
+    /// A new version enters as `registered`, row version 1.
+    RegisterVersion(Box<NewVersion>),
+    /// The lifecycle state moves; the row version goes up by one.
+    SetState {
+        /// The version.
+        version: CapabilityId,
+        /// The row version the decision was made on.
+        expected_row_version: u64,
+        /// The state the decision was made on.
+        from: StateName,
+        /// The new state.
+        to: StateName,
+        /// Why, in a sentence.
+        reason: String,
+    },
+    /// Replaces all flags; the row version stays (a pause does not void an approval).
+    SetFlags {
+        /// The version.
+        version: CapabilityId,
+        /// All its flags.
+        flags: VersionFlags,
+    },
+    /// Scores of the last validation, each in 0..=1 or not measured, and the behavioural signature.
+    SetScores {
+        /// The version.
+        version: CapabilityId,
+        /// kappa I, P, B, R.
+        kappas: [Option<f64>; 4],
+        /// Behavioural signature, JSON text.
+        signature: Option<String>,
+    },
+    /// Moves a family's active pointer. Belongs in one transaction with the `SetState`s it goes with.
+    SetActive {
+        /// The family.
+        family: Family,
+        /// Who is active from now on.
+        active: Option<CapabilityId>,
+        /// The rollback target: a superseded version of the family.
+        pinned: Option<CapabilityId>,
+        /// Why.
+        cause: ActiveCause,
+    },
+    /// Stops a family safely or re-arms it.
+    SetFamily {
+        /// The family; made where it is new.
+        family: Family,
+        /// Whether it is stopped: then it has no active version.
+        safe_stopped: bool,
+        /// Why, in a sentence.
+        reason: String,
+    },
+    /// Voids all of a family's earlier gate passes, approvals and comparative evidence.
+    VoidFamily {
+        /// The family.
+        family: Family,
+        /// Why, in a sentence.
+        reason: String,
+    },
+    /// A piece of evidence on a version at its present row version.
+    PutEvidence {
+        /// The version.
+        version: CapabilityId,
+        /// What it is about.
+        kind: EvidenceKind,
+        /// The evidence, JSON text.
+        json: String,
+        /// Its digest as governance names it.
+        digest: Digest,
+    },
+    /// Asks people for approval, or changes how a request stands.
+    PutApprovalRequest(Box<ApprovalRequest>),
+    /// Keeps a signed decision. Its signature is checked, and that it was made for this store.
+    PutApproval(Box<SignedApproval>),
+    /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
+    ConsumeApproval {
+        /// Which.
+        nonce: String,
+        /// Digest of the evidence as it stands now; must be what was approved.
+        evidence_digest: Digest,
+    },
+    /// The profile, policy or thresholds change; voids everything made under the old ones.
+    SetContext {
+        /// Name of the profile.
+        profile: String,
+        /// Digest of profile, policy set and thresholds together.
+        policy_digest: Digest,
+        /// What it consists of, JSON text.
+        json: String,
+    },
+    /// A batch of telemetry is on disk; its digest enters the chain.
+    SealTelemetry {
+        /// The version it is about.
+        version: CapabilityId,
+        /// The batch's number.
+        batch: u64,
+        /// Its digest, as the telemetry file returned it.
+        digest: Digest,
+        /// Rows in it.
+        rows: u64,
+    },
+    /// An alarm as it now stands.
+    AlarmChange {
+        /// Which alarm.
+        alarm: String,
+        /// What it is about.
+        subject: String,
+        /// Its state, as the alarm module names it.
+        state: String,
+        /// Its priority, as the alarm module names it.
+        priority: String,
+        /// All of it, JSON text.
+        json: String,
+    },
+}
+
+/// A request for approval, as stored.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ApprovalRequest {
+    /// Its id, a name.
+    pub id: String,
+    /// What is to be approved.
+    pub version: CapabilityId,
+    /// At which row version.
+    pub row_version: u64,
+    /// On which evidence.
+    pub evidence_digest: Digest,
+    /// Under which policy.
+    pub policy_digest: Digest,
+    /// For which profile.
+    pub profile: String,
+    /// How many distinct people.
+    pub needed: u32,
+    /// Virtual time it lapses, ms.
+    pub deadline_ms: u64,
+    /// How it stands.
+    pub state: RequestState,
+    /// What was shown to the people asked, JSON text.
+    pub json: String,
+}

@@ -1,0 +1,146 @@
+//! What can go wrong with the store, said once.
+
+use std::path::{Path, PathBuf};
+
+use crate::governance::ids::CapabilityId;
+
+/// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed where one is returned,
+/// except that of [`StoreError::Unknown`] the outcome is not known and the command may be retried with the same id.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// A file or folder could not be used.
+    #[error("cannot {what} {path:?}: {source}")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// On which path.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// Another engine has the store.
+    #[error("the store {path:?} is in use by {owner}. Hint: send commands to that engine, or end it first")]
+    InUse {
+        /// The store's folder.
+        path: PathBuf,
+        /// The first engine: its process id and start.
+        owner: String,
+    },
+    /// The file is not ours, is newer than this program, is cut short or damaged. It was not modified.
+    #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed. Hint: {hint}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// SQLite reported an error.
+    #[error("the store could not {what}: {source}")]
+    Sqlite {
+        /// What was tried.
+        what: &'static str,
+        /// Why not.
+        source: rusqlite::Error,
+    },
+    /// The disk is full. The transaction was undone.
+    #[error(
+        "the disk is full: the store could not {what}; nothing was changed. Hint: free some space and retry"
+    )]
+    DiskFull {
+        /// What was tried.
+        what: &'static str,
+    },
+    /// No such version, request, approval or family.
+    #[error("there is no {what} {name:?} in the store")]
+    NotFound {
+        /// What was looked for.
+        what: &'static str,
+        /// Its name.
+        name: String,
+    },
+    /// It is there already.
+    #[error("the {what} {name:?} is in the store already")]
+    Exists {
+        /// What.
+        what: &'static str,
+        /// Its name.
+        name: String,
+    },
+    /// Someone else changed the version first.
+    #[error(
+        "{version} has changed: expected {expected}, found {found}. Hint: look at it again and decide again"
+    )]
+    Stale {
+        /// The version.
+        version: CapabilityId,
+        /// State and row version the caller knew.
+        expected: String,
+        /// State and row version it has.
+        found: String,
+    },
+    /// An approval that cannot be used.
+    #[error("the approval {nonce} cannot be used: {problem}")]
+    Approval {
+        /// Its nonce.
+        nonce: String,
+        /// Why not.
+        problem: String,
+    },
+    /// The command id was used for something else.
+    #[error("the command id {0:?} was already used for a different command")]
+    CommandReused(String),
+    /// The transaction would leave the registry in a state it must never be in.
+    #[error("the change is refused: {0}")]
+    Invariant(String),
+    /// A value that is not allowed.
+    #[error("{what} {value:?} is not allowed: {allowed}")]
+    Invalid {
+        /// Which value.
+        what: &'static str,
+        /// The value.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// The virtual clock went back.
+    #[error(
+        "the clock went back: the last record is from {last_ms} ms, this one from {found_ms} ms; holding"
+    )]
+    ClockBack {
+        /// Virtual time of the last record, ms.
+        last_ms: u64,
+        /// Virtual time of the refused transaction, ms.
+        found_ms: u64,
+    },
+    /// The writer has ended; the outcome of the command is not known.
+    #[error(
+        "the store's writer has ended; the outcome of the command is not known. Hint: restart and retry it"
+    )]
+    Unknown,
+    /// A test asked for a failure here.
+    #[error("failpoint {0:?}")]
+    Failpoint(&'static str),
+}
+
+impl StoreError {
+    /// Wraps an I/O error.
+    pub(crate) fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { what, path, source }
+    }
+
+    /// Wraps an SQLite error; a full disk is said plainly.
+    pub(crate) fn sql(what: &'static str) -> impl Fn(rusqlite::Error) -> Self {
+        move |source| match source.sqlite_error_code() {
+            Some(rusqlite::ErrorCode::DiskFull) => Self::DiskFull { what },
+            _ => Self::Sqlite { what, source },
+        }
+    }
+
+    /// A value that is not allowed.
+    pub(crate) fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
+        Self::Invalid { what, value: value.to_string(), allowed: allowed.to_string() }
+    }
+}

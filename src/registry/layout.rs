@@ -1,0 +1,203 @@
+//! Where a store keeps what: the folder, its files, and the lock that gives it to one engine.
+
+use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::error::StoreError;
+
+/// The paths of one store.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    folder: PathBuf,
+}
+
+impl Layout {
+    /// The layout of the store in `folder`; nothing is touched.
+    #[must_use]
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into() }
+    }
+
+    /// The store's folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Registry, evidence, approvals and audit chain.
+    #[must_use]
+    pub fn database(&self) -> PathBuf {
+        self.folder.join("holdpoint.db")
+    }
+
+    /// Telemetry batches and cached episodes.
+    #[must_use]
+    pub fn telemetry(&self) -> PathBuf {
+        self.folder.join("telemetry.db")
+    }
+
+    /// The lock of the engine that has the store.
+    #[must_use]
+    pub fn lock(&self) -> PathBuf {
+        self.folder.join("engine.lock")
+    }
+
+    /// The store's keys.
+    #[must_use]
+    pub fn keys(&self) -> PathBuf {
+        self.folder.join("keys")
+    }
+
+    /// People's keys.
+    #[must_use]
+    pub fn identities(&self) -> PathBuf {
+        self.folder.join("keys").join("identities")
+    }
+
+    /// The key that signs checkpoints.
+    #[must_use]
+    pub fn store_key(&self) -> PathBuf {
+        self.keys().join("store.key")
+    }
+
+    /// Its public half.
+    #[must_use]
+    pub fn store_public_key(&self) -> PathBuf {
+        self.keys().join("store.pub")
+    }
+
+    /// Signed checkpoints of the audit chain.
+    #[must_use]
+    pub fn checkpoints(&self) -> PathBuf {
+        self.folder.join("checkpoints")
+    }
+
+    /// Scene recordings.
+    #[must_use]
+    pub fn recordings(&self) -> PathBuf {
+        self.folder.join("recordings")
+    }
+
+    /// Logs.
+    #[must_use]
+    pub fn logs(&self) -> PathBuf {
+        self.folder.join("logs")
+    }
+
+    /// Makes the folders that are missing, only for their owner.
+    ///
+    /// # Errors
+    /// Where one cannot be made or written to.
+    pub(crate) fn create(&self) -> Result<(), StoreError> {
+        let folders = [
+            self.folder.clone(),
+            self.keys(),
+            self.identities(),
+            self.checkpoints(),
+            self.recordings(),
+            self.logs(),
+        ];
+        for path in folders {
+            let made = DirBuilder::new().recursive(true).mode(0o700).create(&path);
+            made.map_err(StoreError::io("make the store folder", &path))?;
+        }
+        Ok(())
+    }
+}
+
+/// The store belongs to this engine until this is dropped or the process ends.
+#[derive(Debug)]
+pub(crate) struct EngineLock {
+    _file: File,
+}
+
+impl EngineLock {
+    /// Takes the lock, or says who has it.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] with the first engine's process id and start; [`StoreError::Io`].
+    pub(crate) fn take(layout: &Layout) -> Result<Self, StoreError> {
+        let path = layout.lock();
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(&path)
+            .map_err(StoreError::io("open the engine lock", &path))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let mut owner = String::new();
+                let read = file.take(200).read_to_string(&mut owner).is_ok();
+                let owner = owner.trim_end();
+                let owner = if read && owner.starts_with("process ") { owner } else { "another process" };
+                return Err(StoreError::InUse { path: layout.folder().to_owned(), owner: owner.to_owned() });
+            }
+            Err(TryLockError::Error(source)) => return Err(StoreError::io("lock", &path)(source)),
+        }
+        let text = format!("process {} since {}\n", std::process::id(), utc_now());
+        file.set_len(0)
+            .and_then(|()| file.rewind())
+            .and_then(|()| file.write_all(text.as_bytes()))
+            .map_err(StoreError::io("write the engine lock", &path))?;
+        Ok(Self { _file: file })
+    }
+}
+
+/// Forces a folder's entries to disk.
+pub(crate) fn sync_folder(path: &Path) -> Result<(), StoreError> {
+    File::open(path).and_then(|folder| folder.sync_all()).map_err(StoreError::io("write the folder", path))
+}
+
+/// Writes a whole file so that either the old or the new one is there, whatever happens.
+pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    let part = path.with_extension("part");
+    let mut file = File::create(&part).map_err(StoreError::io("create", &part))?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(StoreError::io("write", &part))?;
+    fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
+    path.parent().map_or(Ok(()), sync_folder)
+}
+
+/// The present wall time for people, UTC.
+fn utc_now() -> String {
+    let secs = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    utc(secs)
+}
+
+/// Seconds since 1970 as `2026-11-21 02:10:24 UTC` (civil-from-days, Howard Hinnant).
+fn utc(secs: u64) -> String {
+    let (days, second) = (secs / 86_400 + 719_468, secs % 86_400);
+    let (era, day) = (days / 146_097, days % 146_097);
+    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let month = (5 * day + 2) / 153;
+    let (day, month) = (day - (153 * month + 2) / 5 + 1, if month < 10 { month + 3 } else { month - 9 });
+    let year = year + era * 400 + u64::from(month <= 2);
+    format!(
+        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC",
+        second / 3600,
+        second / 60 % 60,
+        second % 60
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::utc;
+
+    #[test]
+    fn dates() {
+        for (secs, text) in [
+            (0, "1970-01-01 00:00:00 UTC"),
+            (951_782_400, "2000-02-29 00:00:00 UTC"),
+            (1_795_227_024, "2026-11-21 02:10:24 UTC"),
+        ] {
+            assert_eq!(utc(secs), text);
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! Brings a database to the newest schema: a list of SQL texts, each applied once, in a transaction of its own.
+
+use rusqlite::{Connection, TransactionBehavior};
+
+use super::error::StoreError;
+
+/// What makes a database ours: its application id and its schemas, oldest first.
+pub(crate) struct Schema {
+    /// `PRAGMA application_id`.
+    pub(crate) application_id: i32,
+    /// One SQL text per schema version.
+    pub(crate) steps: &'static [&'static str],
+}
+
+/// `holdpoint.db`: "HPT1".
+pub(crate) const STORE: Schema =
+    Schema { application_id: 0x4850_5431, steps: &[include_str!("schema/store-1.sql")] };
+
+/// `telemetry.db`: "HPT2".
+pub(crate) const TELEMETRY: Schema =
+    Schema { application_id: 0x4850_5432, steps: &[include_str!("schema/telemetry-1.sql")] };
+
+impl Schema {
+    /// The newest version this program knows.
+    pub(crate) const fn newest(&self) -> usize {
+        self.steps.len()
+    }
+}
+
+/// Applies the steps that are missing.
+///
+/// # Errors
+/// Where a step fails; that step is undone.
+pub(crate) fn migrate(connection: &mut Connection, schema: &Schema) -> Result<(), StoreError> {
+    let error = StoreError::sql("bring its schema up to date");
+    let found: usize = connection.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(&error)?;
+    for (index, step) in schema.steps.iter().enumerate().skip(found) {
+        let step_tx = connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(&error)?;
+        step_tx.execute_batch(step).map_err(&error)?;
+        step_tx.pragma_update(None, "application_id", schema.application_id).map_err(&error)?;
+        step_tx.pragma_update(None, "user_version", index + 1).map_err(&error)?;
+        step_tx.commit().map_err(&error)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,244 @@
+//! Opens a database file, or refuses it without touching it.
+//!
+//! A file that is foreign, newer, cut short or damaged gives one error and stays as it was. A new file is made
+//! under another name and renamed when it is whole, so that a crash leaves either no store or a complete one.
+
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, OpenFlags};
+
+use super::error::StoreError;
+use super::layout::sync_folder;
+use super::migrate::{Schema, migrate};
+
+/// The oldest SQLite without the WAL-reset bug.
+const SQLITE_MIN: i32 = 3_051_003;
+/// Bytes of an SQLite file header.
+const HEADER_BYTES: usize = 100;
+/// The end of every message about a damaged file.
+const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --store";
+/// The end of every message about a file that is not ours.
+const HINT_FOREIGN: &str = "choose another folder with --store";
+
+/// How hard a database is forced to disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Durability {
+    /// Every commit survives power loss.
+    Full,
+    /// A power loss may take the newest commits, never the file.
+    Normal,
+}
+
+/// Opens a database for writing; makes it where there is none.
+pub(crate) fn open_writer(
+    path: &Path,
+    schema: &Schema,
+    durability: Durability,
+) -> Result<Connection, StoreError> {
+    check_library()?;
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => create(path, schema)?,
+        Err(error) => return Err(StoreError::io("read", path)(error)),
+        Ok(_) => inspect(path, schema)?,
+    }
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let mut connection =
+        Connection::open_with_flags(path, flags).map_err(StoreError::sql("open its database"))?;
+    configure(&connection)?;
+    set(&connection, "journal_mode", "wal", "wal")?;
+    match durability {
+        Durability::Full => set(&connection, "synchronous", "FULL", "2")?,
+        Durability::Normal => set(&connection, "synchronous", "NORMAL", "1")?,
+    }
+    set(&connection, "wal_autocheckpoint", "1000", "1000")?;
+    set(&connection, "journal_size_limit", "67108864", "67108864")?;
+    migrate(&mut connection, schema)?;
+    Ok(connection)
+}
+
+/// Opens a database for reading only. The file is checked first and never written.
+pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, StoreError> {
+    check_library()?;
+    check_header(path, schema)?;
+    let connection = open_read_only(path)?;
+    set(&connection, "query_only", "1", "1")?;
+    Ok(connection)
+}
+
+/// Refuses a library with the known corruption bug.
+fn check_library() -> Result<(), StoreError> {
+    if rusqlite::version_number() < SQLITE_MIN {
+        return Err(StoreError::invalid("SQLite version", rusqlite::version(), "3.51.3 or newer"));
+    }
+    Ok(())
+}
+
+fn open_read_only(path: &Path) -> Result<Connection, StoreError> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let open = |connection: rusqlite::Result<Connection>| -> rusqlite::Result<Connection> {
+        let connection = connection?;
+        connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0))?;
+        Ok(connection)
+    };
+    let connection = open(Connection::open_with_flags(path, flags)).or_else(|error| {
+        // A copy in a folder that cannot be written has no shared-memory file; without a log it needs none.
+        let log =
+            path.with_file_name(format!("{}-wal", path.file_name().unwrap_or_default().to_string_lossy()));
+        let plain = path.to_str().is_some_and(|text| !text.contains(['?', '#', '%']));
+        if error.sqlite_error_code() != Some(rusqlite::ErrorCode::CannotOpen) || log.exists() || !plain {
+            return Err(error);
+        }
+        let uri = format!("file:{}?immutable=1", path.display());
+        open(Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI))
+    });
+    let connection = connection.map_err(|error| damaged(path, &error.to_string()))?;
+    configure(&connection)?;
+    Ok(connection)
+}
+
+/// What every connection has, whatever it is for.
+fn configure(connection: &Connection) -> Result<(), StoreError> {
+    for (config, value) in [
+        (DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true),
+        (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
+        (DbConfig::SQLITE_DBCONFIG_DQS_DML, false),
+        (DbConfig::SQLITE_DBCONFIG_DQS_DDL, false),
+        (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, false),
+    ] {
+        connection.set_db_config(config, value).map_err(StoreError::sql("set up its database"))?;
+    }
+    for (pragma, value) in [
+        ("foreign_keys", "1"),
+        ("trusted_schema", "0"),
+        ("cell_size_check", "1"),
+        ("recursive_triggers", "1"),
+        ("busy_timeout", "5000"),
+    ] {
+        set(connection, pragma, value, value)?;
+    }
+    connection.set_prepared_statement_cache_capacity(64);
+    Ok(())
+}
+
+/// Sets a pragma and refuses to go on where it did not take.
+fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &str) -> Result<(), StoreError> {
+    let error = StoreError::sql("set up its database");
+    connection.execute_batch(&format!("PRAGMA {pragma} = {value}")).map_err(&error)?;
+    let found: rusqlite::types::Value =
+        connection.query_row(&format!("PRAGMA {pragma}"), [], |row| row.get(0)).map_err(&error)?;
+    let found = match found {
+        rusqlite::types::Value::Integer(number) => number.to_string(),
+        rusqlite::types::Value::Text(text) => text,
+        other => format!("{other:?}"),
+    };
+    if found == expected {
+        return Ok(());
+    }
+    Err(StoreError::invalid(
+        "file system",
+        format!("{pragma} = {found}"),
+        format!("one on which SQLite can set {pragma} = {expected} (a local one)"),
+    ))
+}
+
+/// Makes a complete, empty database under another name and renames it into place.
+fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
+    let part = path.with_extension("new");
+    for leftover in [part.clone(), part.with_extension("new-journal"), part.with_extension("new-wal")] {
+        match fs::remove_file(&leftover) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(StoreError::io("remove", &leftover)(error));
+            }
+            Ok(()) | Err(_) => {}
+        }
+    }
+    let mut connection = Connection::open(&part).map_err(StoreError::sql("make its database"))?;
+    configure(&connection)?;
+    set(&connection, "journal_mode", "delete", "delete")?;
+    set(&connection, "synchronous", "FULL", "2")?;
+    migrate(&mut connection, schema)?;
+    connection.close().map_err(|(_, error)| StoreError::sql("make its database")(error))?;
+    fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
+    path.parent().map_or(Ok(()), sync_folder)
+}
+
+/// Looks at a file by its header alone: ours, not newer, not cut short.
+fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreError> {
+    let found = fs::symlink_metadata(path).map_err(StoreError::io("read", path))?;
+    if !found.is_file() {
+        return Err(refused(path, "it is a link or not a file", HINT_FOREIGN));
+    }
+    let mut header = [0u8; HEADER_BYTES];
+    let mut file = File::open(path).map_err(StoreError::io("read", path))?;
+    match file.read_exact(&mut header) {
+        Ok(()) => {}
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            return Err(damaged(path, &format!("it is cut short: it has {} bytes", found.len())));
+        }
+        Err(error) => return Err(StoreError::io("read", path)(error)),
+    }
+    if &header[..16] != b"SQLite format 3\0" {
+        return Err(refused(path, "it is not an SQLite database", HINT_FOREIGN));
+    }
+    let word = |at: usize| u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    if i64::from(word(68)) != i64::from(schema.application_id) {
+        let problem = format!("it belongs to another program (application id {:#010x})", word(68));
+        return Err(refused(path, &problem, HINT_FOREIGN));
+    }
+    let newest = schema.newest();
+    if word(60) == 0 || word(60) as usize > newest {
+        let problem = format!("its schema is {}, this program knows 1 to {newest}", word(60));
+        return Err(refused(path, &problem, "use the version of holdpoint that wrote it, or a newer one"));
+    }
+    // With a write-ahead log the file may lag behind; `quick_check` then sees what is missing.
+    let log = path.with_file_name(format!("{}-wal", path.file_name().unwrap_or_default().to_string_lossy()));
+    let log_bytes = fs::metadata(&log).map_or(0, |log| log.len());
+    let page_bytes = match u64::from(u16::from_be_bytes([header[16], header[17]])) {
+        1 => 65_536,
+        bytes => bytes,
+    };
+    let whole = page_bytes * u64::from(word(28));
+    if log_bytes == 0 && found.len() < whole {
+        return Err(damaged(path, &format!("it is cut short: {} of {whole} bytes are there", found.len())));
+    }
+    Ok(())
+}
+
+/// Looks at an existing file, read-only: header, structure, version.
+fn inspect(path: &Path, schema: &Schema) -> Result<(), StoreError> {
+    check_header(path, schema)?;
+    let connection = open_read_only(path)?;
+    quick_check(&connection).map_err(|problem| damaged(path, &problem))?;
+    let version: i64 = connection
+        .query_row("PRAGMA user_version", [], |row| row.get(0))
+        .map_err(|error| damaged(path, &error.to_string()))?;
+    if usize::try_from(version).is_ok_and(|version| (1..=schema.newest()).contains(&version)) {
+        return Ok(());
+    }
+    Err(refused(path, &format!("its schema is {version}"), "use the version of holdpoint that wrote it"))
+}
+
+/// SQLite's own look at the structure of a file.
+///
+/// # Errors
+/// What is wrong, in SQLite's words.
+pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
+    let answer: Result<String, _> = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0));
+    match answer {
+        Ok(answer) if answer == "ok" => Ok(()),
+        Ok(answer) => Err(format!("it is damaged: {answer}")),
+        Err(error) => Err(format!("it is damaged: {error}")),
+    }
+}
+
+/// A file that is damaged or cut short.
+pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_DAMAGED)
+}
+
+fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {
+    StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), hint }
+}

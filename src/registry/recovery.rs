@@ -1,0 +1,54 @@
+//! What an interrupted engine left behind. Listing only: the engine finishes or undoes each, and says so.
+
+use rusqlite::Connection;
+
+use super::names::StageName;
+use crate::governance::ids::CapabilityId;
+
+/// Something that was going on when the last engine ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Interrupted {
+    /// A stage was running; its result does not count and must be run again.
+    Stage {
+        /// The version.
+        version: CapabilityId,
+        /// The stage.
+        stage: StageName,
+    },
+    /// An activation is provisional: monitor it before its next tick, or roll it back.
+    Provisional {
+        /// The version.
+        version: CapabilityId,
+    },
+    /// A rollback was begun: finish it.
+    RollbackPending {
+        /// The version.
+        version: CapabilityId,
+    },
+}
+
+/// Everything that was interrupted, in order of registration; a pending rollback comes before the rest of a version.
+pub(crate) fn interrupted(connection: &Connection) -> rusqlite::Result<Vec<Interrupted>> {
+    let mut select = connection.prepare(
+        "SELECT name, running, provisional, rollback_pending FROM version
+         WHERE running IS NOT NULL OR provisional = 1 OR rollback_pending = 1 ORDER BY id",
+    )?;
+    let mut rows = select.query([])?;
+    let mut found = Vec::new();
+    while let Some(row) = rows.next()? {
+        let name: String = row.get(0)?;
+        let version: CapabilityId = name.parse().map_err(|error| {
+            rusqlite::Error::FromSqlConversionFailure(0, rusqlite::types::Type::Text, Box::new(error))
+        })?;
+        if row.get(3)? {
+            found.push(Interrupted::RollbackPending { version: version.clone() });
+        }
+        if let Some(stage) = row.get(1)? {
+            found.push(Interrupted::Stage { version: version.clone(), stage });
+        }
+        if row.get(2)? {
+            found.push(Interrupted::Provisional { version });
+        }
+    }
+    Ok(found)
+}

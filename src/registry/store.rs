@@ -1,0 +1,386 @@
+//! The store: a handle to the one thread that owns the one connection that writes.
+//!
+//! Callers may be many; transactions are applied one at a time, in the order they came, each whole or not at all.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use ed25519_dalek::{SigningKey, VerifyingKey};
+use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
+
+use super::apply::apply;
+use super::audit::{self, ExportError, Head};
+use super::change::{Change, Receipt, Transaction};
+use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
+use super::error::StoreError;
+use super::invariants::check_registry;
+use super::layout::{EngineLock, Layout};
+use super::migrate::STORE;
+use super::open::{Durability, damaged, open_reader, open_writer, quick_check};
+use super::recovery::{Interrupted, interrupted};
+use super::telemetry::{Batch, BatchReceipt, EpisodeKey, Telemetry, TelemetryLimits};
+use super::views::{ActiveView, Views};
+use crate::approvals::keyfile;
+
+/// Transactions that may wait for the writer; a caller beyond that waits itself.
+const QUEUE_MAX: usize = 64;
+/// Records at the chain's end that are checked at every start.
+const TAIL_RECORDS: u64 = 256;
+
+/// What was found when the store was opened.
+#[derive(Clone, Debug)]
+pub struct Opening {
+    /// Whether the store is new.
+    pub created: bool,
+    /// The end of the chain; virtual time must go on from its `at_ms`.
+    pub head: Head,
+    /// What an earlier engine left unfinished, for this one to finish or undo.
+    pub interrupted: Vec<Interrupted>,
+}
+
+struct Job {
+    transaction: Transaction,
+    answer: SyncSender<Result<Receipt, StoreError>>,
+}
+
+/// An open store. It belongs to this process until it is dropped.
+#[derive(Debug)]
+pub struct Store {
+    jobs: Option<SyncSender<Job>>,
+    writer: Option<JoinHandle<()>>,
+    telemetry: Mutex<Telemetry>,
+    checkpoint_problem: Arc<Mutex<Option<String>>>,
+    layout: Layout,
+    store_id: String,
+    public_key: VerifyingKey,
+    opening: Opening,
+    _lock: EngineLock,
+}
+
+impl Store {
+    /// Opens the store in `folder`, or makes a new one there.
+    ///
+    /// Refuses (and changes nothing of) a store that another engine has, or whose database is foreign, newer, cut
+    /// short, damaged, or not what its chain and checkpoints say.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn open(folder: impl AsRef<Path>) -> Result<Self, StoreError> {
+        Self::open_with(folder, TelemetryLimits::default())
+    }
+
+    /// As [`Self::open`], with other limits on telemetry.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn open_with(folder: impl AsRef<Path>, limits: TelemetryLimits) -> Result<Self, StoreError> {
+        let layout = Layout::new(folder.as_ref());
+        layout.create()?;
+        let lock = EngineLock::take(&layout)?;
+        let created = std::fs::symlink_metadata(layout.database()).is_err();
+        if created && !checkpoint::names(&layout.checkpoints())?.is_empty() {
+            let problem = "the database is missing although there are checkpoints of it";
+            return Err(damaged(&layout.database(), problem));
+        }
+        let key = store_key(&layout, created)?;
+        if !created {
+            check_existing(&layout, &key.verifying_key())?;
+        }
+        let connection = open_writer(&layout.database(), &STORE, Durability::Full)?;
+        let store_id = store_id(&connection)?;
+        let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
+        let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
+        let telemetry = Telemetry::open(&layout.telemetry(), limits)?;
+        let public_key = key.verifying_key();
+        let (jobs, incoming) = sync_channel(QUEUE_MAX);
+        let checkpoint_problem = Arc::new(Mutex::new(None));
+        let writer = Writer {
+            connection,
+            store_id: store_id.clone(),
+            key,
+            checkpoints: layout.checkpoints(),
+            checkpointed_seq: head.seq,
+            checkpoint_problem: Arc::clone(&checkpoint_problem),
+        };
+        let writer = thread::Builder::new()
+            .name("store-writer".to_owned())
+            .spawn(move || writer.run(&incoming))
+            .map_err(StoreError::io("start the writer of", layout.folder()))?;
+        Ok(Self {
+            jobs: Some(jobs),
+            writer: Some(writer),
+            telemetry: Mutex::new(telemetry),
+            checkpoint_problem,
+            layout,
+            store_id,
+            public_key,
+            opening: Opening { created, head, interrupted },
+            _lock: lock,
+        })
+    }
+
+    /// Applies a transaction, whole or not at all, and returns once it is on disk. Blocks; call it from a thread
+    /// that may.
+    ///
+    /// # Errors
+    /// [`StoreError`]; nothing was changed, except that after [`StoreError::Unknown`] the outcome is not known and
+    /// the same command may be sent again.
+    pub fn commit(&self, transaction: Transaction) -> Result<Receipt, StoreError> {
+        let (answer, receipt) = sync_channel(1);
+        let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
+        jobs.send(Job { transaction, answer }).map_err(|_| StoreError::Unknown)?;
+        receipt.recv().map_err(|_| StoreError::Unknown)?
+    }
+
+    /// The store's id; approvals are bound to it.
+    #[must_use]
+    pub fn store_id(&self) -> &str {
+        &self.store_id
+    }
+
+    /// The key that verifies the store's checkpoints.
+    #[must_use]
+    pub const fn public_key(&self) -> &VerifyingKey {
+        &self.public_key
+    }
+
+    /// Where what is.
+    #[must_use]
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// What was found when it was opened.
+    #[must_use]
+    pub const fn opening(&self) -> &Opening {
+        &self.opening
+    }
+
+    /// Why the last checkpoint could not be written, if so. The records themselves are on disk.
+    #[must_use]
+    pub fn checkpoint_problem(&self) -> Option<String> {
+        self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Everything there is to read, on a connection of its own that cannot write. Keep it; opening costs a
+    /// millisecond.
+    ///
+    /// # Errors
+    /// Where the database cannot be opened.
+    pub fn views(&self) -> Result<Views, StoreError> {
+        Views::open(&self.layout.database())
+    }
+
+    /// Who is active, and nothing else: the view the dispatcher gets.
+    ///
+    /// # Errors
+    /// Where the database cannot be opened.
+    pub fn active_view(&self) -> Result<ActiveView, StoreError> {
+        ActiveView::open(&self.layout.database())
+    }
+
+    /// Writes the audit chain from `from_seq` on as JSON lines; see [`Views::export`].
+    ///
+    /// # Errors
+    /// [`ExportError`].
+    pub fn export(&self, from_seq: u64, out: &mut dyn Write) -> Result<u64, ExportError> {
+        let connection = open_reader(&self.layout.database(), &STORE)
+            .map_err(|error| ExportError::Write(std::io::Error::other(error)))?;
+        audit::export(&connection, from_seq, out)
+    }
+
+    /// Keeps a batch of telemetry. It may be lost to a power cut until [`Self::seal_telemetry`].
+    ///
+    /// # Errors
+    /// Where the batch is empty, too large, or cannot be written.
+    pub fn append_telemetry(&self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
+        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.append(batch)
+    }
+
+    /// Forces telemetry to disk and returns the changes that put its new batches into the audit chain.
+    ///
+    /// # Errors
+    /// Where it cannot be forced to disk; the batches stay unsealed.
+    pub fn seal_telemetry(&self) -> Result<Vec<Change>, StoreError> {
+        let sealed = self.telemetry.lock().map_err(|_| StoreError::Unknown)?.seal()?;
+        let seal = |BatchReceipt { version, batch, digest, rows }| Change::SealTelemetry {
+            version,
+            batch,
+            digest,
+            rows,
+        };
+        Ok(sealed.into_iter().map(seal).collect())
+    }
+
+    /// A batch's rows, checked against their digest; `None` where it was removed for age.
+    ///
+    /// # Errors
+    /// Where it cannot be read or was changed.
+    pub fn telemetry_batch(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
+        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.read(batch)
+    }
+
+    /// A cached episode, `None` where there is none or it is damaged.
+    ///
+    /// # Errors
+    /// Where the telemetry file cannot be read.
+    pub fn cached_episode(&self, key: &EpisodeKey) -> Result<Option<Vec<u8>>, StoreError> {
+        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.cached_episode(key)
+    }
+
+    /// Caches an episode.
+    ///
+    /// # Errors
+    /// Where it is empty, too large, or cannot be written.
+    pub fn put_cached_episode(&self, key: &EpisodeKey, body: &[u8]) -> Result<(), StoreError> {
+        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cached_episode(key, body)
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        drop(self.jobs.take());
+        if let Some(writer) = self.writer.take() {
+            // A writer that panicked has no more to say; every later commit was answered with `Unknown`.
+            let _ = writer.join();
+        }
+    }
+}
+
+/// Owns the connection that writes.
+struct Writer {
+    connection: Connection,
+    store_id: String,
+    key: SigningKey,
+    checkpoints: PathBuf,
+    checkpointed_seq: u64,
+    checkpoint_problem: Arc<Mutex<Option<String>>>,
+}
+
+impl Writer {
+    fn run(mut self, incoming: &Receiver<Job>) {
+        let mut end = None;
+        while let Ok(Job { transaction, answer }) = incoming.recv() {
+            let result = self.commit(&transaction).map(|(receipt, head)| {
+                let moved =
+                    transaction.changes.iter().any(|change| matches!(change, Change::SetActive { .. }));
+                if head.seq > self.checkpointed_seq
+                    && (moved || head.seq >= self.checkpointed_seq + EVERY_RECORDS)
+                {
+                    self.checkpoint(head);
+                }
+                end = Some(head);
+                receipt
+            });
+            // A caller that went away asks again with the same command id.
+            let _ = answer.send(result);
+        }
+        if let Some(head) = end.filter(|head| head.seq > self.checkpointed_seq) {
+            self.checkpoint(head);
+        }
+    }
+
+    fn commit(&mut self, transaction: &Transaction) -> Result<(Receipt, Head), StoreError> {
+        let tx = self
+            .connection
+            .transaction_with_behavior(TransactionBehavior::Immediate)
+            .map_err(StoreError::sql("begin a transaction"))?;
+        let answer = apply(&tx, transaction, &self.store_id)?;
+        tx.commit().map_err(StoreError::sql("commit a transaction"))?;
+        crate::fp!("after-commit-before-ack");
+        Ok(answer)
+    }
+
+    /// Writes a checkpoint; a failure is kept for the engine to raise, the records are on disk.
+    fn checkpoint(&mut self, head: Head) {
+        let written = Checkpoint::sign(&self.store_id, head, &self.key).write(&self.checkpoints);
+        if written.is_ok() {
+            self.checkpointed_seq = head.seq;
+        }
+        *self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner) =
+            written.err().map(|error| error.to_string());
+    }
+}
+
+/// The store's signing key; a new one only for a new store.
+fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
+    let (secret, public) = (layout.store_key(), layout.store_public_key());
+    let wrong = |error: keyfile::KeyError| StoreError::invalid("store key", secret.display(), error);
+    if created && std::fs::symlink_metadata(&secret).is_err() {
+        keyfile::write_secret(&secret, &keyfile::generate().map_err(wrong)?).map_err(wrong)?;
+    }
+    let key = keyfile::read_secret(&secret).map_err(wrong)?;
+    if std::fs::symlink_metadata(&public).is_err() {
+        keyfile::write_public(&public, &key.verifying_key(), "").map_err(wrong)?;
+    }
+    Ok(key)
+}
+
+/// The store's id, made with the store.
+fn store_id(connection: &Connection) -> Result<String, StoreError> {
+    connection
+        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
+        .map_err(StoreError::sql("read its id"))
+}
+
+/// Looks at an existing store without being able to change it: structure, chain, checkpoint, invariants.
+fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<(), StoreError> {
+    let database = layout.database();
+    let connection = open_reader(&database, &STORE)?;
+    quick_check(&connection).map_err(|problem| damaged(&database, &problem))?;
+    let store_id = store_id(&connection)?;
+    check_tail(&connection, layout, &store_id, key)?;
+    let broken = check_registry(&connection).map_err(StoreError::sql("check its invariants"))?;
+    broken.first().map_or(Ok(()), |violation| Err(damaged(&database, &violation.to_string())))
+}
+
+/// The end of the chain follows from what is before it, and reaches the newest checkpoint.
+fn check_tail(
+    connection: &Connection,
+    layout: &Layout,
+    store_id: &str,
+    key: &VerifyingKey,
+) -> Result<(), StoreError> {
+    let database = layout.database();
+    let error = StoreError::sql("read the audit chain");
+    let head = audit::head(connection).map_err(&error)?;
+    let from = head.seq.saturating_sub(TAIL_RECORDS) + 1;
+    let mut last: Option<audit::AuditRecord> = None;
+    let mut problem = None;
+    audit::for_each::<rusqlite::Error>(connection, from, |record| {
+        let follows =
+            last.as_ref().is_none_or(|before| before.hash == record.prev && before.seq + 1 == record.seq);
+        if problem.is_none() && !(follows && record.hash == record.expected_hash()) {
+            problem = Some(format!("audit record {} does not follow from the one before", record.seq));
+        }
+        last = Some(record);
+        Ok(())
+    })
+    .map_err(&error)?;
+    let end = last.map_or((0, [0; 32]), |record| (record.seq, *record.hash.bytes()));
+    if problem.is_none() && end != (head.seq, *head.hash.bytes()) {
+        problem = Some(format!("the audit chain ends at {}, but should at {}", end.0, head.seq));
+    }
+    if let Some(problem) = problem {
+        return Err(damaged(&database, &problem));
+    }
+    if let Some(name) = checkpoint::names(&layout.checkpoints())?.last() {
+        let path = layout.checkpoints().join(name);
+        let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
+        if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
+            return Err(damaged(&path, "it was not signed by this store"));
+        }
+        let found: Option<[u8; 32]> = connection
+            .query_row("SELECT hash FROM audit WHERE seq = ?1", [checkpoint.seq], |row| row.get(0))
+            .optional()
+            .map_err(&error)?;
+        if found != Some(*checkpoint.head.bytes()) {
+            let problem = format!("audit record {} is missing or is not the one in {name}", checkpoint.seq);
+            return Err(damaged(&database, &problem));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,361 @@
+//! Telemetry and cached episodes: a second database file that may lose its newest batches to a power cut, until
+//! they are sealed; then their digests can enter the audit chain.
+//!
+//! Bounded: the oldest batches and the episodes longest unused are removed beyond the limits.
+
+use std::path::Path;
+
+use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
+
+use super::error::StoreError;
+use super::migrate::TELEMETRY;
+use super::open::{Durability, open_writer};
+use crate::governance::ids::{CapabilityId, Digest, is_name};
+
+/// How much the telemetry file keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TelemetryLimits {
+    /// All batch bodies together, bytes.
+    pub batch_bytes_max: u64,
+    /// All cached episodes together, bytes.
+    pub episode_bytes_max: u64,
+}
+
+impl Default for TelemetryLimits {
+    fn default() -> Self {
+        Self { batch_bytes_max: 1 << 30, episode_bytes_max: 256 << 20 }
+    }
+}
+
+/// The largest batch or episode, bytes.
+const BODY_BYTES_MAX: usize = 4 << 20;
+
+/// Rows of telemetry of one stream, encoded by the caller (postcard or JSON).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// The version they are about.
+    pub version: CapabilityId,
+    /// Which stream, a name, e.g. `monitor` or `sandbox`.
+    pub stream: String,
+    /// Virtual time of the first row, ms.
+    pub from_ms: u64,
+    /// Virtual time of the last row, ms.
+    pub to_ms: u64,
+    /// Number of rows, at least 1.
+    pub rows: u64,
+    /// The rows, at most 4 MiB.
+    pub body: Vec<u8>,
+}
+
+/// A batch as it is kept; what [`Change::SealTelemetry`](super::Change::SealTelemetry) takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BatchReceipt {
+    /// The version it is about.
+    pub version: CapabilityId,
+    /// Its number.
+    pub batch: u64,
+    /// Digest of all its fields.
+    pub digest: Digest,
+    /// Number of rows.
+    pub rows: u64,
+}
+
+/// What an episode's result depends on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EpisodeKey {
+    /// Digest of what ran.
+    pub bundle: Digest,
+    /// Digest of the scenario with its perturbations.
+    pub scenario: Digest,
+    /// Seed.
+    pub seed: u64,
+    /// The engine's build: name, version and whatever else changes results.
+    pub engine_build: String,
+}
+
+impl EpisodeKey {
+    fn digest(&self) -> Digest {
+        let seed = self.seed.to_le_bytes();
+        let parts =
+            [self.bundle.bytes().as_slice(), self.scenario.bytes(), &seed, self.engine_build.as_bytes()];
+        Digest::of_parts("holdpoint/episode-key/v1", &parts)
+    }
+}
+
+impl Batch {
+    fn digest(&self) -> Digest {
+        batch_digest(
+            &self.version.to_string(),
+            &self.stream,
+            [self.from_ms, self.to_ms, self.rows],
+            &self.body,
+        )
+    }
+}
+
+/// The digest of a batch's fields.
+fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], body: &[u8]) -> Digest {
+    let (from_ms, to_ms, rows) = (from_ms.to_le_bytes(), to_ms.to_le_bytes(), rows.to_le_bytes());
+    let parts = [version.as_bytes(), stream.as_bytes(), &from_ms, &to_ms, &rows, body];
+    Digest::of_parts("holdpoint/telemetry/v1", &parts)
+}
+
+/// The telemetry file.
+#[derive(Debug)]
+pub(crate) struct Telemetry {
+    connection: Connection,
+    limits: TelemetryLimits,
+    unsealed: Vec<BatchReceipt>,
+}
+
+/// Batches between two seals at most; more than that is a caller that forgot to seal.
+const UNSEALED_MAX: usize = 10_000;
+
+impl Telemetry {
+    /// Opens the file; makes it where there is none.
+    pub(crate) fn open(path: &Path, limits: TelemetryLimits) -> Result<Self, StoreError> {
+        let connection = open_writer(path, &TELEMETRY, Durability::Normal)?;
+        Ok(Self { connection, limits, unsealed: Vec::new() })
+    }
+
+    /// Keeps a batch; removes the oldest ones beyond the limit.
+    pub(crate) fn append(&mut self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
+        check_body("telemetry batch", &batch.body, batch.rows > 0)?;
+        if !is_name(&batch.stream) {
+            return Err(StoreError::invalid(
+                "telemetry stream",
+                &batch.stream,
+                "a name: a-z, 0-9, '.', '_', '-'",
+            ));
+        }
+        if batch.to_ms < batch.from_ms
+            || i64::try_from(batch.to_ms).is_err()
+            || i64::try_from(batch.rows).is_err()
+        {
+            return Err(StoreError::invalid("telemetry batch to", batch.to_ms, "not before its start"));
+        }
+        if self.unsealed.len() >= UNSEALED_MAX {
+            return Err(StoreError::invalid("unsealed batches", UNSEALED_MAX, "fewer; seal them first"));
+        }
+        let digest = batch.digest();
+        let limit = self.limits.batch_bytes_max;
+        let number = self.write("keep telemetry", |tx| {
+            tx.prepare_cached(
+                "INSERT INTO batch (version, stream, from_ms, to_ms, rows, digest, bytes, body)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, length(?7), ?7)",
+            )?
+            .execute(params![
+                batch.version.to_string(),
+                batch.stream,
+                batch.from_ms,
+                batch.to_ms,
+                batch.rows,
+                digest.to_string(),
+                batch.body
+            ])?;
+            let number = tx.last_insert_rowid();
+            tx.prepare_cached("UPDATE usage SET batch_bytes = batch_bytes + ?1")?
+                .execute([batch.body.len()])?;
+            // The batch just written stays, whatever the limit.
+            while used(tx, "SELECT batch_bytes FROM usage")? > limit {
+                let oldest = "SELECT id, bytes FROM batch WHERE id < ?1 ORDER BY id LIMIT 1";
+                let Some((id, bytes)) = tx
+                    .prepare_cached(oldest)?
+                    .query_row([number], |row| Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?)))
+                    .optional()?
+                else {
+                    break;
+                };
+                tx.prepare_cached("DELETE FROM batch WHERE id = ?1")?.execute([id])?;
+                tx.prepare_cached("UPDATE usage SET batch_bytes = batch_bytes - ?1")?.execute([bytes])?;
+            }
+            Ok(number)
+        })?;
+        let batch_number = u64::try_from(number)
+            .map_err(|_| StoreError::invalid("batch number", number, "a positive one"))?;
+        let receipt =
+            BatchReceipt { version: batch.version.clone(), batch: batch_number, digest, rows: batch.rows };
+        self.unsealed.push(receipt.clone());
+        Ok(receipt)
+    }
+
+    /// Forces everything to disk and returns the batches since the last seal, for the audit chain.
+    pub(crate) fn seal(&mut self) -> Result<Vec<BatchReceipt>, StoreError> {
+        self.connection
+            .query_row("PRAGMA wal_checkpoint(FULL)", [], |row| row.get::<_, i64>(0))
+            .map_err(StoreError::sql("force telemetry to disk"))
+            .and_then(|busy| match busy {
+                0 => Ok(std::mem::take(&mut self.unsealed)),
+                _ => Err(StoreError::invalid("telemetry file", "busy", "no other writer")),
+            })
+    }
+
+    /// A batch's rows, checked against their digest; `None` where it was removed.
+    pub(crate) fn read(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
+        let sql = "SELECT version, stream, from_ms, to_ms, rows, digest, body FROM batch WHERE id = ?1";
+        type Found = (String, Batch);
+        let found: Option<Found> = self
+            .connection
+            .prepare_cached(sql)
+            .and_then(|mut select| {
+                select
+                    .query_row([batch], |row| {
+                        let version: String = row.get(0)?;
+                        let version = version.parse().map_err(|error| {
+                            rusqlite::Error::FromSqlConversionFailure(
+                                0,
+                                rusqlite::types::Type::Text,
+                                Box::new(error),
+                            )
+                        })?;
+                        let batch = Batch {
+                            version,
+                            stream: row.get(1)?,
+                            from_ms: row.get(2)?,
+                            to_ms: row.get(3)?,
+                            rows: row.get(4)?,
+                            body: row.get(6)?,
+                        };
+                        Ok((row.get(5)?, batch))
+                    })
+                    .optional()
+            })
+            .map_err(StoreError::sql("read telemetry"))?;
+        match found {
+            Some((digest, found)) if found.digest().to_string() != digest => Err(StoreError::invalid(
+                "telemetry batch",
+                batch,
+                "unchanged; its content does not match its digest",
+            )),
+            Some((_, found)) => Ok(Some(found)),
+            None => Ok(None),
+        }
+    }
+
+    /// A cached episode; one that does not match its digest is as good as none.
+    pub(crate) fn cached_episode(&mut self, key: &EpisodeKey) -> Result<Option<Vec<u8>>, StoreError> {
+        let key = key.digest().to_string();
+        self.write("read a cached episode", |tx| {
+            let found: Option<(String, Vec<u8>)> = tx
+                .prepare_cached("SELECT digest, body FROM episode WHERE key = ?1")?
+                .query_row([&key], |row| Ok((row.get(0)?, row.get(1)?)))
+                .optional()?;
+            let Some((digest, body)) = found else { return Ok(None) };
+            if digest != episode_digest(&key, &body).to_string() {
+                return Ok(None);
+            }
+            let tick = next_tick(tx)?;
+            tx.prepare_cached("UPDATE episode SET used = ?2 WHERE key = ?1")?.execute(params![key, tick])?;
+            Ok(Some(body))
+        })
+    }
+
+    /// Caches an episode; removes those longest unused beyond the limit.
+    pub(crate) fn put_cached_episode(&mut self, key: &EpisodeKey, body: &[u8]) -> Result<(), StoreError> {
+        check_body("cached episode", body, true)?;
+        let key = key.digest().to_string();
+        let digest = episode_digest(&key, body).to_string();
+        let limit = self.limits.episode_bytes_max;
+        self.write("cache an episode", |tx| {
+            remove_episode(tx, &key)?;
+            let tick = next_tick(tx)?;
+            tx.prepare_cached(
+                "INSERT INTO episode (key, digest, bytes, used, body) VALUES (?1, ?2, length(?4), ?3, ?4)",
+            )?
+            .execute(params![key, digest, tick, body])?;
+            tx.prepare_cached("UPDATE usage SET episode_bytes = episode_bytes + ?1")?
+                .execute([body.len()])?;
+            while used(tx, "SELECT episode_bytes FROM usage")? > limit {
+                let oldest: Option<String> = tx
+                    .prepare_cached("SELECT key FROM episode WHERE key <> ?1 ORDER BY used LIMIT 1")?
+                    .query_row([&key], |row| row.get(0))
+                    .optional()?;
+                match oldest {
+                    Some(oldest) => remove_episode(tx, &oldest)?,
+                    None => break,
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn write<T>(
+        &mut self,
+        what: &'static str,
+        change: impl FnOnce(&Transaction<'_>) -> rusqlite::Result<T>,
+    ) -> Result<T, StoreError> {
+        let run = || {
+            let tx = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            let answer = change(&tx)?;
+            tx.commit()?;
+            Ok(answer)
+        };
+        run().map_err(StoreError::sql(what))
+    }
+}
+
+fn check_body(what: &'static str, body: &[u8], has_rows: bool) -> Result<(), StoreError> {
+    if body.is_empty() || body.len() > BODY_BYTES_MAX || !has_rows {
+        let size = format!("of {} bytes", body.len());
+        return Err(StoreError::invalid(what, size, "1 byte to 4 MiB with at least one row"));
+    }
+    Ok(())
+}
+
+fn episode_digest(key: &str, body: &[u8]) -> Digest {
+    Digest::of_parts("holdpoint/episode/v1", &[key.as_bytes(), body])
+}
+
+fn used(tx: &Transaction<'_>, sql: &str) -> rusqlite::Result<u64> {
+    tx.prepare_cached(sql)?.query_row([], |row| row.get(0))
+}
+
+fn next_tick(tx: &Transaction<'_>) -> rusqlite::Result<i64> {
+    tx.prepare_cached("UPDATE usage SET tick = tick + 1 RETURNING tick")?.query_row([], |row| row.get(0))
+}
+
+fn remove_episode(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<()> {
+    let bytes: Option<i64> = tx
+        .prepare_cached("DELETE FROM episode WHERE key = ?1 RETURNING bytes")?
+        .query_row([key], |row| row.get(0))
+        .optional()?;
+    if let Some(bytes) = bytes {
+        tx.prepare_cached("UPDATE usage SET episode_bytes = episode_bytes - ?1")?.execute([bytes])?;
+    }
+    Ok(())
+}
+
+/// What the verifier finds of one batch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BatchState {
+    /// There, and its content matches.
+    Matches,
+    /// Removed for age: every batch before it is gone too.
+    Pruned,
+    /// Missing or changed.
+    Bad(&'static str),
+}
+
+/// Compares one batch with the digest the chain holds.
+pub(crate) fn check_batch(
+    connection: &Connection,
+    batch: u64,
+    digest: Digest,
+) -> rusqlite::Result<BatchState> {
+    let sql = "SELECT version, stream, from_ms, to_ms, rows, body FROM batch WHERE id = ?1";
+    let found = connection
+        .prepare_cached(sql)?
+        .query_row([batch], |row| {
+            let (version, stream): (String, String) = (row.get(0)?, row.get(1)?);
+            let body: Vec<u8> = row.get(5)?;
+            Ok(batch_digest(&version, &stream, [row.get(2)?, row.get(3)?, row.get(4)?], &body))
+        })
+        .optional()?;
+    if let Some(found) = found {
+        let bad = BatchState::Bad("its content does not match its digest in the chain");
+        return Ok(if found == digest { BatchState::Matches } else { bad });
+    }
+    let oldest: Option<u64> = connection.query_row("SELECT min(id) FROM batch", [], |row| row.get(0))?;
+    let pruned = oldest.is_some_and(|oldest| batch < oldest);
+    Ok(if pruned { BatchState::Pruned } else { BatchState::Bad("it is missing") })
+}

@@ -1,0 +1,234 @@
+//! The verifier: says whether a store's history can be trusted, and names the first record that cannot.
+//!
+//! Needs the database file and, to judge checkpoints, the store's public key. Looks at `checkpoints/` and
+//! `telemetry.db` beside the file where they are there. Never writes.
+
+use std::fs;
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+use rusqlite::Connection;
+use serde::Serialize;
+
+use super::checkpoint::{Checkpoint, names};
+use super::error::StoreError;
+use super::fold::{Fault, Fold, FoldError};
+use super::invariants::check_invariants;
+use super::migrate::{STORE, TELEMETRY};
+use super::open::open_reader;
+use super::telemetry::{BatchState, check_batch};
+use crate::approvals::SignedApproval;
+use crate::governance::ids::Digest;
+
+/// What was found sound.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct VerifyReport {
+    /// The store's id.
+    pub store_id: String,
+    /// Records in the chain.
+    pub records: u64,
+    /// Hash of the last one.
+    pub head: Digest,
+    /// Checkpoints whose signature and record match.
+    pub checkpoints: u64,
+    /// Whether a public key was given; without one, signatures of checkpoints were not checked.
+    pub key_given: bool,
+    /// Approvals whose signature matches.
+    pub approvals: u64,
+    /// Sealed batches of telemetry that match.
+    pub batches: u64,
+    /// Sealed batches that were removed for age.
+    pub batches_pruned: u64,
+    /// Sealed batches that could not be looked at because the telemetry file is not there.
+    pub batches_unseen: u64,
+}
+
+/// The first thing that is not sound.
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    /// The file cannot be opened or read.
+    #[error(transparent)]
+    Unreadable(#[from] StoreError),
+    /// The file is damaged.
+    #[error("the database is damaged: {0}")]
+    Damaged(String),
+    /// A record of the chain.
+    #[error("audit record {seq} is bad: {problem}")]
+    Record {
+        /// Which.
+        seq: u64,
+        /// How.
+        problem: String,
+    },
+    /// The registry is not what the chain says.
+    #[error("the {table} {key:?} does not match the audit chain: {problem}")]
+    State {
+        /// Table.
+        table: &'static str,
+        /// Row.
+        key: String,
+        /// How.
+        problem: String,
+    },
+    /// An invariant of the registry.
+    #[error("the registry breaks an invariant: {0}")]
+    Invariant(String),
+    /// A checkpoint.
+    #[error("the checkpoint {file:?} is bad: {problem}")]
+    Checkpoint {
+        /// File name.
+        file: String,
+        /// How.
+        problem: String,
+    },
+    /// An approval.
+    #[error("the approval {nonce} is bad: {problem}")]
+    Approval {
+        /// Its nonce.
+        nonce: String,
+        /// How.
+        problem: String,
+    },
+    /// A sealed batch of telemetry.
+    #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
+    Telemetry {
+        /// Its number.
+        batch: u64,
+        /// The record that sealed it.
+        seq: u64,
+        /// How.
+        problem: String,
+    },
+}
+
+fn unreadable(source: rusqlite::Error) -> VerifyError {
+    VerifyError::Damaged(source.to_string())
+}
+
+/// Verifies the store in this database file.
+///
+/// # Errors
+/// [`VerifyError`], the first thing found: file, chain, state, invariants, checkpoints, approvals, telemetry.
+pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
+    let connection = open_reader(database, &STORE)?;
+    let fold = Fold::read(&connection).map_err(|error| match error {
+        FoldError::Fault(fault) => of_fault(fault),
+        FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
+    })?;
+    let check: String =
+        connection.query_row("PRAGMA integrity_check(1)", [], |row| row.get(0)).map_err(unreadable)?;
+    if check != "ok" {
+        return Err(VerifyError::Damaged(check));
+    }
+    if let Some(fault) = fold.compare(&connection).map_err(unreadable)? {
+        return Err(of_fault(fault));
+    }
+    if let Some(violation) = check_invariants(&connection).map_err(unreadable)?.first() {
+        return Err(VerifyError::Invariant(violation.to_string()));
+    }
+    let store_id: String = connection
+        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
+        .map_err(unreadable)?;
+    let folder = database.parent().unwrap_or(Path::new("."));
+    let checkpoints = check_checkpoints(&folder.join("checkpoints"), &fold, &store_id, public_key)?;
+    let approvals = check_approvals(&connection, &store_id)?;
+    let mut report = VerifyReport {
+        store_id,
+        records: fold.end().seq,
+        head: fold.end().hash,
+        checkpoints,
+        key_given: public_key.is_some(),
+        approvals,
+        batches: 0,
+        batches_pruned: 0,
+        batches_unseen: 0,
+    };
+    check_telemetry(&folder.join("telemetry.db"), &fold, &mut report)?;
+    Ok(report)
+}
+
+fn of_fault(fault: Fault) -> VerifyError {
+    match fault {
+        Fault::Record { seq, problem } => VerifyError::Record { seq, problem },
+        Fault::Row { table, key, problem } => VerifyError::State { table, key, problem },
+    }
+}
+
+/// Every checkpoint names a record that is there with that hash, and is signed by the key.
+fn check_checkpoints(
+    folder: &Path,
+    fold: &Fold,
+    store_id: &str,
+    public_key: Option<&VerifyingKey>,
+) -> Result<u64, VerifyError> {
+    if !folder.is_dir() {
+        return Ok(0);
+    }
+    let mut good = 0;
+    for file in names(folder)? {
+        let bad = |problem: String| VerifyError::Checkpoint { file: file.clone(), problem };
+        let checkpoint = Checkpoint::read(&folder.join(&file)).map_err(bad)?;
+        if checkpoint.store_id != store_id {
+            return Err(bad(format!("it belongs to the store {:?}", checkpoint.store_id)));
+        }
+        if public_key.is_some_and(|key| !checkpoint.is_signed_by(key)) {
+            return Err(bad("its signature does not match the public key".to_owned()));
+        }
+        match fold.hash(checkpoint.seq) {
+            Some(hash) if hash == checkpoint.head => good += 1,
+            Some(_) => {
+                let problem = format!("the checkpoint {file:?} says otherwise: history was rewritten");
+                return Err(VerifyError::Record { seq: checkpoint.seq, problem });
+            }
+            None => {
+                let problem = format!("it is missing, although the checkpoint {file:?} was made after it");
+                return Err(VerifyError::Record { seq: fold.end().seq + 1, problem });
+            }
+        }
+    }
+    Ok(good)
+}
+
+/// Every approval is signed, for this store, and is the claim the chain holds.
+fn check_approvals(connection: &Connection, store_id: &str) -> Result<u64, VerifyError> {
+    let mut select =
+        connection.prepare("SELECT nonce, claim, signed FROM approval ORDER BY seq").map_err(unreadable)?;
+    let mut rows = select.query([]).map_err(unreadable)?;
+    let mut good = 0;
+    while let Some(row) = rows.next().map_err(unreadable)? {
+        let read = || Ok((row.get::<_, String>(0)?, row.get::<_, String>(1)?, row.get::<_, String>(2)?));
+        let (nonce, claim, text) = read().map_err(unreadable)?;
+        let bad = |problem: String| VerifyError::Approval { nonce: nonce.clone(), problem };
+        let signed: SignedApproval = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
+        signed.verify_signature().map_err(|error| bad(error.to_string()))?;
+        if signed.approval().claim_digest().to_string() != claim || signed.approval().nonce.as_str() != nonce
+        {
+            return Err(bad("it is not what was recorded".to_owned()));
+        }
+        if signed.approval().store_id != store_id {
+            return Err(bad(format!("it was made for the store {:?}", signed.approval().store_id)));
+        }
+        good += 1;
+    }
+    Ok(good)
+}
+
+fn check_telemetry(path: &Path, fold: &Fold, report: &mut VerifyReport) -> Result<(), VerifyError> {
+    if fold.batches.is_empty() {
+        return Ok(());
+    }
+    if fs::symlink_metadata(path).is_err() {
+        report.batches_unseen = fold.batches.len() as u64;
+        return Ok(());
+    }
+    let connection = open_reader(path, &TELEMETRY)?;
+    for sealed in &fold.batches {
+        let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };
+        match check_batch(&connection, sealed.batch, sealed.digest).map_err(|error| bad(error.to_string()))? {
+            BatchState::Matches => report.batches += 1,
+            BatchState::Pruned => report.batches_pruned += 1,
+            BatchState::Bad(problem) => return Err(bad(problem.to_owned())),
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,625 @@
+//! What can be read: the active, candidate and history views, one version in full, requests, alarms, the chain.
+//!
+//! Reading only. [`ActiveView`] can name active versions and nothing else, so that a dispatcher that holds one
+//! cannot reach a candidate.
+
+use std::io::Write;
+use std::path::Path;
+
+use rusqlite::types::{FromSql, FromSqlError, Type, Value};
+use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
+
+use super::audit::{self, AuditRecord, ExportError, Head};
+use super::change::{ApprovalRequest, VersionFlags};
+use super::error::StoreError;
+use super::migrate::STORE;
+use super::names::{EvidenceKind, StageName, StateName};
+use super::open::open_reader;
+use crate::approvals::SignedApproval;
+use crate::governance::ids::{CapabilityId, Digest};
+
+/// The most rows one call returns.
+pub const PAGE_ROWS_MAX: usize = 10_000;
+
+/// An active version and its way back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ActiveVersion {
+    /// The version in control.
+    pub id: CapabilityId,
+    /// Digest of what runs.
+    pub bundle_digest: Digest,
+    /// Canonical manifest, JSON text.
+    pub manifest: String,
+    /// Whether it is not yet confirmed.
+    pub provisional: bool,
+    /// Whether it runs under a tighter envelope.
+    pub restricted: bool,
+    /// The pinned rollback target.
+    pub pinned: Option<CapabilityId>,
+}
+
+/// The view the dispatcher gets: active versions only.
+#[derive(Debug)]
+pub struct ActiveView {
+    connection: Connection,
+}
+
+const ACTIVE_COLUMNS: &str = "v.name, v.bundle_digest, v.manifest, v.provisional, v.restricted, f.pinned
+    FROM family f JOIN version v ON v.name = f.active WHERE v.state = 'active' AND f.safe_stopped = 0";
+
+impl ActiveView {
+    pub(crate) fn open(database: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_reader(database, &STORE)? })
+    }
+
+    /// The active version of a family; `None` where there is none or the family is safe-stopped.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn active(&self, family: &str) -> Result<Option<ActiveVersion>, StoreError> {
+        let sql = format!("SELECT {ACTIVE_COLUMNS} AND f.name = ?1");
+        one(&self.connection, &sql, [family], read_active)
+    }
+
+    /// All active versions, by family.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn all(&self) -> Result<Vec<ActiveVersion>, StoreError> {
+        many(&self.connection, &format!("SELECT {ACTIVE_COLUMNS} ORDER BY f.name"), [], read_active)
+    }
+}
+
+fn read_active(row: &Row<'_>) -> rusqlite::Result<ActiveVersion> {
+    Ok(ActiveVersion {
+        id: parsed(row, 0)?,
+        bundle_digest: parsed(row, 1)?,
+        manifest: row.get(2)?,
+        provisional: row.get(3)?,
+        restricted: row.get(4)?,
+        pinned: parsed_option(row, 5)?,
+    })
+}
+
+/// Which versions a list is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum VersionGroup {
+    /// Every version.
+    #[default]
+    All,
+    /// In control.
+    Active,
+    /// On the way: registered, validated, sandboxed, shadowed, demoted.
+    Candidate,
+    /// Done: superseded, rolled back, rejected.
+    History,
+}
+
+impl VersionGroup {
+    /// The states of the group.
+    #[must_use]
+    pub const fn states(self) -> &'static [StateName] {
+        use StateName as S;
+        match self {
+            Self::All => S::ALL,
+            Self::Active => &[S::Active],
+            Self::Candidate => &[S::Registered, S::Validated, S::Sandboxed, S::Shadowed, S::Demoted],
+            Self::History => &[S::Superseded, S::RolledBack, S::Rejected],
+        }
+    }
+}
+
+/// What to list.
+#[derive(Clone, Debug, Default)]
+pub struct VersionFilter {
+    /// Which versions.
+    pub group: VersionGroup,
+    /// Of one family only.
+    pub family: Option<String>,
+    /// In one state only.
+    pub state: Option<StateName>,
+    /// Whose name contains this text.
+    pub text: Option<String>,
+    /// How many to skip.
+    pub offset: usize,
+    /// How many at most; 0 for [`PAGE_ROWS_MAX`].
+    pub limit: usize,
+}
+
+/// A version as a list shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionSummary {
+    /// Family and version.
+    pub id: CapabilityId,
+    /// Lifecycle state.
+    pub state: StateName,
+    /// Row version.
+    pub row_version: u64,
+    /// What is going on with it.
+    pub flags: VersionFlags,
+    /// kappa I, P, B, R.
+    pub kappas: [Option<f64>; 4],
+    /// Whether it was a family's first version.
+    pub baseline: bool,
+    /// Who submitted it.
+    pub author: String,
+    /// How it came about.
+    pub provenance: String,
+    /// Estimated risk as submitted.
+    pub risk: String,
+    /// Virtual time of the last change, ms.
+    pub changed_ms: u64,
+}
+
+/// One piece of evidence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EvidenceEntry {
+    /// The record that brought it.
+    pub seq: u64,
+    /// What it is about.
+    pub kind: EvidenceKind,
+    /// Row version it was made at.
+    pub row_version: u64,
+    /// Profile it was made under.
+    pub profile: String,
+    /// Policy it was made under.
+    pub policy_digest: Digest,
+    /// Its digest.
+    pub digest: Digest,
+    /// The evidence, JSON text.
+    pub json: String,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// Whether nothing since (family, profile, policy, thresholds) voided it.
+    pub current: bool,
+}
+
+/// One move of a family's active pointer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ActivationEntry {
+    /// The record.
+    pub seq: u64,
+    /// Who became active.
+    pub active: Option<CapabilityId>,
+    /// The rollback target from then on.
+    pub pinned: Option<CapabilityId>,
+    /// bootstrap, gate, restore, vacate or rearm.
+    pub cause: String,
+    /// The gate record it rests on.
+    pub gate_digest: Option<Digest>,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+}
+
+/// An approval as it was kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ApprovalEntry {
+    /// The signed decision.
+    pub signed: SignedApproval,
+    /// The record that used it.
+    pub consumed_seq: Option<u64>,
+    /// Virtual time it came, ms.
+    pub at_ms: u64,
+}
+
+/// A version in full: the registry entry of the paper's appendix F.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionDetail {
+    /// As in a list.
+    pub summary: VersionSummary,
+    /// The version it was made from.
+    pub parent: Option<CapabilityId>,
+    /// Digest of everything submitted.
+    pub candidate_digest: Digest,
+    /// Digest of the manifest.
+    pub manifest_digest: Digest,
+    /// Digest of what runs.
+    pub bundle_digest: Digest,
+    /// Canonical manifest, JSON text.
+    pub manifest: String,
+    /// Submission, JSON text.
+    pub submission: String,
+    /// Permission profile, JSON text.
+    pub permissions: String,
+    /// Environment scope, JSON text.
+    pub environments: String,
+    /// Behavioural signature, JSON text.
+    pub signature: Option<String>,
+    /// Virtual time of registration, ms.
+    pub registered_ms: u64,
+    /// Compatibility, sandbox, shadow, gate, activation, monitor, rollback and drill evidence, oldest first.
+    pub evidence: Vec<EvidenceEntry>,
+    /// When it became active or the way back, oldest first.
+    pub activations: Vec<ActivationEntry>,
+    /// Decisions about it, oldest first.
+    pub approvals: Vec<ApprovalEntry>,
+    /// Audit records about it, oldest first.
+    pub audit_links: Vec<u64>,
+}
+
+/// How a family stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FamilyStatus {
+    /// Its name.
+    pub name: String,
+    /// The active version.
+    pub active: Option<CapabilityId>,
+    /// The rollback target.
+    pub pinned: Option<CapabilityId>,
+    /// Whether it ever had an active version.
+    pub bootstrapped: bool,
+    /// Whether it is stopped.
+    pub safe_stopped: bool,
+    /// Why it is, or was last.
+    pub reason: String,
+}
+
+/// An alarm as it stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AlarmEntry {
+    /// Which.
+    pub alarm: String,
+    /// What it is about.
+    pub subject: String,
+    /// Its state.
+    pub state: String,
+    /// Its priority.
+    pub priority: String,
+    /// All of it, JSON text.
+    pub json: String,
+    /// Virtual time of the last change, ms.
+    pub changed_ms: u64,
+}
+
+/// Which audit records to list.
+#[derive(Clone, Debug, Default)]
+pub struct AuditFilter {
+    /// From this record on.
+    pub from_seq: u64,
+    /// Of this kind only.
+    pub kind: Option<String>,
+    /// About exactly this subject only.
+    pub subject: Option<String>,
+    /// How many at most; 0 for [`PAGE_ROWS_MAX`].
+    pub limit: usize,
+    /// Newest first.
+    pub newest_first: bool,
+}
+
+/// Everything there is to read.
+#[derive(Debug)]
+pub struct Views {
+    connection: Connection,
+}
+
+const SUMMARY_COLUMNS: &str = "name, state, row_version, running, paused, awaiting_approval, provisional, restricted, \
+    rollback_pending, kappa_i, kappa_p, kappa_b, kappa_r, baseline, author, provenance, risk, changed_ms";
+
+impl Views {
+    /// Opens a store's database for reading, also while an engine has it.
+    ///
+    /// # Errors
+    /// Where it cannot be opened.
+    pub fn open(database: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_reader(database, &STORE)? })
+    }
+
+    /// The connection, for [`check_invariants`](super::check_invariants).
+    #[must_use]
+    pub const fn connection(&self) -> &Connection {
+        &self.connection
+    }
+
+    /// Versions that pass the filter, by family and semantic version, and how many there are in all.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn versions(&self, filter: &VersionFilter) -> Result<(Vec<VersionSummary>, usize), StoreError> {
+        let mut conditions = vec!["1".to_owned()];
+        let mut values: Vec<Value> = Vec::new();
+        let states: Vec<_> =
+            filter.group.states().iter().filter(|s| filter.state.is_none_or(|one| one == **s)).collect();
+        if states.len() < StateName::ALL.len() {
+            let list: Vec<_> = states.iter().map(|state| format!("'{state}'")).collect();
+            conditions.push(format!("state IN ({})", list.join(", ")));
+        }
+        if let Some(family) = &filter.family {
+            values.push(Value::Text(family.clone()));
+            conditions.push(format!("family = ?{}", values.len()));
+        }
+        if let Some(text) = &filter.text {
+            values.push(Value::Text(text.clone()));
+            conditions.push(format!("instr(name, ?{}) > 0", values.len()));
+        }
+        let conditions = conditions.join(" AND ");
+        let count = format!("SELECT count(*) FROM version INDEXED BY version_list WHERE {conditions}");
+        let total =
+            one(&self.connection, &count, params_from_iter(values.clone()), |row| row.get(0))?.unwrap_or(0);
+        let page = format!(
+            "SELECT {SUMMARY_COLUMNS} FROM version INDEXED BY version_list WHERE {conditions}
+             ORDER BY family, sort_key LIMIT {} OFFSET {}",
+            limit(filter.limit),
+            filter.offset
+        );
+        Ok((many(&self.connection, &page, params_from_iter(values), read_summary)?, total))
+    }
+
+    /// One version in full, `None` where there is none.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn version(&self, id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError> {
+        let name = id.to_string();
+        let sql = format!(
+            "SELECT {SUMMARY_COLUMNS}, parent, candidate_digest, manifest_digest, bundle_digest, manifest, submission,
+               permissions, environments, signature, registered_ms FROM version WHERE name = ?1"
+        );
+        let found = one(&self.connection, &sql, [&name], |row| {
+            Ok(VersionDetail {
+                summary: read_summary(row)?,
+                parent: parsed_option(row, 18)?,
+                candidate_digest: parsed(row, 19)?,
+                manifest_digest: parsed(row, 20)?,
+                bundle_digest: parsed(row, 21)?,
+                manifest: row.get(22)?,
+                submission: row.get(23)?,
+                permissions: row.get(24)?,
+                environments: row.get(25)?,
+                signature: row.get(26)?,
+                registered_ms: row.get(27)?,
+                evidence: Vec::new(),
+                activations: Vec::new(),
+                approvals: Vec::new(),
+                audit_links: Vec::new(),
+            })
+        })?;
+        let Some(mut detail) = found else { return Ok(None) };
+        detail.evidence = self.evidence(id, None)?;
+        detail.activations = many(
+            &self.connection,
+            "SELECT seq, active, pinned, cause, gate_digest, at_ms FROM activation
+             WHERE family = ?1 AND (active = ?2 OR pinned = ?2) ORDER BY seq",
+            [id.family.as_str(), &name],
+            read_activation,
+        )?;
+        detail.approvals = self.approvals(id)?;
+        let links = "SELECT seq FROM audit WHERE subject = ?1 ORDER BY seq LIMIT 10000";
+        detail.audit_links = many(&self.connection, links, [&name], |row| row.get(0))?;
+        Ok(Some(detail))
+    }
+
+    /// Evidence on a version, oldest first; of one kind where given.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn evidence(
+        &self,
+        id: &CapabilityId,
+        kind: Option<EvidenceKind>,
+    ) -> Result<Vec<EvidenceEntry>, StoreError> {
+        let sql =
+            "SELECT e.seq, e.kind, e.row_version, e.profile, e.policy_digest, e.digest, e.json, e.at_ms,
+               e.seq > (SELECT void_seq FROM family WHERE name = ?2)
+                 AND e.seq > coalesce((SELECT seq FROM context WHERE id = 1), 0)
+             FROM evidence e WHERE e.version = ?1 AND (?3 IS NULL OR e.kind = ?3) ORDER BY e.seq LIMIT 10000";
+        let parameters = params![id.to_string(), id.family.as_str(), kind];
+        many(&self.connection, sql, parameters, |row| {
+            Ok(EvidenceEntry {
+                seq: row.get(0)?,
+                kind: row.get(1)?,
+                row_version: row.get(2)?,
+                profile: row.get(3)?,
+                policy_digest: parsed(row, 4)?,
+                digest: parsed(row, 5)?,
+                json: row.get(6)?,
+                at_ms: row.get(7)?,
+                current: row.get(8)?,
+            })
+        })
+    }
+
+    /// Decisions about a version, oldest first.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
+        let sql =
+            "SELECT signed, consumed_seq, at_ms FROM approval WHERE version = ?1 ORDER BY seq LIMIT 10000";
+        many(&self.connection, sql, [id.to_string()], |row| {
+            let text: String = row.get(0)?;
+            let signed = serde_json::from_str(&text).map_err(|error| conversion(0, error))?;
+            Ok(ApprovalEntry { signed, consumed_seq: row.get(1)?, at_ms: row.get(2)? })
+        })
+    }
+
+    /// Open requests for approval, the most urgent first.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn open_requests(&self) -> Result<Vec<ApprovalRequest>, StoreError> {
+        let sql =
+            "SELECT id, version, row_version, evidence_digest, policy_digest, profile, needed, deadline_ms,
+               state, json FROM approval_request WHERE state = 'open' ORDER BY deadline_ms LIMIT 10000";
+        many(&self.connection, sql, [], |row| {
+            Ok(ApprovalRequest {
+                id: row.get(0)?,
+                version: parsed(row, 1)?,
+                row_version: row.get(2)?,
+                evidence_digest: parsed(row, 3)?,
+                policy_digest: parsed(row, 4)?,
+                profile: row.get(5)?,
+                needed: row.get(6)?,
+                deadline_ms: row.get(7)?,
+                state: row.get(8)?,
+                json: row.get(9)?,
+            })
+        })
+    }
+
+    /// All families, by name.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn families(&self) -> Result<Vec<FamilyStatus>, StoreError> {
+        let sql = "SELECT name, active, pinned, bootstrapped, safe_stopped, reason FROM family ORDER BY name";
+        many(&self.connection, sql, [], |row| {
+            Ok(FamilyStatus {
+                name: row.get(0)?,
+                active: parsed_option(row, 1)?,
+                pinned: parsed_option(row, 2)?,
+                bootstrapped: row.get(3)?,
+                safe_stopped: row.get(4)?,
+                reason: row.get(5)?,
+            })
+        })
+    }
+
+    /// Profile name, policy digest and content of the present context; `None` before the first.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn context(&self) -> Result<Option<(String, Digest, String)>, StoreError> {
+        let sql = "SELECT profile, policy_digest, json FROM context WHERE id = 1";
+        one(&self.connection, sql, [], |row| Ok((row.get(0)?, parsed(row, 1)?, row.get(2)?)))
+    }
+
+    /// Alarms as they stand, the last changed first.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn alarms(&self) -> Result<Vec<AlarmEntry>, StoreError> {
+        let sql =
+            "SELECT id, subject, state, priority, json, changed_ms FROM alarm ORDER BY changed_ms DESC, id";
+        many(&self.connection, sql, [], |row| {
+            Ok(AlarmEntry {
+                alarm: row.get(0)?,
+                subject: row.get(1)?,
+                state: row.get(2)?,
+                priority: row.get(3)?,
+                json: row.get(4)?,
+                changed_ms: row.get(5)?,
+            })
+        })
+    }
+
+    /// Audit records that pass the filter.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
+        let order = if filter.newest_first { "DESC" } else { "ASC" };
+        let mut sql = format!("SELECT {} FROM audit WHERE seq >= ?1", AuditRecord::COLUMNS);
+        let mut values = vec![Value::Integer(i64::try_from(filter.from_seq).unwrap_or(i64::MAX))];
+        for (column, value) in [("kind", &filter.kind), ("subject", &filter.subject)] {
+            if let Some(value) = value {
+                values.push(Value::Text(value.clone()));
+                sql.push_str(&format!(" AND {column} = ?{}", values.len()));
+            }
+        }
+        sql.push_str(&format!(" ORDER BY seq {order} LIMIT {}", limit(filter.limit)));
+        many(&self.connection, &sql, params_from_iter(values), AuditRecord::read)
+    }
+
+    /// The end of the chain.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn head(&self) -> Result<Head, StoreError> {
+        audit::head(&self.connection).map_err(StoreError::sql("read the audit chain"))
+    }
+
+    /// Writes the chain from `from_seq` on as JSON lines, printable ASCII only, and returns how many. A reader that
+    /// goes away is a clean end.
+    ///
+    /// # Errors
+    /// [`ExportError`].
+    pub fn export(&self, from_seq: u64, out: &mut dyn Write) -> Result<u64, ExportError> {
+        audit::export(&self.connection, from_seq, out)
+    }
+}
+
+const fn limit(asked: usize) -> usize {
+    if asked == 0 || asked > PAGE_ROWS_MAX { PAGE_ROWS_MAX } else { asked }
+}
+
+fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
+    Ok(VersionSummary {
+        id: parsed(row, 0)?,
+        state: row.get(1)?,
+        row_version: row.get(2)?,
+        flags: VersionFlags {
+            running: row.get::<_, Option<StageName>>(3)?,
+            paused: row.get(4)?,
+            awaiting_approval: row.get(5)?,
+            provisional: row.get(6)?,
+            restricted: row.get(7)?,
+            rollback_pending: row.get(8)?,
+        },
+        kappas: [row.get(9)?, row.get(10)?, row.get(11)?, row.get(12)?],
+        baseline: row.get(13)?,
+        author: row.get(14)?,
+        provenance: row.get(15)?,
+        risk: row.get(16)?,
+        changed_ms: row.get(17)?,
+    })
+}
+
+fn read_activation(row: &Row<'_>) -> rusqlite::Result<ActivationEntry> {
+    Ok(ActivationEntry {
+        seq: row.get(0)?,
+        active: parsed_option(row, 1)?,
+        pinned: parsed_option(row, 2)?,
+        cause: row.get(3)?,
+        gate_digest: parsed_option(row, 4)?,
+        at_ms: row.get(5)?,
+    })
+}
+
+fn conversion(column: usize, error: impl std::error::Error + Send + Sync + 'static) -> rusqlite::Error {
+    rusqlite::Error::FromSqlConversionFailure(column, Type::Text, Box::new(error))
+}
+
+/// A text column parsed.
+fn parsed<T>(row: &Row<'_>, column: usize) -> rusqlite::Result<T>
+where
+    T: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>,
+{
+    let text = row.get_ref(column)?;
+    let text = text.as_str().map_err(|error: FromSqlError| conversion(column, error))?;
+    text.parse().map_err(|error| conversion(column, error))
+}
+
+/// A text column that may be missing, parsed.
+fn parsed_option<T>(row: &Row<'_>, column: usize) -> rusqlite::Result<Option<T>>
+where
+    T: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>,
+{
+    match Option::<String>::column_result(row.get_ref(column)?) {
+        Ok(None) => Ok(None),
+        _ => parsed(row, column).map(Some),
+    }
+}
+
+fn one<T>(
+    connection: &Connection,
+    sql: &str,
+    parameters: impl rusqlite::Params,
+    read: impl FnOnce(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Option<T>, StoreError> {
+    connection
+        .prepare_cached(sql)
+        .and_then(|mut select| select.query_row(parameters, read).optional())
+        .map_err(StoreError::sql("read the registry"))
+}
+
+fn many<T>(
+    connection: &Connection,
+    sql: &str,
+    parameters: impl rusqlite::Params,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>, StoreError> {
+    connection
+        .prepare_cached(sql)
+        .and_then(|mut select| select.query_map(parameters, read)?.collect())
+        .map_err(StoreError::sql("read the registry"))
+}
