@@ -1,2 +1,33 @@
 //! The manipulator cell: a rapier world, the arm, tasks, perturbations and ground truth.
+//!
+//! Owns physics, kinematics, the servo, perception and the referee. It knows nothing of manifests,
+//! governance, stores or screens; what decides meets it only through the messages in [`io`].
+
+pub mod chain;
+pub mod clearance;
+pub mod distribution;
+pub mod episode;
+pub mod error;
+pub mod ik;
 pub mod io;
+pub mod rng;
+pub mod robot;
+pub mod scene;
+pub mod world;
+
+mod build;
+pub mod number;
+mod perception;
+pub mod readout;
+mod servo;
+mod urdf;
+
+pub use chain::{Chain, Frames};
+pub use clearance::Clearance;
+pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
+pub use episode::EpisodeSetup;
+pub use error::SimError;
+pub use ik::{IkOptions, IkOutcome};
+pub use robot::RobotModel;
+pub use scene::Scene;
+pub use world::{Fidelity, Truth, World, WorldConfig};

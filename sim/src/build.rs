@@ -1,0 +1,398 @@
+//! From descriptions to a rapier world: bodies, joints, motors, materials, collision groups.
+//!
+//! This file, `readout.rs` and `world.rs` are the only ones that name rapier types; everything else
+//! is f64 and nalgebra. The settings below were found by experiment (240 Hz, a gripped cube must
+//! neither slip nor creep): change one and run the outcome tests.
+
+use nalgebra::Isometry3;
+use rapier3d::dynamics::{
+    CoefficientCombineRule, GenericJoint, GenericJointBuilder, JointAxesMask, JointAxis, MassProperties,
+    MotorModel, MultibodyDofCoupling, MultibodyJointHandle, RigidBodyBuilder, RigidBodyHandle,
+    SpringCoefficients,
+};
+use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
+use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
+
+use crate::episode::EpisodeSetup;
+use crate::error::SimError;
+use crate::io::TICK_SECS;
+use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel, Shape};
+use crate::scene::Scene;
+
+/// What a collider stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Kind {
+    /// Arm link by index (0 = base).
+    Link(u8),
+    /// A finger other than its pad.
+    Finger(u8),
+    /// A gripping surface.
+    Pad(u8),
+    /// The cube.
+    Object,
+    /// The bench.
+    Table,
+    /// The tray.
+    Tray,
+    /// Clutter by index.
+    Clutter(u8),
+}
+
+/// Handles into the physics world; they stay valid across a snapshot.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Handles {
+    /// Arm links, joint 1 first.
+    pub links: Vec<RigidBodyHandle>,
+    pub fingers: [RigidBodyHandle; 2],
+    /// Any joint of the multibody.
+    pub first_joint: MultibodyJointHandle,
+    /// Multibody link ids: arm joints, then fingers.
+    pub link_ids: Vec<usize>,
+    pub object: RigidBodyHandle,
+    /// Kind of the collider with raw index `i`.
+    pub kinds: Vec<Kind>,
+}
+
+/// Solver settings of one step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverEffort {
+    /// Solver substeps per tick.
+    pub substeps: usize,
+    /// Gauss-Seidel sweeps per substep.
+    pub sweeps: usize,
+}
+
+impl SolverEffort {
+    /// What contact needs.
+    pub const FULL: Self = Self { substeps: 4, sweeps: 4 };
+}
+
+const PROXIMAL: Group = Group::GROUP_1;
+const MIDDLE: Group = Group::GROUP_2;
+const DISTAL: Group = Group::GROUP_3;
+const OBJECT: Group = Group::GROUP_4;
+const FIXTURE: Group = Group::GROUP_5;
+const CLUTTER: Group = Group::GROUP_6;
+const BASE: Group = Group::GROUP_7;
+
+/// f64 isometry to rapier's f32 pose.
+pub fn to_rapier(isometry: &Isometry3<f64>) -> RapierPose {
+    isometry.cast::<f32>().into()
+}
+
+/// rapier's f32 pose to an f64 isometry.
+pub fn from_rapier(pose: &RapierPose) -> Isometry3<f64> {
+    let isometry: Isometry3<f32> = (*pose).into();
+    isometry.cast::<f64>()
+}
+
+/// An f64 vector as rapier's f32 one.
+pub fn to_vector(v: &[f64; 3]) -> Vector {
+    Vector::new(v[0] as f32, v[1] as f32, v[2] as f32)
+}
+
+/// An empty world with the settings that hold a gripped cube.
+pub fn empty_world() -> PhysicsWorld {
+    let mut world = PhysicsWorld::default();
+    world.gravity = Vector::new(0.0, 0.0, -9.81);
+    let p = &mut world.integration_parameters;
+    p.dt = TICK_SECS as f32;
+    p.num_solver_iterations = SolverEffort::FULL.substeps;
+    p.num_internal_pgs_iterations = SolverEffort::FULL.sweeps;
+    p.num_internal_stabilization_iterations = 1;
+    p.contact_softness = SpringCoefficients::new(120.0, 5.0);
+    p.static_contact_softness = SpringCoefficients::new(240.0, 5.0);
+    // With recycled contacts a gripped cube walks out of the hand (12 of 20 placed, against 20).
+    p.contact_recycling = false;
+    p.normalized_allowed_linear_error = 0.0005;
+    p.normalized_prediction_distance = 0.004;
+    p.max_ccd_substeps = 0;
+    world
+}
+
+struct Builder<'a> {
+    world: PhysicsWorld,
+    kinds: Vec<Kind>,
+    robot: &'a RobotModel,
+}
+
+/// Builds the whole cell of one episode: the arm at `q`, the fingers `width_m` apart.
+///
+/// # Errors
+/// [`SimError::File`] when rapier refuses a joint of the robot.
+pub fn assemble(
+    robot: &RobotModel,
+    scene: &Scene,
+    setup: &EpisodeSetup,
+    q: &[f64],
+    width_m: f64,
+) -> Result<(PhysicsWorld, Handles), SimError> {
+    let mut builder = Builder { world: empty_world(), kinds: Vec::with_capacity(48), robot };
+    builder.fixtures(scene, setup);
+    let object = builder.object(scene, setup);
+    let (links, fingers, joints) = builder.arm()?;
+    let Builder { mut world, kinds, .. } = builder;
+    let first_joint = joints[0];
+    let link_ids =
+        joints.iter().map(|handle| world.multibody_joints.get(*handle).map_or(0, |(_, id)| id)).collect();
+    let handles = Handles { links, fingers, first_joint, link_ids, object, kinds };
+    set_configuration(&mut world, &handles, robot, q, width_m);
+    Ok((world, handles))
+}
+
+impl Builder<'_> {
+    fn add(
+        &mut self,
+        kind: Kind,
+        groups: (Group, Group),
+        collider: ColliderBuilder,
+        body: Option<RigidBodyHandle>,
+    ) -> ColliderHandle {
+        let groups = InteractionGroups::new(groups.0, groups.1, InteractionTestMode::And);
+        let handle = self.world.insert_collider(collider.collision_groups(groups), body);
+        let index = handle.into_raw_parts().0 as usize;
+        if self.kinds.len() <= index {
+            self.kinds.resize(index + 1, kind);
+        }
+        self.kinds[index] = kind;
+        handle
+    }
+
+    fn fixtures(&mut self, scene: &Scene, setup: &EpisodeSetup) {
+        let all = (FIXTURE, MIDDLE | DISTAL | OBJECT);
+        let table = &scene.table;
+        let slab =
+            cuboid(&table.half_m).translation(to_vector(&table.centre_m)).friction(table.friction as f32);
+        self.add(Kind::Table, all, slab, None);
+        // Tray: floor and four walls, in the frame of the floor's upper face.
+        let tray = &scene.tray;
+        let inner = scene.object.half_m + tray.clearance_m;
+        let outer = inner + tray.wall_m;
+        let rise = 0.5 * (tray.wall_top_m - tray.floor_m);
+        let mut parts = vec![([outer, outer, 0.5 * tray.floor_m], [0.0, 0.0, -0.5 * tray.floor_m])];
+        for side in [-1.0, 1.0] {
+            let at = side * (inner + 0.5 * tray.wall_m);
+            parts.push(([0.5 * tray.wall_m, outer, rise], [at, 0.0, rise]));
+            parts.push(([inner, 0.5 * tray.wall_m, rise], [0.0, at, rise]));
+        }
+        let target = setup.target.isometry();
+        for (half, centre) in parts {
+            let pose = target * Isometry3::translation(centre[0], centre[1], centre[2]);
+            let part = cuboid(&half).position(to_rapier(&pose)).friction(tray.friction as f32);
+            self.add(Kind::Tray, all, part, None);
+        }
+        for index in &setup.clutter {
+            let Some(piece) = scene.clutter.get(usize::from(*index)) else { continue };
+            let [x, y] = piece.centre_xy_m;
+            let piece = cuboid(&piece.half_m).translation(to_vector(&[x, y, piece.half_m[2]])).friction(0.5);
+            self.add(Kind::Clutter(*index), (CLUTTER, MIDDLE | DISTAL | OBJECT), piece, None);
+        }
+    }
+
+    fn object(&mut self, scene: &Scene, setup: &EpisodeSetup) -> RigidBodyHandle {
+        let body =
+            RigidBodyBuilder::dynamic().pose(to_rapier(&setup.object.pose.isometry())).can_sleep(false);
+        let body = self.world.insert_body(body);
+        let half = scene.object.half_m;
+        let cube = cuboid(&[half; 3])
+            .mass(setup.object.mass_kg as f32)
+            .friction(setup.object.friction as f32)
+            .friction_combine_rule(CoefficientCombineRule::Min);
+        self.add(Kind::Object, (OBJECT, Group::ALL), cube, Some(body));
+        body
+    }
+
+    #[expect(clippy::type_complexity, reason = "read once, right above")]
+    fn arm(
+        &mut self,
+    ) -> Result<(Vec<RigidBodyHandle>, [RigidBodyHandle; 2], Vec<MultibodyJointHandle>), SimError> {
+        let robot = self.robot;
+        let base = self.world.insert_body(RigidBodyBuilder::fixed());
+        self.shapes(base, &robot.links[0], 0);
+        let mut joints = Vec::new();
+        let mut links = Vec::new();
+        let mut parent = base;
+        for (i, (joint, link)) in robot.chain.joints.iter().zip(robot.links.iter().skip(1)).enumerate() {
+            let body = self.link_body(link);
+            self.shapes(body, link, i + 1);
+            let data = revolute(&joint.origin.isometry(), joint.lower_rad, joint.upper_rad);
+            joints.push(self.join(parent, body, data, &joint.name)?);
+            links.push(body);
+            parent = body;
+        }
+        let mut fingers = [parent; 2];
+        for (side, finger) in robot.gripper.fingers.iter().enumerate() {
+            let body = self.link_body(&finger.link);
+            for shape in &finger.link.shapes {
+                let kind = if shape.pad { Kind::Pad(side as u8) } else { Kind::Finger(side as u8) };
+                let mut collider = collider(shape);
+                if shape.pad {
+                    collider = collider
+                        .friction(robot.gripper.pad_friction as f32)
+                        .friction_combine_rule(CoefficientCombineRule::Min);
+                }
+                self.add(kind, (DISTAL, PROXIMAL | OBJECT | FIXTURE | CLUTTER), collider, Some(body));
+            }
+            let data = prismatic(&finger.origin.isometry(), finger.stroke_m);
+            joints.push(self.join(parent, body, data, &finger.joint)?);
+            fingers[side] = body;
+        }
+        Ok((links, fingers, joints))
+    }
+
+    fn link_body(&mut self, link: &LinkSpec) -> RigidBodyHandle {
+        let scale = if self.robot.motors.gravity_compensation { 0.0 } else { 1.0 };
+        let mut body = RigidBodyBuilder::dynamic().can_sleep(false).gravity_scale(scale);
+        if let Some(inertial) = &link.inertial {
+            body = body.additional_mass_properties(mass_properties(inertial));
+        }
+        self.world.insert_body(body)
+    }
+
+    fn shapes(&mut self, body: RigidBodyHandle, link: &LinkSpec, index: usize) {
+        let groups = link_groups(index, self.robot.joint_count());
+        for shape in &link.shapes {
+            self.add(Kind::Link(index as u8), groups, collider(shape), Some(body));
+        }
+    }
+
+    fn join(
+        &mut self,
+        parent: RigidBodyHandle,
+        child: RigidBodyHandle,
+        data: GenericJoint,
+        name: &str,
+    ) -> Result<MultibodyJointHandle, SimError> {
+        self.world.multibody_joints.insert(parent, child, data, true).ok_or_else(|| {
+            SimError::file(
+                &self.robot.name,
+                format!("joint \"{name}\""),
+                "the physics engine refuses it (a loop?)",
+            )
+        })
+    }
+}
+
+/// What a link may touch. Of the robot itself only the far end against the near end is resolved by
+/// physics (the pairs between are caught by geometry, see [`crate::clearance`]).
+fn link_groups(index: usize, joints: usize) -> (Group, Group) {
+    if index == 0 {
+        (PROXIMAL | BASE, DISTAL | OBJECT)
+    } else if index <= 2 {
+        (PROXIMAL, DISTAL | OBJECT)
+    } else if index + 2 >= joints && index >= 4 {
+        (DISTAL, PROXIMAL | OBJECT | FIXTURE | CLUTTER)
+    } else {
+        (MIDDLE, OBJECT | FIXTURE | CLUTTER)
+    }
+}
+
+fn cuboid(half: &[f64; 3]) -> ColliderBuilder {
+    ColliderBuilder::cuboid(half[0] as f32, half[1] as f32, half[2] as f32)
+}
+
+fn collider(shape: &LinkShape) -> ColliderBuilder {
+    let quarter = Rotation::from_rotation_x(core::f32::consts::FRAC_PI_2);
+    let pose = to_rapier(&shape.pose);
+    let builder = match shape.shape {
+        Shape::Capsule { half_length_m, radius_m } => {
+            ColliderBuilder::capsule_z(half_length_m as f32, radius_m as f32).position(pose)
+        }
+        // rapier's cylinder stands along y.
+        Shape::Cylinder { half_length_m, radius_m } => {
+            ColliderBuilder::cylinder(half_length_m as f32, radius_m as f32)
+                .position(pose * RapierPose::from_rotation(quarter))
+        }
+        Shape::Cuboid { half_m } => cuboid(&half_m).position(pose),
+        Shape::Ball { radius_m } => ColliderBuilder::ball(radius_m as f32).position(pose),
+    };
+    builder.density(0.0).friction(0.5)
+}
+
+fn mass_properties(i: &Inertial) -> MassProperties {
+    let inertia: Matrix = i.inertia_kg_m2.cast::<f32>().into();
+    MassProperties::with_inertia_matrix(to_vector(&i.centre_m.into()), i.mass_kg as f32, inertia)
+}
+
+/// rapier's free axis is the joint frame's x; ours is z.
+fn x_to_z() -> RapierPose {
+    RapierPose::from_rotation(Rotation::from_rotation_y(-core::f32::consts::FRAC_PI_2))
+}
+
+fn revolute(origin: &Isometry3<f64>, lower: f64, upper: f64) -> GenericJoint {
+    GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
+        .local_frame1(to_rapier(origin) * x_to_z())
+        .local_frame2(x_to_z())
+        .limits(JointAxis::AngX, [lower as f32, upper as f32])
+        .contacts_enabled(false)
+        .build()
+}
+
+fn prismatic(origin: &Isometry3<f64>, stroke: f64) -> GenericJoint {
+    GenericJointBuilder::new(JointAxesMask::LOCKED_PRISMATIC_AXES)
+        .local_frame1(to_rapier(origin) * x_to_z())
+        .local_frame2(x_to_z())
+        .limits(JointAxis::LinX, [0.0, stroke as f32])
+        .contacts_enabled(false)
+        .build()
+}
+
+/// Puts the arm at `q` at rest, and sets motors, armature, damping and the coupling of the fingers.
+fn set_configuration(
+    world: &mut PhysicsWorld,
+    handles: &Handles,
+    robot: &RobotModel,
+    q: &[f64],
+    width_m: f64,
+) {
+    let n = robot.joint_count();
+    let Some((multibody, _)) = world.multibody_joints.get_mut(handles.first_joint) else { return };
+    // The root's type (fixed) decides the number of degrees of freedom: resolve it first.
+    multibody.forward_kinematics(&world.bodies, true);
+    let mut displacement = vec![0.0_f32; multibody.ndofs()];
+    for (i, id) in handles.link_ids.iter().enumerate() {
+        let Some(at) = multibody.link(*id).map(|link| link.assembly_id()) else { continue };
+        displacement[at] = q.get(i).map_or(0.5 * width_m, |angle| *angle) as f32;
+        multibody.damping_mut()[at] = robot.motors.joint_damping_n_m_s_rad as f32;
+        let armature = if i < n { robot.motors.armature_kg_m2 } else { robot.gripper.armature_kg };
+        multibody.armature_mut()[at] = armature as f32;
+    }
+    multibody.apply_displacements(&displacement);
+    multibody.forward_kinematics(&world.bodies, true);
+    multibody.update_rigid_bodies(&mut world.bodies, true);
+    // Without the coupling the fingers drift together under the object's weight.
+    multibody.add_dof_coupling(MultibodyDofCoupling {
+        link1: handles.link_ids[n],
+        dof1: 0,
+        axis1: 0,
+        link2: handles.link_ids[n + 1],
+        dof2: 0,
+        axis2: 0,
+        coeff: 1.0,
+        offset: 0.0,
+    });
+    for (i, id) in handles.link_ids.iter().enumerate() {
+        let Some(link) = multibody.link_mut(*id) else { continue };
+        let data = &mut link.joint.data;
+        if let Some(joint) = robot.chain.joints.get(i) {
+            let (kp, kd) = (robot.motors.stiffness_n_m_rad[i], robot.motors.damping_n_m_s_rad[i]);
+            data.set_motor_model(JointAxis::AngX, MotorModel::ForceBased);
+            data.set_motor(JointAxis::AngX, q[i] as f32, 0.0, kp as f32, kd as f32);
+            data.set_motor_max_force(JointAxis::AngX, joint.effort_max_n_m as f32);
+        } else {
+            let g = &robot.gripper;
+            data.set_motor_model(JointAxis::LinX, MotorModel::ForceBased);
+            let target = 0.5 * width_m;
+            data.set_motor(
+                JointAxis::LinX,
+                target as f32,
+                0.0,
+                g.stiffness_n_m as f32,
+                g.damping_n_s_m as f32,
+            );
+            data.set_motor_max_force(JointAxis::LinX, g.force_max_n as f32);
+        }
+    }
+}

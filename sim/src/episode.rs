@@ -1,0 +1,349 @@
+//! One sampled episode: plain data, complete, independent of the robot and of what a skill does.
+//!
+//! Each purpose draws from its own stream ([`crate::rng`]) in a fixed order, so the same task,
+//! distribution and seed give the same episode everywhere, and everything random that happens
+//! during the episode comes from streams seeded here.
+
+use arrayvec::ArrayVec;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::distribution::Distribution;
+use crate::io::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
+use crate::rng::{Purpose, Stream};
+use crate::scene::Scene;
+
+/// The object of this episode.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectSetup {
+    /// Where it starts; for a held start this follows from the tool pose.
+    pub pose: Pose,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Friction coefficient.
+    pub friction: f64,
+}
+
+/// How the arm starts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// At home, each joint off by a little; the gripper open, the object on the table.
+    Home {
+        /// Offset of each joint, rad; surplus values are ignored.
+        offset_rad: JointVec,
+    },
+    /// With the object in the hand.
+    Held {
+        /// Tool pose.
+        tool: Pose,
+        /// Object in the tool frame before the pads square it.
+        object_in_tool: Pose,
+    },
+}
+
+/// The camera of this episode, in ticks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSetup {
+    /// Exposure to delivery, ticks.
+    pub delay_ticks: f64,
+    /// Largest addition to it per picture, ticks.
+    pub delay_jitter_ticks: f64,
+    /// First exposure, ticks.
+    pub phase_ticks: f64,
+    /// Largest addition to the period, ticks.
+    pub period_jitter_ticks: f64,
+    /// Chance that a picture is lost.
+    pub drop_probability: f64,
+    /// Noise of x and y, m.
+    pub sigma_m: f64,
+    /// Noise of yaw, rad.
+    pub sigma_yaw_rad: f64,
+    /// Constant error of x and y, m.
+    pub bias_m: [f64; 2],
+    /// Constant error of yaw, rad.
+    pub bias_yaw_rad: f64,
+    /// AR(1) coefficient of the noise.
+    pub correlation: f64,
+    /// Stream of the noise.
+    pub noise: Stream,
+    /// Stream of exposure times, delays and losses.
+    pub timing: Stream,
+}
+
+/// Standard deviations of the robot's sensors in this episode.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSetup {
+    /// Joint position, rad.
+    pub joint_rad: f64,
+    /// Joint speed, rad/s.
+    pub joint_speed_rad_s: f64,
+    /// Joint torque, N m.
+    pub torque_n_m: f64,
+    /// Forces, N.
+    pub force_n: f64,
+    /// Gripper width, m.
+    pub width_m: f64,
+    /// Slip, m.
+    pub slip_m: f64,
+    /// Stream of the noise.
+    pub noise: Stream,
+}
+
+/// From command to servo, in ticks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActionSetup {
+    /// Latency, ticks.
+    pub latency_ticks: f64,
+    /// Largest addition per command, ticks.
+    pub jitter_ticks: f64,
+    /// Stream of the jitter.
+    pub jitter: Stream,
+}
+
+/// A push on the object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Push {
+    /// World tick.
+    pub tick: u64,
+    /// Impulse, N s, world frame.
+    pub impulse_n_s: [f64; 3],
+}
+
+/// A window in which the gripper does not answer: from tick `begin` up to, not including, `end`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolWindow {
+    /// First world tick.
+    pub begin: u64,
+    /// First world tick after it.
+    pub end: u64,
+}
+
+/// Everything that makes one episode.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EpisodeSetup {
+    /// The seed it was drawn with.
+    pub seed: u64,
+    /// Name of the distribution it was drawn from.
+    pub distribution: String,
+    /// The first task.
+    pub task: TaskKind,
+    /// The object.
+    pub object: ObjectSetup,
+    /// Tray frame: centre of the floor's upper face, x along a wall.
+    pub target: Pose,
+    /// How the arm starts.
+    pub start: Start,
+    /// Which pieces of the scene's clutter are present, by index.
+    pub clutter: ArrayVec<u8, 16>,
+    /// The camera.
+    pub camera: CameraSetup,
+    /// The robot's sensors.
+    pub sensors: SensorSetup,
+    /// From command to servo.
+    pub action: ActionSetup,
+    /// Pushes, in order of time.
+    pub pushes: ArrayVec<Push, 4>,
+    /// Gripper failures.
+    pub tool_windows: ArrayVec<ToolWindow, 4>,
+}
+
+const TICKS_PER_MS: f64 = RATE_HZ as f64 / 1000.0;
+
+/// A pose on the table: x and y in m, height z, yaw about z.
+#[must_use]
+pub fn upright(x: f64, y: f64, z: f64, yaw: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::new(x, y, z), about_z(yaw))
+}
+
+/// A tool pose that points straight down: `Rz(yaw) Rx(pi)`.
+#[must_use]
+pub fn tool_down(x: f64, y: f64, z: f64, yaw: f64) -> Isometry3<f64> {
+    // The half turn about x is the quaternion (1, 0, 0, 0): exact.
+    let flip = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(0.0, 1.0, 0.0, 0.0));
+    Isometry3::from_parts(Translation3::new(x, y, z), about_z(yaw) * flip)
+}
+
+/// Rotation about z, through `libm`.
+fn about_z(yaw: f64) -> UnitQuaternion<f64> {
+    let (sin, cos) = libm::sincos(0.5 * yaw);
+    UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(cos, 0.0, 0.0, sin))
+}
+
+/// An angle reduced by the cube's quarter-turn symmetry to -45..45 degrees, rad.
+#[must_use]
+pub fn wrap_quarter_turn(angle: f64) -> f64 {
+    let quarter = core::f64::consts::FRAC_PI_2;
+    angle - libm::round(angle / quarter) * quarter
+}
+
+/// Yaw of the object's x axis in the world, rad.
+#[must_use]
+pub fn yaw_of(pose: &Isometry3<f64>) -> f64 {
+    let x = pose.rotation * Vector3::x();
+    libm::atan2(x.y, x.x)
+}
+
+impl EpisodeSetup {
+    /// Draws the episode of a seed.
+    #[must_use]
+    pub fn sample(task: TaskKind, scene: &Scene, distribution: &Distribution, seed: u64) -> Self {
+        let d = distribution;
+        let mut stream = Stream::new(seed, Purpose::Object);
+        let (x, y) = (d.object.x_m.draw(&mut stream), d.object.y_m.draw(&mut stream));
+        let yaw = d.object.yaw_rad.draw(&mut stream);
+        let mass_kg = d.object.mass_kg.draw(&mut stream);
+        let friction = d.object.friction.draw(&mut stream);
+        let mut stream = Stream::new(seed, Purpose::Target);
+        let (tx, ty) = (d.target.x_m.draw(&mut stream), d.target.y_m.draw(&mut stream));
+        let tyaw = d.target.yaw_rad.draw(&mut stream);
+        let target = upright(tx, ty, scene.tray.floor_m, tyaw);
+
+        let mut stream = Stream::new(seed, Purpose::Arm);
+        let offset_rad: JointVec = (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.draw(&mut stream)).collect();
+        let held = HeldDraw::new(d, seed);
+        let start = match task {
+            TaskKind::Grasp => Start::Home { offset_rad },
+            TaskKind::Align => held.start(&upright(x, y, held.height_m, yaw)),
+            TaskKind::Place => {
+                let z = scene.seat_height_m() + scene.tolerance.hover_m;
+                let [rx, ry] = held.residual_m;
+                held.start(&upright(tx + rx, ty + ry, z, tyaw + held.residual_yaw_rad))
+            }
+        };
+        let pose = match &start {
+            Start::Home { .. } => upright(x, y, scene.object.half_m, yaw),
+            Start::Held { tool, object_in_tool } => tool.isometry() * object_in_tool.isometry(),
+        };
+        Self {
+            seed,
+            distribution: d.name.clone(),
+            task,
+            object: ObjectSetup { pose: Pose::from(&pose), mass_kg, friction },
+            target: Pose::from(&target),
+            start,
+            clutter: clutter(d, scene, seed),
+            camera: camera(d, seed),
+            sensors: sensors(d, seed),
+            action: action(d, seed),
+            pushes: pushes(d, seed),
+            tool_windows: tool_windows(d, seed),
+        }
+    }
+}
+
+/// The draws for a held start; always all of them, whatever the task.
+struct HeldDraw {
+    height_m: f64,
+    in_hand: Isometry3<f64>,
+    residual_m: [f64; 2],
+    residual_yaw_rad: f64,
+}
+
+impl HeldDraw {
+    fn new(d: &Distribution, seed: u64) -> Self {
+        let mut stream = Stream::new(seed, Purpose::InHand);
+        let height_m = d.held.height_m.draw(&mut stream);
+        let (along, depth) = (d.held.along_pad_m.draw(&mut stream), d.held.depth_m.draw(&mut stream));
+        let in_hand = tool_down(along, 0.0, depth, d.held.yaw_rad.draw(&mut stream));
+        let residual_m = [d.held.residual_xy_m.draw(&mut stream), d.held.residual_xy_m.draw(&mut stream)];
+        Self { height_m, in_hand, residual_m, residual_yaw_rad: d.held.residual_yaw_rad.draw(&mut stream) }
+    }
+
+    /// The start whose object pose is `object`, turned by the quarter turn that suits the wrist.
+    fn start(&self, object: &Isometry3<f64>) -> Start {
+        let t = object.translation;
+        let square = upright(t.x, t.y, t.z, wrap_quarter_turn(yaw_of(object)));
+        let tool = square * self.in_hand.inverse();
+        Start::Held { tool: Pose::from(&tool), object_in_tool: Pose::from(&self.in_hand) }
+    }
+}
+
+fn clutter(d: &Distribution, scene: &Scene, seed: u64) -> ArrayVec<u8, 16> {
+    let mut stream = Stream::new(seed, Purpose::Clutter);
+    let probability = d.clutter.probability.draw(&mut stream);
+    (0..scene.clutter.len() as u8).filter(|_| stream.chance(probability)).take(16).collect()
+}
+
+fn camera(d: &Distribution, seed: u64) -> CameraSetup {
+    let c = &d.camera;
+    let mut timing = Stream::new(seed, Purpose::Timing);
+    let mut noise = Stream::new(seed, Purpose::Picture);
+    CameraSetup {
+        delay_ticks: c.delay_ms.draw(&mut timing) * TICKS_PER_MS,
+        delay_jitter_ticks: c.delay_jitter_ms.draw(&mut timing) * TICKS_PER_MS,
+        phase_ticks: c.phase_ms.draw(&mut timing) * TICKS_PER_MS,
+        period_jitter_ticks: c.period_jitter_ms.draw(&mut timing) * TICKS_PER_MS,
+        drop_probability: c.drop_probability.draw(&mut timing),
+        sigma_m: c.sigma_m.draw(&mut noise),
+        sigma_yaw_rad: c.sigma_yaw_rad.draw(&mut noise),
+        bias_m: [c.bias_m.draw(&mut noise), c.bias_m.draw(&mut noise)],
+        bias_yaw_rad: c.bias_yaw_rad.draw(&mut noise),
+        correlation: c.correlation.draw(&mut noise),
+        noise,
+        timing,
+    }
+}
+
+fn sensors(d: &Distribution, seed: u64) -> SensorSetup {
+    let s = &d.sensors;
+    let mut noise = Stream::new(seed, Purpose::Sensors);
+    SensorSetup {
+        joint_rad: s.joint_rad.draw(&mut noise),
+        joint_speed_rad_s: s.joint_speed_rad_s.draw(&mut noise),
+        torque_n_m: s.torque_n_m.draw(&mut noise),
+        force_n: s.force_n.draw(&mut noise),
+        width_m: s.width_m.draw(&mut noise),
+        slip_m: s.slip_m.draw(&mut noise),
+        noise,
+    }
+}
+
+fn action(d: &Distribution, seed: u64) -> ActionSetup {
+    let mut jitter = Stream::new(seed, Purpose::Latency);
+    ActionSetup {
+        latency_ticks: d.action.latency_ms.draw(&mut jitter) * TICKS_PER_MS,
+        jitter_ticks: d.action.jitter_ms.draw(&mut jitter) * TICKS_PER_MS,
+        jitter,
+    }
+}
+
+fn pushes(d: &Distribution, seed: u64) -> ArrayVec<Push, 4> {
+    let mut stream = Stream::new(seed, Purpose::Push);
+    let probability = d.push.probability.draw(&mut stream);
+    let happens = stream.chance(probability);
+    let seconds = d.push.time_s.draw(&mut stream);
+    let impulse = d.push.impulse_n_s.draw(&mut stream);
+    let (sin, cos) = libm::sincos(stream.uniform(0.0, core::f64::consts::TAU));
+    let mut pushes = ArrayVec::new();
+    if happens && impulse > 0.0 {
+        pushes.push(Push { tick: ticks(seconds), impulse_n_s: [impulse * cos, impulse * sin, 0.0] });
+    }
+    pushes
+}
+
+fn tool_windows(d: &Distribution, seed: u64) -> ArrayVec<ToolWindow, 4> {
+    let mut stream = Stream::new(seed, Purpose::Tool);
+    let probability = d.tool.probability.draw(&mut stream);
+    let mut windows = ArrayVec::new();
+    for _ in 0..2 {
+        let happens = stream.chance(probability);
+        let begin = ticks(d.tool.start_s.draw(&mut stream));
+        let length = ticks(d.tool.length_s.draw(&mut stream));
+        if happens && length > 0 {
+            windows.push(ToolWindow { begin, end: begin + length });
+        }
+    }
+    windows
+}
+
+fn ticks(seconds: f64) -> u64 {
+    libm::round(seconds.max(0.0) * f64::from(RATE_HZ)) as u64
+}

@@ -1,0 +1,56 @@
+//! What can go wrong in the cell, said so that the file or the episode can be put right.
+
+use thiserror::Error;
+
+/// A failure of the simulator itself, never of the skill under test.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SimError {
+    /// A description file is wrong.
+    #[error("{file}: {element}: {problem}")]
+    File {
+        /// The file, or `builtin:<name>`.
+        file: String,
+        /// The element or key inside it.
+        element: String,
+        /// What is wrong, with the value in quotes and what is allowed.
+        problem: String,
+    },
+    /// A command that cannot be carried out: not a number, or not above zero where it must be.
+    #[error("command refused: {0}")]
+    Command(String),
+    /// The episode could not be started as sampled (the object does not hold in the hand, or a
+    /// start pose is out of reach). Says nothing about the skill.
+    #[error("seed {seed}: no valid start: {problem}")]
+    InvalidStart {
+        /// The episode's seed.
+        seed: u64,
+        /// What failed.
+        problem: String,
+    },
+    /// The physics state stopped being finite or left the cell. The episode is void.
+    #[error("the world diverged at tick {tick}: {what}")]
+    Diverged {
+        /// World tick at which it was noticed.
+        tick: u64,
+        /// The quantity that is not usable.
+        what: String,
+    },
+    /// Bytes that are not a snapshot of this world.
+    #[error("snapshot refused: {0}")]
+    Snapshot(String),
+    /// A worker of the pool panicked.
+    #[error("worker failed on item {item}: {message}")]
+    Worker {
+        /// Index of the item it was working on.
+        item: u64,
+        /// The panic's message.
+        message: String,
+    },
+}
+
+impl SimError {
+    /// An error in a description file.
+    pub(crate) fn file(file: &str, element: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::File { file: file.to_owned(), element: element.into(), problem: problem.into() }
+    }
+}

@@ -1,0 +1,163 @@
+//! From true poses to what a camera at 30 Hz tells, and from true joint state to sensor readings.
+//!
+//! Draws the same count of random numbers per picture and per tick whatever happens in the world.
+
+use arrayvec::ArrayVec;
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+use crate::episode::{CameraSetup, SensorSetup, upright, yaw_of};
+use crate::io::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
+
+/// Pictures per second.
+pub const CAMERA_HZ: u32 = 30;
+
+const PERIOD_TICKS: f64 = RATE_HZ as f64 / CAMERA_HZ as f64;
+
+/// One picture under way or delivered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Picture {
+    taken: u64,
+    due: u64,
+    sequence: u32,
+    /// Absent: lost.
+    seen: Option<[Pose; 2]>,
+}
+
+/// The camera's state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    setup: CameraSetup,
+    next_exposure: f64,
+    sequence: u32,
+    /// Correlated noise of object and target: x, y, z, yaw each.
+    noise: [[f64; 4]; 2],
+    under_way: ArrayVec<Picture, 64>,
+    delivered: Option<Picture>,
+    /// When the last picture that was not lost was taken.
+    last_seen: Option<u64>,
+}
+
+impl Camera {
+    /// A camera that has seen nothing.
+    pub fn new(setup: &CameraSetup) -> Self {
+        let mut camera = Self {
+            setup: setup.clone(),
+            next_exposure: setup.phase_ticks,
+            sequence: 0,
+            noise: [[0.0; 4]; 2],
+            under_way: ArrayVec::new(),
+            delivered: None,
+            last_seen: None,
+        };
+        // The stationary state of the AR(1) process.
+        for row in &mut camera.noise {
+            for value in row {
+                *value = camera.setup.noise.normal();
+            }
+        }
+        camera
+    }
+
+    /// Exposes and delivers what is due at `tick`.
+    pub fn tick(&mut self, tick: u64, object: &Isometry3<f64>, target: &Isometry3<f64>) {
+        if tick as f64 >= self.next_exposure {
+            self.expose(tick, object, target);
+        }
+        while self.under_way.first().is_some_and(|picture| picture.due <= tick) {
+            let picture = self.under_way.remove(0);
+            if picture.seen.is_some() {
+                self.last_seen = Some(picture.taken);
+            }
+            self.delivered = Some(picture);
+        }
+    }
+
+    fn expose(&mut self, tick: u64, object: &Isometry3<f64>, target: &Isometry3<f64>) {
+        let s = &mut self.setup;
+        self.next_exposure += PERIOD_TICKS + s.timing.unit() * s.period_jitter_ticks;
+        let delay = s.delay_ticks + s.timing.unit() * s.delay_jitter_ticks;
+        let lost = s.timing.chance(s.drop_probability);
+        let fresh = libm::sqrt(1.0 - s.correlation * s.correlation);
+        for row in &mut self.noise {
+            for value in row {
+                *value = s.correlation * *value + fresh * s.noise.normal();
+            }
+        }
+        let seen = [self.perceived(object, 0), self.perceived(target, 1)];
+        // A picture never overtakes the one before it.
+        let after = self.under_way.last().map_or(0, |picture| picture.due);
+        let due = (tick + libm::round(delay) as u64).max(after);
+        self.sequence += 1;
+        let picture = Picture { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
+        if self.under_way.is_full() {
+            self.under_way.remove(0);
+        }
+        self.under_way.push(picture);
+    }
+
+    /// A pose with bias and noise: translation, and a turn about the world's z.
+    fn perceived(&self, truth: &Isometry3<f64>, row: usize) -> Pose {
+        let (s, n) = (&self.setup, &self.noise[row]);
+        let turn = upright(0.0, 0.0, 0.0, s.bias_yaw_rad + s.sigma_yaw_rad * n[3]).rotation;
+        let mut pose = Isometry3::from_parts(truth.translation, turn * truth.rotation);
+        pose.translation.x += s.bias_m[0] + s.sigma_m * n[0];
+        pose.translation.y += s.bias_m[1] + s.sigma_m * n[1];
+        pose.translation.z += 0.5 * s.sigma_m * n[2];
+        Pose::from(&pose)
+    }
+
+    /// Object and target as last seen; absent before the first picture and while the last was lost.
+    pub fn estimates(&self, tick: u64) -> (Option<Estimate>, Option<Estimate>) {
+        let Some(Picture { taken, sequence, seen: Some([object, target]), .. }) = &self.delivered else {
+            return (None, None);
+        };
+        let age_ticks = u32::try_from(tick - taken).unwrap_or(u32::MAX);
+        let estimate = |pose: &Pose| Some(Estimate { pose: *pose, age_ticks, sequence: *sequence });
+        (estimate(object), estimate(target))
+    }
+
+    /// Age of the last picture that was not lost, ticks.
+    pub fn age_ticks(&self, tick: u64) -> Option<u32> {
+        self.last_seen.map(|taken| u32::try_from(tick - taken).unwrap_or(u32::MAX))
+    }
+}
+
+/// Errors of every sensor in one tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SensorErrors {
+    /// Joint positions, rad.
+    pub q: JointVec,
+    /// Joint speeds, rad/s.
+    pub dq: JointVec,
+    /// Joint torques, N m.
+    pub tau: JointVec,
+    /// Grip, wrist and contact force, N.
+    pub force_n: [f64; 3],
+    /// Gripper width, m.
+    pub width_m: f64,
+    /// Slip, m.
+    pub slip_m: f64,
+}
+
+/// Draws the errors of one tick; the same count for every robot.
+pub fn sensor_errors(setup: &mut SensorSetup) -> SensorErrors {
+    let s = setup;
+    let mut errors = SensorErrors::default();
+    for _ in 0..MAX_JOINTS {
+        errors.q.push(s.joint_rad * s.noise.normal_bounded());
+        errors.dq.push(s.joint_speed_rad_s * s.noise.normal_bounded());
+        errors.tau.push(s.torque_n_m * s.noise.normal_bounded());
+    }
+    for value in &mut errors.force_n {
+        *value = s.force_n * s.noise.normal_bounded();
+    }
+    errors.width_m = s.width_m * s.noise.normal_bounded();
+    errors.slip_m = s.slip_m * s.noise.normal_bounded();
+    errors
+}
+
+/// Yaw difference of two upright poses modulo the cube's quarter turn, rad.
+pub fn yaw_error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    crate::episode::wrap_quarter_turn(yaw_of(a) - yaw_of(b)).abs()
+}

@@ -1,0 +1,205 @@
+//! What a stepped world says: joint state, contact forces, who touches whom.
+//!
+//! Normal forces are the solver's impulses over the tick. Nothing here adds noise; see
+//! [`crate::perception`].
+
+use nalgebra::{Isometry3, Vector3};
+use rapier3d::geometry::ContactPair;
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
+
+use crate::build::{Handles, Kind, from_rapier};
+use crate::io::{Contacts, JointVec, TICK_SECS};
+use crate::robot::RobotModel;
+
+/// A contact of the robot, or of the object, with something it should not be confused with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ContactForces {
+    /// Normal force of the object on each pad, N.
+    pub pad_n: [f64; 2],
+    /// Largest normal force of one robot part on table or tray, N.
+    pub fixture_n: f64,
+    /// ... on clutter, N.
+    pub clutter_n: f64,
+    /// ... on another robot part, N.
+    pub self_n: f64,
+    /// ... of a part other than a pad on the object, N.
+    pub body_object_n: f64,
+    /// Largest normal force of the object on table, tray or clutter, N.
+    pub object_surroundings_n: f64,
+    /// Sum of the forces from outside on hand, fingers and object, world frame, N.
+    pub wrist_n: [f64; 3],
+    /// Who touches whom.
+    pub contacts: Contacts,
+}
+
+impl ContactForces {
+    /// Whether both pads press on the object.
+    #[must_use]
+    pub fn gripped(&self) -> bool {
+        self.pad_n.iter().all(|force| *force > 0.0)
+    }
+
+    /// Mean normal force on the pads, N.
+    #[must_use]
+    pub fn grip_n(&self) -> f64 {
+        0.5 * (self.pad_n[0] + self.pad_n[1])
+    }
+
+    /// Largest force of the robot, or of the object it holds, on its surroundings, N.
+    #[must_use]
+    pub fn surroundings_n(&self) -> f64 {
+        let robot = self.fixture_n.max(self.clutter_n).max(self.self_n).max(self.body_object_n);
+        if self.gripped() { robot.max(self.object_surroundings_n) } else { robot }
+    }
+}
+
+/// True joint state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// Positions, rad.
+    pub q: JointVec,
+    /// Speeds, rad/s.
+    pub dq: JointVec,
+    /// Motor torques, N m.
+    pub tau: JointVec,
+    /// Finger openings, m, and their speeds, m/s.
+    pub fingers: [[f64; 2]; 2],
+}
+
+impl JointState {
+    /// Distance between the pads, m.
+    #[must_use]
+    pub fn width_m(&self) -> f64 {
+        self.fingers[0][0] + self.fingers[1][0]
+    }
+}
+
+/// Reads positions, speeds and motor torques.
+///
+/// The engine does not write a multibody's motor impulses back, so torque is the implicit motor law
+/// with the end-of-step state: `tau = kp (q* - q) + kd (dq* - dq) + h kp dq*`, `h` the solver's
+/// substep, clamped to the motor's limit.
+pub fn joint_state(physics: &PhysicsWorld, handles: &Handles, robot: &RobotModel) -> JointState {
+    let mut state = JointState::default();
+    let Some((multibody, _)) = physics.multibody_joints.get(handles.first_joint) else { return state };
+    let substep = TICK_SECS / physics.integration_parameters.num_solver_iterations.max(1) as f64;
+    let n = robot.joint_count();
+    for (i, id) in handles.link_ids.iter().enumerate() {
+        let Some(link) = multibody.link(*id) else { continue };
+        let axis = if i < n { 3 } else { 0 };
+        let at = f64::from(link.joint().coords()[axis]);
+        let speed = f64::from(multibody.joint_velocity(link)[0]);
+        if i < n {
+            let motor = &link.joint().data.motors[axis];
+            let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
+            let (goal, rate) = (f64::from(motor.target_pos), f64::from(motor.target_vel));
+            let tau = kp * (goal - at) + kd * (rate - speed) + substep * kp * rate;
+            let most = f64::from(motor.max_force);
+            state.q.push(at);
+            state.dq.push(speed);
+            state.tau.push(tau.clamp(-most, most));
+        } else {
+            state.fingers[i - n] = [at, speed];
+        }
+    }
+    state
+}
+
+/// Pose and speed (m/s) of the object.
+pub fn object_state(physics: &PhysicsWorld, handles: &Handles) -> (Isometry3<f64>, f64, f64) {
+    let body = &physics.bodies[handles.object];
+    (from_rapier(body.position()), f64::from(body.linvel().length()), f64::from(body.angvel().length()))
+}
+
+/// Classifies every touching pair and sums its forces.
+pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) -> ContactForces {
+    let mut out = ContactForces::default();
+    let mut wrist = Vector3::zeros();
+    let mut on_object = Vector3::zeros();
+    for pair in physics.narrow_phase.contact_pairs() {
+        let magnitude = f64::from(pair.total_impulse_magnitude()) / TICK_SECS;
+        if magnitude <= 0.0 {
+            continue;
+        }
+        let (Some(first), Some(second)) = (kind(handles, pair, true), kind(handles, pair, false)) else {
+            continue;
+        };
+        // Order the pair so that the robot, then the object, comes first.
+        let (a, b, sign) =
+            if rank(first) <= rank(second) { (first, second, -1.0) } else { (second, first, 1.0) };
+        let force = || {
+            let impulse = pair.total_impulse();
+            Vector3::new(f64::from(impulse.x), f64::from(impulse.y), f64::from(impulse.z))
+                * (sign / TICK_SECS)
+        };
+        let distal = is_distal(a, joints);
+        match (rank(a), rank(b)) {
+            (0, 0) => {
+                out.contacts.robot_robot = true;
+                out.self_n = out.self_n.max(magnitude);
+                if distal != is_distal(b, joints) {
+                    wrist += force();
+                }
+            }
+            (0, 1) => {
+                if let Kind::Pad(side) = a {
+                    out.contacts.pad_object = true;
+                    out.pad_n[usize::from(side.min(1))] += magnitude;
+                } else {
+                    out.contacts.body_object = true;
+                    out.body_object_n = out.body_object_n.max(magnitude);
+                }
+            }
+            (0, _) => {
+                if matches!(b, Kind::Clutter(_)) {
+                    out.contacts.robot_clutter = true;
+                    out.clutter_n = out.clutter_n.max(magnitude);
+                } else {
+                    out.contacts.robot_fixture = true;
+                    out.fixture_n = out.fixture_n.max(magnitude);
+                }
+                if distal {
+                    wrist += force();
+                }
+            }
+            _ => {
+                if matches!(b, Kind::Clutter(_)) {
+                    out.contacts.object_clutter = true;
+                } else {
+                    out.contacts.object_fixture = true;
+                }
+                out.object_surroundings_n = out.object_surroundings_n.max(magnitude);
+                on_object += force();
+            }
+        }
+    }
+    if out.gripped() {
+        wrist += on_object;
+    }
+    out.wrist_n = wrist.into();
+    out
+}
+
+fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
+    let collider = if first { pair.collider1 } else { pair.collider2 };
+    handles.kinds.get(collider.into_raw_parts().0 as usize).copied()
+}
+
+/// Robot 0, object 1, surroundings 2.
+fn rank(kind: Kind) -> u8 {
+    match kind {
+        Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_) => 0,
+        Kind::Object => 1,
+        Kind::Table | Kind::Tray | Kind::Clutter(_) => 2,
+    }
+}
+
+/// Beyond the wrist's force sensor.
+fn is_distal(kind: Kind, joints: usize) -> bool {
+    match kind {
+        Kind::Link(index) => usize::from(index) == joints,
+        Kind::Finger(_) | Kind::Pad(_) => true,
+        Kind::Object | Kind::Table | Kind::Tray | Kind::Clutter(_) => false,
+    }
+}

@@ -1,0 +1,409 @@
+//! From URDF to canonical links: fixed joints are merged away, every joint axis becomes z.
+//!
+//! The XML is parsed by `urdf-rs` (through `rapier3d-urdf`). What this crate cannot simulate (meshes,
+//! joints that the TOML does not name, massless moving links) is refused by name, never ignored.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
+use rapier3d_urdf::urdf_rs::{self, Geometry, JointType};
+
+use crate::chain::{Chain, Frame, JointSpec};
+use crate::error::SimError;
+use crate::io::{JointVec, MAX_JOINTS};
+use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile, Shape};
+
+/// What the two files say together.
+pub struct Tree {
+    pub name: String,
+    pub chain: Chain,
+    pub links: Vec<LinkSpec>,
+    pub gripper: GripperSpec,
+    pub home: JointVec,
+}
+
+/// The rigid piece a URDF link belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Piece {
+    /// Base (0) or the link moved by arm joint `i - 1`.
+    Arm(usize),
+    Finger(usize),
+}
+
+/// Where a URDF link sits: its piece, and its frame in the piece's canonical frame.
+#[derive(Clone, Copy)]
+struct Seat {
+    piece: Piece,
+    pose: Isometry3<f64>,
+}
+
+struct Reader<'a> {
+    file: &'a str,
+    robot: &'a urdf_rs::Robot,
+    config: &'a RobotFile,
+}
+
+/// Reads the URDF text under the TOML's naming.
+pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Result<Tree, SimError> {
+    check_config(toml_file, config)?;
+    let robot = urdf_rs::read_from_string(text)
+        .map_err(|error| SimError::file(file, "robot", format!("not a URDF: {error}")))?;
+    let reader = Reader { file, robot: &robot, config };
+    reader.check_names(toml_file)?;
+    let (seats, joints, origins) = reader.walk()?;
+    let last = config.joints.len();
+    let mut links = Vec::with_capacity(last + 1);
+    for piece in 0..=last {
+        links.push(reader.piece(Piece::Arm(piece), &seats)?);
+    }
+    let fingers = [reader.finger(0, &seats, &origins)?, reader.finger(1, &seats, &origins)?];
+    let tool_seat = seats.get(config.tool.link.as_str()).filter(|seat| seat.piece == Piece::Arm(last));
+    let Some(tool_seat) = tool_seat else {
+        let problem = format!("link \"{}\" is not fixed to the last arm joint's link", config.tool.link);
+        return Err(SimError::file(toml_file, "tool.link", problem));
+    };
+    let tool = tool_seat.pose * pose(&config.tool.xyz_m, &config.tool.rpy_rad);
+    let chain = Chain { joints, tool_from_last: Frame::new(&tool) };
+    for (i, (joint, angle)) in chain.joints.iter().zip(&config.home_rad).enumerate() {
+        if !(joint.lower_rad..=joint.upper_rad).contains(angle) {
+            let problem = format!(
+                "\"{angle}\" is outside the limits {} to {} of joint \"{}\"",
+                joint.lower_rad, joint.upper_rad, joint.name
+            );
+            return Err(SimError::file(toml_file, format!("home_rad[{i}]"), problem));
+        }
+    }
+    let g = &config.gripper;
+    let gripper = GripperSpec {
+        fingers,
+        pad_friction: g.pad_friction,
+        stiffness_n_m: g.stiffness_n_m,
+        damping_n_s_m: g.damping_n_s_m,
+        force_max_n: g.force_max_n,
+        speed_max_m_s: g.speed_max_m_s,
+        armature_kg: g.armature_kg,
+    };
+    Ok(Tree {
+        name: robot.name.clone(),
+        chain,
+        links,
+        gripper,
+        home: config.home_rad.iter().copied().collect(),
+    })
+}
+
+fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
+    if config.format != 1 {
+        return Err(SimError::file(
+            file,
+            "format",
+            format!("\"{}\" is not known; this build reads 1", config.format),
+        ));
+    }
+    let n = config.joints.len();
+    if n == 0 || n > MAX_JOINTS {
+        return Err(SimError::file(file, "joints", format!("\"{n}\" joints; 1 to {MAX_JOINTS} are allowed")));
+    }
+    let lists = [
+        ("home_rad", &config.home_rad),
+        ("acceleration_max_rad_s2", &config.acceleration_max_rad_s2),
+        ("motors.stiffness_n_m_rad", &config.motors.stiffness_n_m_rad),
+        ("motors.damping_n_m_s_rad", &config.motors.damping_n_m_s_rad),
+    ];
+    for (key, list) in lists {
+        if list.len() != n {
+            return Err(SimError::file(file, key, format!("\"{}\" values for {n} joints", list.len())));
+        }
+        if key != "home_rad" && list.iter().any(|v| *v <= 0.0) {
+            return Err(SimError::file(file, key, format!("\"{list:?}\": every value must be above 0")));
+        }
+    }
+    Ok(())
+}
+
+type Seats<'a> = BTreeMap<&'a str, Seat>;
+type Walked<'a> = (Seats<'a>, Vec<JointSpec>, [Option<(Frame, f64)>; 2]);
+
+impl<'a> Reader<'a> {
+    fn error(&self, element: String, problem: impl Into<String>) -> SimError {
+        SimError::file(self.file, element, problem)
+    }
+
+    fn check_names(&self, toml_file: &str) -> Result<(), SimError> {
+        let named = self.config.joints.iter().map(|name| ("joints", name));
+        let gripping = self.config.gripper.joints.iter().map(|name| ("gripper.joints", name));
+        for (key, name) in named.chain(gripping) {
+            if !self.robot.joints.iter().any(|joint| joint.name == *name) {
+                return Err(SimError::file(
+                    toml_file,
+                    key,
+                    format!("joint \"{name}\" is not in {}", self.file),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Visits the tree from its root and seats every link.
+    fn walk(&self) -> Result<Walked<'a>, SimError> {
+        let mut roots = self
+            .robot
+            .links
+            .iter()
+            .filter(|link| !self.robot.joints.iter().any(|joint| joint.child.link == link.name));
+        let (Some(root), None) = (roots.next(), roots.next()) else {
+            return Err(self.error("robot".into(), "the links do not form one tree with one root"));
+        };
+        let mut seats = Seats::new();
+        seats.insert(&root.name, Seat { piece: Piece::Arm(0), pose: Isometry3::identity() });
+        let mut joints: Vec<Option<JointSpec>> = vec![None; self.config.joints.len()];
+        let mut fingers = [None, None];
+        let mut open = vec![root.name.as_str()];
+        while let Some(parent) = open.pop() {
+            let Some(seat) = seats.get(parent).copied() else { continue };
+            for joint in self.robot.joints.iter().filter(|joint| joint.parent.link == parent) {
+                let here = format!("joint \"{}\"", joint.name);
+                let at = seat.pose * self.origin(&here, &joint.origin)?;
+                let arm = self.config.joints.iter().position(|name| *name == joint.name);
+                let finger = self.config.gripper.joints.iter().position(|name| *name == joint.name);
+                let child = match (arm, finger) {
+                    (Some(i), _) => {
+                        self.expect(&here, &seat, Piece::Arm(i), &joint.joint_type, &JointType::Revolute)?;
+                        let align = self.align(&here, &joint.axis)?;
+                        joints[i] = Some(self.arm_joint(&here, i, joint, &(at * align))?);
+                        Seat { piece: Piece::Arm(i + 1), pose: align.inverse() }
+                    }
+                    (None, Some(i)) => {
+                        let hand = Piece::Arm(self.config.joints.len());
+                        self.expect(&here, &seat, hand, &joint.joint_type, &JointType::Prismatic)?;
+                        let align = self.align(&here, &joint.axis)?;
+                        let (lower, upper) = (joint.limit.lower, joint.limit.upper);
+                        if !(lower == 0.0 && upper > 0.0 && upper < 0.5) {
+                            let problem = format!(
+                                "limits \"{lower}\" to \"{upper}\"; a finger closes at 0 and opens by at most 0.5 m"
+                            );
+                            return Err(self.error(here, problem));
+                        }
+                        fingers[i] = Some((Frame::new(&(at * align)), upper));
+                        Seat { piece: Piece::Finger(i), pose: align.inverse() }
+                    }
+                    (None, None) if joint.joint_type == JointType::Fixed => {
+                        Seat { piece: seat.piece, pose: at }
+                    }
+                    (None, None) => {
+                        let problem = format!(
+                            "of type \"{:?}\" is in neither \"joints\" nor \"gripper.joints\"",
+                            joint.joint_type
+                        );
+                        return Err(self.error(here, problem));
+                    }
+                };
+                if seats.insert(&joint.child.link, child).is_some() {
+                    return Err(self.error(here, format!("link \"{}\" has two parents", joint.child.link)));
+                }
+                open.push(&joint.child.link);
+            }
+        }
+        let joints: Option<Vec<JointSpec>> = joints.into_iter().collect();
+        let joints =
+            joints.ok_or_else(|| self.error("robot".into(), "an arm joint hangs on no link of the tree"))?;
+        Ok((seats, joints, fingers))
+    }
+
+    fn expect(
+        &self,
+        here: &str,
+        seat: &Seat,
+        piece: Piece,
+        kind: &JointType,
+        wanted: &JointType,
+    ) -> Result<(), SimError> {
+        if kind != wanted {
+            return Err(
+                self.error(here.into(), format!("is of type \"{kind:?}\"; {wanted:?} is needed here"))
+            );
+        }
+        if seat.piece != piece {
+            return Err(self.error(here.into(), "does not hang on the joint before it in the TOML's order"));
+        }
+        Ok(())
+    }
+
+    fn arm_joint(
+        &self,
+        here: &str,
+        i: usize,
+        joint: &urdf_rs::Joint,
+        origin: &Isometry3<f64>,
+    ) -> Result<JointSpec, SimError> {
+        let limit = &joint.limit;
+        let numbers = [limit.lower, limit.upper, limit.effort, limit.velocity];
+        if numbers.iter().any(|v| !v.is_finite())
+            || limit.lower >= limit.upper
+            || limit.effort <= 0.0
+            || limit.velocity <= 0.0
+        {
+            let problem = format!(
+                "limit \"{numbers:?}\" (lower, upper, effort, velocity): lower < upper and the others above 0 are needed"
+            );
+            return Err(self.error(here.into(), problem));
+        }
+        Ok(JointSpec {
+            name: joint.name.clone(),
+            origin: Frame::new(origin),
+            lower_rad: limit.lower,
+            upper_rad: limit.upper,
+            speed_max_rad_s: limit.velocity,
+            acceleration_max_rad_s2: self.config.acceleration_max_rad_s2.get(i).copied().unwrap_or(1.0),
+            effort_max_n_m: limit.effort,
+        })
+    }
+
+    fn origin(&self, here: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, SimError> {
+        if origin.xyz.iter().chain(origin.rpy.iter()).any(|v| !v.is_finite()) {
+            return Err(self.error(
+                here.into(),
+                format!("origin \"{:?} {:?}\" is not finite", origin.xyz.0, origin.rpy.0),
+            ));
+        }
+        Ok(pose(&origin.xyz, &origin.rpy))
+    }
+
+    /// The rotation that takes z onto the joint's axis.
+    fn align(&self, here: &str, axis: &urdf_rs::Axis) -> Result<Isometry3<f64>, SimError> {
+        let axis = Vector3::from(*axis.xyz);
+        if !axis.iter().all(|v| v.is_finite()) || axis.norm() < 1e-6 {
+            return Err(self.error(here.into(), format!("axis \"{:?}\" has no direction", axis.as_slice())));
+        }
+        let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), core::f64::consts::PI));
+        Ok(Isometry3::from_parts(Translation3::identity(), rotation))
+    }
+
+    /// Everything that belongs to one rigid piece.
+    fn piece(&self, piece: Piece, seats: &Seats<'_>) -> Result<LinkSpec, SimError> {
+        let mut spec = LinkSpec { name: String::new(), inertial: None, shapes: Vec::new() };
+        for link in &self.robot.links {
+            let Some(seat) = seats.get(link.name.as_str()).filter(|seat| seat.piece == piece) else {
+                continue;
+            };
+            let here = format!("link \"{}\"", link.name);
+            if spec.name.is_empty() {
+                spec.name.clone_from(&link.name);
+            }
+            if let Some(next) = self.inertial(&here, &link.inertial, &seat.pose)? {
+                spec.inertial = Some(spec.inertial.map_or(next, |sum| combine(&sum, &next)));
+            }
+            let pad_name = &self.config.gripper.pad;
+            for collision in &link.collision {
+                let is_finger = matches!(piece, Piece::Finger(_));
+                let named = pad_name.is_none() || (collision.name.is_some() && collision.name == *pad_name);
+                spec.shapes.push(LinkShape {
+                    pose: seat.pose * self.origin(&here, &collision.origin)?,
+                    shape: self.shape(&here, &collision.geometry)?,
+                    pad: is_finger && named,
+                });
+            }
+        }
+        if spec.inertial.is_none() && piece != Piece::Arm(0) {
+            return Err(self.error(format!("link \"{}\"", spec.name), "moves but has no mass"));
+        }
+        Ok(spec)
+    }
+
+    fn finger(
+        &self,
+        i: usize,
+        seats: &Seats<'_>,
+        origins: &[Option<(Frame, f64)>; 2],
+    ) -> Result<FingerSpec, SimError> {
+        let joint = &self.config.gripper.joints[i];
+        let Some((origin, stroke_m)) = origins[i] else {
+            return Err(self.error(format!("joint \"{joint}\""), "hangs on no link of the tree"));
+        };
+        let link = self.piece(Piece::Finger(i), seats)?;
+        if !link.shapes.iter().any(|shape| shape.pad) {
+            let wanted = self.config.gripper.pad.as_deref().unwrap_or("");
+            return Err(self.error(
+                format!("link \"{}\"", link.name),
+                format!("has no collision shape named \"{wanted}\" to grip with"),
+            ));
+        }
+        Ok(FingerSpec { joint: joint.clone(), origin, stroke_m, link })
+    }
+
+    fn inertial(
+        &self,
+        here: &str,
+        inertial: &urdf_rs::Inertial,
+        seat: &Isometry3<f64>,
+    ) -> Result<Option<Inertial>, SimError> {
+        let i = &inertial.inertia;
+        let numbers = [inertial.mass.value, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
+        if numbers.iter().any(|v| !v.is_finite()) || inertial.mass.value < 0.0 {
+            return Err(self.error(
+                here.into(),
+                format!("mass and inertia \"{numbers:?}\" must be finite, the mass not below 0"),
+            ));
+        }
+        if inertial.mass.value == 0.0 {
+            return Ok(None);
+        }
+        if i.ixx <= 0.0 || i.iyy <= 0.0 || i.izz <= 0.0 {
+            return Err(
+                self.error(here.into(), format!("inertia \"{} {} {}\" must be above 0", i.ixx, i.iyy, i.izz))
+            );
+        }
+        let at = seat * self.origin(here, &inertial.origin)?;
+        let local = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+        let turn = at.rotation.to_rotation_matrix().into_inner();
+        Ok(Some(Inertial {
+            mass_kg: inertial.mass.value,
+            centre_m: at.translation.vector,
+            inertia_kg_m2: turn * local * turn.transpose(),
+        }))
+    }
+
+    fn shape(&self, here: &str, geometry: &Geometry) -> Result<Shape, SimError> {
+        let (shape, sizes) = match geometry {
+            Geometry::Box { size } => (Shape::Cuboid { half_m: size.map(|v| 0.5 * v) }, size.to_vec()),
+            Geometry::Cylinder { radius, length } => {
+                (Shape::Cylinder { half_length_m: 0.5 * length, radius_m: *radius }, vec![*radius, *length])
+            }
+            Geometry::Capsule { radius, length } => {
+                (Shape::Capsule { half_length_m: 0.5 * length, radius_m: *radius }, vec![*radius, *length])
+            }
+            Geometry::Sphere { radius } => (Shape::Ball { radius_m: *radius }, vec![*radius]),
+            Geometry::Mesh { filename, .. } => {
+                return Err(self.error(
+                    here.into(),
+                    format!("mesh \"{filename}\" is not supported; use box, capsule, cylinder or sphere"),
+                ));
+            }
+        };
+        if sizes.iter().any(|v| !v.is_finite() || *v <= 0.0) {
+            return Err(
+                self.error(here.into(), format!("shape size \"{sizes:?}\" must be finite and above 0"))
+            );
+        }
+        Ok(shape)
+    }
+}
+
+fn pose(xyz: &[f64; 3], rpy: &[f64; 3]) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(xyz[0], xyz[1], xyz[2]),
+        UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]),
+    )
+}
+
+/// Two bodies as one (parallel axis theorem).
+fn combine(a: &Inertial, b: &Inertial) -> Inertial {
+    let mass_kg = a.mass_kg + b.mass_kg;
+    let centre_m = (a.centre_m * a.mass_kg + b.centre_m * b.mass_kg) / mass_kg;
+    let about = |part: &Inertial| {
+        let d = Point3::from(part.centre_m) - Point3::from(centre_m);
+        part.inertia_kg_m2 + (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * part.mass_kg
+    };
+    Inertial { mass_kg, centre_m, inertia_kg_m2: about(a) + about(b) }
+}

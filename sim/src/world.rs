@@ -1,0 +1,716 @@
+//! One cell: build, reset, observe, step, snapshot. The first implementation of the robot boundary.
+//!
+//! A tick is 1/240 s: the command passes the latency queue, sets a channel's setpoint, the servo
+//! moves the motor targets, physics advances once, sensors and camera read the result. Everything
+//! that changes lives in one serialisable state, so a snapshot resumes bit-identically.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use arrayvec::ArrayVec;
+use nalgebra::{Isometry3, Vector3};
+use rapier3d::dynamics::JointAxis;
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
+
+use crate::build::{self, Handles, SolverEffort, from_rapier};
+use crate::chain::Frame;
+use crate::episode::{EpisodeSetup, Start};
+use crate::error::SimError;
+use crate::ik::IkOptions;
+use crate::io::{
+    Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS, TaskKind,
+    Telemetry, Twist,
+};
+use crate::perception::{Camera, SensorErrors, sensor_errors};
+use crate::readout::{self, ContactForces, JointState};
+use crate::robot::RobotModel;
+use crate::scene::Scene;
+use crate::servo::Servo;
+
+/// How much work the solver does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fidelity {
+    /// The full effort in every tick.
+    #[default]
+    Full,
+    /// Less in free motion, the full effort near and in contact.
+    Adaptive,
+}
+
+/// Settings of a world that are not part of scene, robot or episode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorldConfig {
+    /// Solver effort.
+    pub fidelity: Fidelity,
+}
+
+/// The grip as the slip sensor follows it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Grip {
+    /// Consecutive ticks with both pads pressing.
+    pressed_ticks: u32,
+    /// Consecutive ticks with no pad touching.
+    open_ticks: u32,
+    /// Object centre in the tool frame when the grip had closed.
+    reference_m: Option<[f64; 3]>,
+    /// Distance from it, m.
+    slip_m: f64,
+}
+
+/// Both pads press for this long before the grip counts as closed: the squeeze has settled.
+const GRIP_CLOSED_TICKS: u32 = 12;
+/// No pad touches for this long before the grip counts as open.
+const GRIP_OPEN_TICKS: u32 = 6;
+/// The most commands under way: a second's worth.
+const QUEUE_MAX: usize = 256;
+/// Speeds past these are a diverged solver, not a motion (the motors stop far below).
+const JOINT_SPEED_DIVERGED_RAD_S: f64 = 100.0;
+const OBJECT_SPEED_DIVERGED_M_S: f64 = 50.0;
+const DISTANCE_DIVERGED_M: f64 = 20.0;
+
+/// Everything that changes.
+#[derive(Serialize, Deserialize)]
+struct State {
+    physics: PhysicsWorld,
+    handles: Handles,
+    setup: EpisodeSetup,
+    task: TaskKind,
+    tick: u64,
+    task_start: u64,
+    servo: Servo,
+    queue: VecDeque<(u64, Command)>,
+    last_due: u64,
+    camera: Camera,
+    guard: GuardVerdict,
+    /// Tick since which the robot has been told, or has declared, to stand still.
+    stop_declared: Option<u64>,
+    /// Height of the object when the task began, m.
+    object_start_z: f64,
+    grip: Grip,
+    joints: JointState,
+    forces: ContactForces,
+    errors: SensorErrors,
+}
+
+/// A cell with a robot in it.
+pub struct World {
+    robot: Arc<RobotModel>,
+    scene: Arc<Scene>,
+    config: WorldConfig,
+    state: State,
+    observation: Observation,
+}
+
+/// True state, for drawing, inspection and tests. Neither skill nor governance sees it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// World tick.
+    pub tick: u64,
+    /// True joint positions, rad.
+    pub q: JointVec,
+    /// True joint speeds, rad/s.
+    pub dq: JointVec,
+    /// Links moved by the joints, first joint first (shapes are in [`RobotModel::links`]).
+    pub links: ArrayVec<Pose, MAX_JOINTS>,
+    /// The two fingers.
+    pub fingers: [Pose; 2],
+    /// The tool.
+    pub tool: Pose,
+    /// Tool speed, m/s.
+    pub tool_speed_m_s: f64,
+    /// The object.
+    pub object: Pose,
+    /// Its speed, m/s.
+    pub object_speed_m_s: f64,
+    /// The tray.
+    pub target: Pose,
+    /// Forces and contacts.
+    pub forces: ContactForces,
+    /// Displacement of the object in the hand since the grip closed, m.
+    pub slip_m: Option<f64>,
+    /// World tick of a declared stop or failure that still stands.
+    pub stop_declared: Option<u64>,
+}
+
+impl World {
+    /// A world with default settings, reset to seed 0 of an unperturbed grasp.
+    ///
+    /// # Errors
+    /// [`SimError`] when the robot cannot be built or does not fit the scene.
+    pub fn new(robot: &RobotModel, scene: &Scene) -> Result<Self, SimError> {
+        Self::with_config(robot, scene, WorldConfig::default())
+    }
+
+    /// A world with explicit settings.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn with_config(robot: &RobotModel, scene: &Scene, config: WorldConfig) -> Result<Self, SimError> {
+        let distribution = crate::distribution::Distribution::canonical()?;
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, scene, &distribution, 0);
+        let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
+        let state = State::new(&robot, &scene, &setup)?;
+        let observation = blank_observation(robot.joint_count());
+        let mut world = Self { robot, scene, config, state, observation };
+        world.settle_start()?;
+        Ok(world)
+    }
+
+    /// Starts an episode. Nothing of the one before is left.
+    ///
+    /// # Errors
+    /// [`SimError::InvalidStart`] when a held start is out of reach or the object does not hold.
+    pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
+        self.state = State::new(&self.robot, &self.scene, setup)?;
+        self.settle_start()
+    }
+
+    /// The robot.
+    #[must_use]
+    pub fn robot(&self) -> &RobotModel {
+        &self.robot
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The episode being run.
+    #[must_use]
+    pub fn setup(&self) -> &EpisodeSetup {
+        &self.state.setup
+    }
+
+    /// Ticks since the reset.
+    #[must_use]
+    pub fn tick(&self) -> u64 {
+        self.state.tick
+    }
+
+    /// Simulated seconds since the reset.
+    #[must_use]
+    pub fn sim_secs(&self) -> f64 {
+        self.state.tick as f64 * TICK_SECS
+    }
+
+    /// The task at work.
+    #[must_use]
+    pub fn task(&self) -> TaskKind {
+        self.state.task
+    }
+
+    /// Switches the goal and restarts the task's tick; the physics goes on untouched.
+    pub fn begin_task(&mut self, task: TaskKind) {
+        let s = &mut self.state;
+        s.task = task;
+        s.task_start = s.tick;
+        s.stop_declared = None;
+        s.object_start_z = readout::object_state(&s.physics, &s.handles).0.translation.z;
+        self.fill_observation();
+    }
+
+    /// Tells the skill, through the observation, what became of its command.
+    pub fn set_guard(&mut self, verdict: GuardVerdict) {
+        self.state.guard = verdict;
+        self.observation.guard = verdict;
+    }
+
+    /// What a skill may see now.
+    pub fn observe(&mut self) -> &Observation {
+        &self.observation
+    }
+
+    /// An interruption from outside the skill; immediate, without latency.
+    pub fn interrupt(&mut self, interrupt: Interrupt) {
+        let s = &mut self.state;
+        match interrupt {
+            Interrupt::Stop => {
+                s.servo.stop();
+                s.queue.clear();
+                s.stop_declared = s.stop_declared.or(Some(s.tick));
+            }
+            Interrupt::Release => {
+                s.servo.release();
+                s.stop_declared = None;
+            }
+        }
+    }
+
+    /// One tick.
+    ///
+    /// # Errors
+    /// [`SimError::Command`] for a command with numbers that cannot be meant (the world does not
+    /// advance); [`SimError::Diverged`] when the physics state is no longer usable.
+    pub fn step(&mut self, command: &Command) -> Result<(), SimError> {
+        check_command(command, self.robot.joint_count())?;
+        let s = &mut self.state;
+        let jitter = s.setup.action.jitter.unit() * s.setup.action.jitter_ticks;
+        let delay = libm::round(s.setup.action.latency_ticks + jitter) as u64;
+        s.last_due = s.last_due.max(s.tick + delay);
+        if !matches!(command, Command::Hold) && s.queue.len() < QUEUE_MAX {
+            s.queue.push_back((s.last_due, command.clone()));
+        }
+        match command {
+            // Declared by the skill itself: from here on it is expected to stand still.
+            Command::Stop | Command::Fail { .. } => s.stop_declared = s.stop_declared.or(Some(s.tick)),
+            Command::Joints { .. } | Command::ToolPose { .. } if !s.servo.stopped => s.stop_declared = None,
+            Command::Joints { .. }
+            | Command::ToolPose { .. }
+            | Command::Hold
+            | Command::Gripper { .. }
+            | Command::Done => {}
+        }
+        let available = tool_available(&s.setup, s.tick);
+        let width = s.joints.width_m();
+        while s.queue.front().is_some_and(|(due, _)| *due <= s.tick) {
+            if let Some((_, command)) = s.queue.pop_front() {
+                s.servo.accept(&command, &self.robot, width, available);
+            }
+        }
+        s.servo.advance(&self.robot, available);
+        s.push_object();
+        s.drive();
+        self.physics_tick()?;
+        self.state.tick += 1;
+        self.sense();
+        Ok(())
+    }
+
+    /// What the watcher and the monitor may read now.
+    #[must_use]
+    pub fn telemetry(&self) -> Telemetry {
+        let (s, o) = (&self.state, &self.observation);
+        let tracking =
+            s.servo.q.iter().zip(&o.q).fold(0.0_f64, |most, (want, is)| most.max((want - is).abs()));
+        let contact = s.forces.surroundings_n();
+        Telemetry {
+            tick: o.tick,
+            q: o.q.clone(),
+            dq: o.dq.clone(),
+            tracking_error_rad: tracking,
+            tool: o.tool,
+            tool_speed_m_s: o.tool_twist.speed_m_s(),
+            gripper_width_m: o.gripper_width_m,
+            gripper_force_n: o.gripper_force_n,
+            contact_force_n: (contact + s.errors.force_n[2]).max(0.0),
+            contacts: s.forces.contacts,
+            slip_m: s.grip.reference_m.map(|_| (s.grip.slip_m + s.errors.slip_m).abs()),
+            picture_age_ticks: s.camera.age_ticks(s.tick),
+            tool_available: o.tool_available,
+        }
+    }
+
+    /// True state.
+    #[must_use]
+    pub fn truth(&self) -> Truth {
+        let s = &self.state;
+        let frames = self.robot.chain.frames(&s.joints.q);
+        let twist = self.robot.chain.jacobian(&frames).twist(&s.joints.dq);
+        let (object, object_speed_m_s, _) = readout::object_state(&s.physics, &s.handles);
+        let finger = |i: usize| {
+            let slide = Isometry3::translation(0.0, 0.0, s.joints.fingers[i][0]);
+            let last = frames.links[frames.count.saturating_sub(1)].isometry();
+            Pose::from(&(last * self.robot.gripper.fingers[i].origin.isometry() * slide))
+        };
+        Truth {
+            tick: s.tick,
+            q: s.joints.q.clone(),
+            dq: s.joints.dq.clone(),
+            links: frames.links.iter().take(frames.count).map(|f| Pose::from(&f.isometry())).collect(),
+            fingers: [finger(0), finger(1)],
+            tool: Pose::from(&frames.tool.isometry()),
+            tool_speed_m_s: twist.fixed_rows::<3>(0).norm(),
+            object: Pose::from(&object),
+            object_speed_m_s,
+            target: s.setup.target,
+            forces: s.forces,
+            slip_m: s.grip.reference_m.map(|_| s.grip.slip_m),
+            stop_declared: s.stop_declared,
+        }
+    }
+
+    /// True contacts.
+    #[must_use]
+    pub fn contacts(&self) -> Contacts {
+        self.state.forces.contacts
+    }
+
+    /// The end-of-task inspection, from true poses: is the work of the current task done right now?
+    #[must_use]
+    pub fn task_succeeded(&self) -> bool {
+        let (s, t) = (&self.state, &self.scene.tolerance);
+        let (object, speed, _) = readout::object_state(&s.physics, &s.handles);
+        let target = s.setup.target.isometry();
+        let half = self.scene.object.half_m;
+        let in_hand = s.forces.gripped() && s.grip.reference_m.is_some() && s.grip.slip_m < t.in_hand_m;
+        let local = target.inverse() * object;
+        match s.task {
+            TaskKind::Grasp => in_hand && object.translation.z - s.object_start_z >= t.lift_m,
+            TaskKind::Align => {
+                let hover = local.translation.z - half - t.hover_m;
+                in_hand
+                    && libm::hypot(local.translation.x, local.translation.y) <= t.align_xy_m
+                    && crate::perception::yaw_error(&object, &target) <= t.align_yaw_rad
+                    && hover.abs() <= t.hover_band_m
+                    && speed <= t.still_m_s
+            }
+            TaskKind::Place => {
+                let free = self.scene.tray.clearance_m + t.place_height_m;
+                let tilt = face_up_tilt(&object);
+                let tool = self.robot.chain.frames(&s.joints.q).tool.origin;
+                local.translation.x.abs() <= free
+                    && local.translation.y.abs() <= free
+                    && (local.translation.z - half).abs() <= t.place_height_m
+                    && tilt <= t.place_tilt_rad
+                    && speed <= t.still_m_s
+                    && !s.forces.contacts.pad_object
+                    && !s.forces.contacts.body_object
+                    && (tool - object.translation.vector).norm() >= t.place_clear_m
+            }
+        }
+    }
+
+    /// The complete state as bytes; see [`World::restore`].
+    ///
+    /// # Errors
+    /// [`SimError::Snapshot`] when the state cannot be written.
+    pub fn snapshot(&self) -> Result<Vec<u8>, SimError> {
+        let head = (self.robot.digest, &self.config);
+        postcard::to_allocvec(&(head, &self.state)).map_err(|error| SimError::Snapshot(error.to_string()))
+    }
+
+    /// Continues from a snapshot of a world with the same robot: bit-identical to never having
+    /// stopped. The scene is the caller's to match.
+    ///
+    /// # Errors
+    /// [`SimError::Snapshot`] when the bytes are not a snapshot or belong to another robot; the
+    /// world is then unchanged.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), SimError> {
+        let ((digest, config), state): ((u64, WorldConfig), State) =
+            postcard::from_bytes(bytes).map_err(|error| SimError::Snapshot(error.to_string()))?;
+        if digest != self.robot.digest {
+            let problem =
+                format!("made with robot \"{digest:016x}\", this one is {:016x}", self.robot.digest);
+            return Err(SimError::Snapshot(problem));
+        }
+        self.config = config;
+        self.state = state;
+        self.fill_observation();
+        Ok(())
+    }
+
+    /// FNV-1a over the raw bits of every body's pose and velocity, the servo's reference and the tick.
+    #[must_use]
+    pub fn state_hash(&self) -> u64 {
+        let s = &self.state;
+        let bodies = s.physics.bodies.iter().flat_map(|(_, body)| {
+            let (p, r) = (body.translation().to_array(), body.rotation().to_array());
+            let (v, w) = (body.linvel().to_array(), body.angvel().to_array());
+            p.into_iter().chain(r).chain(v).chain(w).flat_map(|value| value.to_bits().to_le_bytes())
+        });
+        let servo = s.servo.q.iter().chain(&s.servo.dq).flat_map(|value| value.to_bits().to_le_bytes());
+        crate::robot::fnv1a(bodies.chain(servo).chain(s.tick.to_le_bytes()))
+    }
+
+    /// Closes on a held object and checks that it holds; then takes the first reading.
+    fn settle_start(&mut self) -> Result<(), SimError> {
+        if let Start::Held { .. } = self.state.setup.start {
+            self.close_on_object()?;
+        }
+        self.state.begin();
+        self.sense();
+        Ok(())
+    }
+
+    fn close_on_object(&mut self) -> Result<(), SimError> {
+        const CLOSE_TICKS: usize = 36;
+        const HANG_TICKS: usize = 36;
+        /// Firm: carries 0.35 kg at the smallest friction twice over.
+        const FORCE_N: f64 = 25.0;
+        let seed = self.state.setup.seed;
+        let robot = Arc::clone(&self.robot);
+        let close = Command::Gripper { width_m: 0.0, speed_m_s: 0.1, force_n: FORCE_N };
+        let width = self.state.joints.width_m();
+        self.state.servo.accept(&close, &robot, width, true);
+        self.state.set_object_gravity(0.0);
+        for tick in 0..CLOSE_TICKS + HANG_TICKS {
+            if tick == CLOSE_TICKS {
+                self.state.set_object_gravity(1.0);
+            }
+            self.state.servo.advance(&robot, true);
+            self.state.drive();
+            self.physics_tick()?;
+            self.state.follow_grip(&robot);
+        }
+        let s = &self.state;
+        let speed = readout::object_state(&s.physics, &s.handles).1;
+        let problem = if !s.forces.gripped() {
+            "the pads do not press on the object".to_owned()
+        } else if s.grip.slip_m > 0.002 {
+            format!("the object slips by {:.4} m while it should hang still", s.grip.slip_m)
+        } else if speed > 0.05 {
+            format!("the object still moves at {speed:.3} m/s")
+        } else {
+            return Ok(());
+        };
+        Err(SimError::InvalidStart { seed, problem })
+    }
+
+    fn physics_tick(&mut self) -> Result<(), SimError> {
+        let s = &mut self.state;
+        let effort = SolverEffort::FULL;
+        s.physics.integration_parameters.num_solver_iterations = effort.substeps;
+        s.physics.integration_parameters.num_internal_pgs_iterations = effort.sweeps;
+        s.physics.step();
+        s.joints = readout::joint_state(&s.physics, &s.handles, &self.robot);
+        s.forces = readout::contact_forces(&s.physics, &s.handles, self.robot.joint_count());
+        s.check_finite()
+    }
+
+    fn sense(&mut self) {
+        let s = &mut self.state;
+        s.follow_grip(&self.robot);
+        s.errors = sensor_errors(&mut s.setup.sensors);
+        let (object, _, _) = readout::object_state(&s.physics, &s.handles);
+        s.camera.tick(s.tick, &object, &s.setup.target.isometry());
+        self.fill_observation();
+    }
+
+    /// The observation is a function of the state, so it need not be in a snapshot.
+    fn fill_observation(&mut self) {
+        let (s, o) = (&self.state, &mut self.observation);
+        let e = &s.errors;
+        for i in 0..s.joints.q.len() {
+            o.q[i] = s.joints.q[i] + e.q.get(i).copied().unwrap_or(0.0);
+            o.dq[i] = s.joints.dq[i] + e.dq.get(i).copied().unwrap_or(0.0);
+            o.tau[i] = s.joints.tau[i] + e.tau.get(i).copied().unwrap_or(0.0);
+        }
+        let frames = self.robot.chain.frames(&o.q);
+        let twist = self.robot.chain.jacobian(&frames).twist(&o.dq);
+        o.tick = s.tick - s.task_start;
+        o.tool = Pose::from(&frames.tool.isometry());
+        o.tool_twist =
+            Twist { linear: [twist[0], twist[1], twist[2]], angular: [twist[3], twist[4], twist[5]] };
+        o.gripper_width_m = s.joints.width_m() + e.width_m;
+        o.gripper_force_n = (s.forces.grip_n() + e.force_n[0]).max(0.0);
+        o.wrist_force_n = (Vector3::from(s.forces.wrist_n).norm() + e.force_n[1]).max(0.0);
+        (o.object, o.target) = s.camera.estimates(s.tick);
+        o.tool_available = tool_available(&s.setup, s.tick);
+        o.goal = s.task;
+        o.guard = s.guard;
+    }
+}
+
+impl State {
+    fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, SimError> {
+        let (q, width) = start_configuration(robot, scene, setup)?;
+        let (physics, handles) = build::assemble(robot, scene, setup, &q, width)?;
+        let joints = readout::joint_state(&physics, &handles, robot);
+        Ok(Self {
+            physics,
+            handles,
+            setup: setup.clone(),
+            task: setup.task,
+            tick: 0,
+            task_start: 0,
+            servo: Servo::new(q, width, robot),
+            queue: VecDeque::new(),
+            last_due: 0,
+            camera: Camera::new(&setup.camera),
+            guard: GuardVerdict::Allowed,
+            stop_declared: None,
+            object_start_z: setup.object.pose.position[2],
+            grip: Grip::default(),
+            joints,
+            forces: ContactForces::default(),
+            errors: SensorErrors::default(),
+        })
+    }
+
+    /// Tick 0: whatever led to the start is forgotten.
+    fn begin(&mut self) {
+        self.object_start_z = readout::object_state(&self.physics, &self.handles).0.translation.z;
+        if self.grip.reference_m.is_some() {
+            // In-hand displacement counts from the start of the episode.
+            self.grip.reference_m = None;
+            self.grip.pressed_ticks = GRIP_CLOSED_TICKS;
+        }
+    }
+
+    fn set_object_gravity(&mut self, scale: f32) {
+        if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
+            body.set_gravity_scale(scale, true);
+        }
+    }
+
+    /// Applies the push that is due.
+    fn push_object(&mut self) {
+        for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
+            if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
+                body.apply_impulse(build::to_vector(&push.impulse_n_s), true);
+            }
+        }
+    }
+
+    /// Hands the servo's reference to the motors.
+    fn drive(&mut self) {
+        let Some((multibody, _)) = self.physics.multibody_joints.get_mut(self.handles.first_joint) else {
+            return;
+        };
+        let g = &self.servo.gripper;
+        for (i, id) in self.handles.link_ids.iter().enumerate() {
+            let Some(link) = multibody.link_mut(*id) else { continue };
+            let data = &mut link.joint.data;
+            if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
+                let motor = &mut data.motors[JointAxis::AngX as usize];
+                (motor.target_pos, motor.target_vel) = (*q as f32, *dq as f32);
+            } else {
+                let motor = &mut data.motors[JointAxis::LinX as usize];
+                (motor.target_pos, motor.target_vel) = ((0.5 * g.width_m) as f32, (0.5 * g.rate_m_s) as f32);
+                motor.max_force = g.force_n as f32;
+            }
+        }
+    }
+
+    /// Follows the object in the hand from the moment the grip has closed.
+    fn follow_grip(&mut self, robot: &RobotModel) {
+        let grip = &mut self.grip;
+        if self.forces.gripped() {
+            grip.pressed_ticks = grip.pressed_ticks.saturating_add(1);
+        } else {
+            grip.pressed_ticks = 0;
+        }
+        if self.forces.contacts.pad_object {
+            grip.open_ticks = 0;
+        } else {
+            grip.open_ticks = grip.open_ticks.saturating_add(1);
+        }
+        if grip.open_ticks >= GRIP_OPEN_TICKS {
+            grip.reference_m = None;
+            grip.slip_m = 0.0;
+            return;
+        }
+        if grip.reference_m.is_none() && grip.pressed_ticks < GRIP_CLOSED_TICKS {
+            return;
+        }
+        let tool: Frame = robot.chain.frames(&self.joints.q).tool;
+        let object = from_rapier(self.physics.bodies[self.handles.object].position());
+        let local: Vector3<f64> = tool.rotation.transpose() * (object.translation.vector - tool.origin);
+        let reference = Vector3::from(*grip.reference_m.get_or_insert(local.into()));
+        grip.slip_m = (local - reference).norm();
+    }
+
+    fn check_finite(&self) -> Result<(), SimError> {
+        let diverged = |what: String| Err(SimError::Diverged { tick: self.tick, what });
+        for (q, dq) in self.joints.q.iter().zip(&self.joints.dq) {
+            if !q.is_finite() || !(dq.abs() < JOINT_SPEED_DIVERGED_RAD_S) {
+                return diverged(format!("joint at \"{q}\" rad, \"{dq}\" rad/s"));
+            }
+        }
+        let (object, speed, spin) = readout::object_state(&self.physics, &self.handles);
+        let distance = object.translation.vector.norm();
+        if !(distance < DISTANCE_DIVERGED_M) || !(speed < OBJECT_SPEED_DIVERGED_M_S) || !spin.is_finite() {
+            return diverged(format!("object {distance} m away at \"{speed}\" m/s"));
+        }
+        Ok(())
+    }
+}
+
+/// Joint angles and gripper width an episode starts with.
+fn start_configuration(
+    robot: &RobotModel,
+    scene: &Scene,
+    setup: &EpisodeSetup,
+) -> Result<(JointVec, f64), SimError> {
+    match &setup.start {
+        Start::Home { offset_rad } => {
+            let q: JointVec = robot
+                .home
+                .iter()
+                .enumerate()
+                .map(|(i, h)| h + offset_rad.get(i).copied().unwrap_or(0.0))
+                .collect();
+            Ok((robot.chain.clamped(&q, 1e-3), robot.gripper.width_max_m()))
+        }
+        Start::Held { tool, .. } => {
+            let outcome = robot.solve_ik(&tool.isometry(), &robot.home, &IkOptions::GLOBAL);
+            if !outcome.converged(1e-4) {
+                let problem =
+                    format!("tool pose {:?} is out of reach (error {:.4})", tool.position, outcome.error);
+                return Err(SimError::InvalidStart { seed: setup.seed, problem });
+            }
+            // Just wide enough for the cube at the largest start yaw.
+            Ok((outcome.q, 2.0 * scene.object.half_m + 0.004))
+        }
+    }
+}
+
+fn tool_available(setup: &EpisodeSetup, tick: u64) -> bool {
+    !setup.tool_windows.iter().any(|window| (window.begin..window.end).contains(&tick))
+}
+
+/// Angle between the vertical and the object's face that looks up most, rad.
+fn face_up_tilt(object: &Isometry3<f64>) -> f64 {
+    let up = object.rotation.inverse() * Vector3::z();
+    libm::acos(up.amax().clamp(-1.0, 1.0))
+}
+
+fn check_command(command: &Command, joints: usize) -> Result<(), SimError> {
+    let positive = |name: &str, value: f64| {
+        if value.is_finite() && value > 0.0 {
+            Ok(())
+        } else {
+            Err(SimError::Command(format!("{name} is \"{value}\"; a finite number above 0 is needed")))
+        }
+    };
+    match command {
+        Command::ToolPose { pose, max_speed_m_s } => {
+            if !pose.is_valid() {
+                let problem = format!("tool pose \"{pose:?}\" is not finite with a unit quaternion");
+                return Err(SimError::Command(problem));
+            }
+            positive("max_speed_m_s", *max_speed_m_s)
+        }
+        Command::Joints { q, max_speed_rad_s } => {
+            if q.len() != joints || q.iter().any(|v| !v.is_finite()) {
+                return Err(SimError::Command(format!(
+                    "joints \"{q:?}\"; {joints} finite angles are needed"
+                )));
+            }
+            positive("max_speed_rad_s", *max_speed_rad_s)
+        }
+        Command::Gripper { width_m, speed_m_s, force_n } => {
+            if !width_m.is_finite() || *width_m < 0.0 {
+                return Err(SimError::Command(format!("width_m is \"{width_m}\"; 0 or more is needed")));
+            }
+            positive("speed_m_s", *speed_m_s)?;
+            positive("force_n", *force_n)
+        }
+        Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => Ok(()),
+    }
+}
+
+fn blank_observation(joints: usize) -> Observation {
+    let zeros: JointVec = (0..joints).map(|_| 0.0).collect();
+    Observation {
+        tick: 0,
+        q: zeros.clone(),
+        dq: zeros.clone(),
+        tau: zeros,
+        tool: Pose::IDENTITY,
+        tool_twist: Twist::default(),
+        gripper_width_m: 0.0,
+        gripper_force_n: 0.0,
+        wrist_force_n: 0.0,
+        object: None,
+        target: None,
+        tool_available: true,
+        goal: TaskKind::Grasp,
+        guard: GuardVerdict::Allowed,
+    }
+}
