@@ -9,8 +9,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::composition::Weights;
+use super::ids::Digest;
 use super::mode::Zone;
 use super::submission::Risk;
+use super::text_error::{TextError, check_size, parse_toml};
+
+pub mod fields;
 
 /// The largest profile text, bytes.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
@@ -40,6 +44,18 @@ impl ProfileName {
         }
     }
 }
+
+impl std::str::FromStr for ProfileName {
+    type Err = ProfileNameError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL.into_iter().find(|name| name.name() == text).ok_or_else(|| ProfileNameError(text.to_owned()))
+    }
+}
+
+/// Text that is no profile's name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the profile {0:?} does not exist; sim, real and human do")]
+pub struct ProfileNameError(pub String);
 
 /// Every number of a profile.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -349,4 +365,72 @@ pub struct AlarmPriorities {
     pub rejected: AlarmPriority,
     /// Telemetry is silent.
     pub telemetry_silent: AlarmPriority,
+}
+
+impl Profile {
+    /// Parses and checks a profile; `file` is only named in errors.
+    ///
+    /// # Errors
+    /// [`TextError`] with file, line, field, value and what is allowed.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
+        check_size(file, text, PROFILE_BYTES_MAX)?;
+        let profile: Self = parse_toml(file, text)?;
+        match fields::problem(&profile) {
+            None => Ok(profile),
+            Some((field, value, allowed)) => Err(TextError::value(file, text, &field, &value, &allowed)),
+        }
+    }
+
+    /// A profile that comes with the program.
+    ///
+    /// # Errors
+    /// [`TextError`] where the shipped text is damaged; a test parses all three.
+    pub fn builtin(name: ProfileName) -> Result<Self, TextError> {
+        let (file, text) = match name {
+            ProfileName::Sim => ("profiles/sim.toml", include_str!("../../profiles/sim.toml")),
+            ProfileName::Real => ("profiles/real.toml", include_str!("../../profiles/real.toml")),
+            ProfileName::Human => ("profiles/human.toml", include_str!("../../profiles/human.toml")),
+        };
+        Self::parse(file, text)
+    }
+
+    /// The policy text that comes with the program for a profile.
+    #[must_use]
+    pub const fn builtin_policy(name: ProfileName) -> (&'static str, &'static str) {
+        match name {
+            ProfileName::Sim => ("profiles/sim.cedar", include_str!("../../profiles/sim.cedar")),
+            ProfileName::Real => ("profiles/real.cedar", include_str!("../../profiles/real.cedar")),
+            ProfileName::Human => ("profiles/human.cedar", include_str!("../../profiles/human.cedar")),
+        }
+    }
+
+    /// SHA-256 over every number.
+    ///
+    /// # Errors
+    /// Never for a parsed profile: it holds finite numbers and string keys only.
+    pub fn digest(&self) -> Result<Digest, serde_json::Error> {
+        Digest::of_json("holdpoint.profile.v1", self)
+    }
+
+    /// Whether anybody can approve under this profile.
+    #[must_use]
+    pub const fn has_approver(&self) -> bool {
+        self.approval.quorum_review > 0
+    }
+
+    /// The freeze window that holds at a virtual time, s; a time that is not a number is frozen.
+    #[must_use]
+    pub fn frozen_at(&self, now_s: f64) -> Option<&str> {
+        if !now_s.is_finite() {
+            return Some("the time is unknown");
+        }
+        let window = self.freeze.iter().find(|window| window.from_s <= now_s && now_s < window.until_s)?;
+        Some(&window.reason)
+    }
+
+    /// The published JSON Schema of a profile.
+    #[must_use]
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
+    }
 }

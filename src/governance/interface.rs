@@ -1,0 +1,440 @@
+//! `kappa_I`: can callers of the active version use the candidate without noticing?
+//!
+//! Structural rules: inputs contravariant, outputs covariant, preconditions no stronger, postconditions no
+//! weaker, dependencies satisfiable and acyclic, and the code's real exports as the manifest says.
+//! Source: paper section 4.3, Procedure 1; design rule 3.2; readings 2.2.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::composition::Condition;
+use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::exports::Interface;
+use super::ids::{CapabilityId, Family};
+use super::manifest::{Bound, Manifest};
+use super::outcome::{Assessment, Basis, InterfaceOutcome};
+use super::profile::Thresholds;
+use super::value_type::{FieldSpec, Kind, Value};
+
+/// The most dependencies followed when looking for a circle.
+const DEPENDENCY_STEPS_MAX: usize = 1_000;
+
+/// How far one part of the interface deviates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Deviation {
+    /// Not at all.
+    #[default]
+    None,
+    /// An adapter can mend it.
+    Adaptable,
+    /// Nothing can.
+    Breaking,
+}
+
+impl Deviation {
+    /// 0, 1/2 or 1.
+    #[must_use]
+    pub const fn value(self) -> f64 {
+        match self {
+            Self::None => 0.0,
+            Self::Adaptable => 0.5,
+            Self::Breaking => 1.0,
+        }
+    }
+}
+
+/// The four deviations of `kappa_I`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Deviations {
+    /// `Delta_sig`: entry points, inputs, parameters.
+    pub signature: Deviation,
+    /// `Delta_schema`: outputs.
+    pub schema: Deviation,
+    /// `Delta_prepost`: pre- and postconditions.
+    pub conditions: Deviation,
+    /// `Delta_dep`: dependencies.
+    pub dependencies: Deviation,
+}
+
+impl Deviations {
+    /// `kappa_I = 1 - (Delta_sig + Delta_schema + Delta_prepost + Delta_dep) / 4`.
+    #[must_use]
+    pub fn kappa(&self) -> Option<Kappa> {
+        let Self { signature, schema, conditions, dependencies } = self;
+        Kappa::new(1.0 - (signature.value() + schema.value() + conditions.value() + dependencies.value()) / 4.0)
+    }
+
+    /// The worst of the four.
+    #[must_use]
+    pub fn worst(&self) -> Deviation {
+        self.signature.max(self.schema).max(self.conditions).max(self.dependencies)
+    }
+}
+
+/// A version in the registry, as far as dependencies are concerned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Registered {
+    /// Which version.
+    pub id: CapabilityId,
+    /// Whether it is the active one of its family.
+    pub active: bool,
+    /// What it depends on.
+    pub dependencies: BTreeMap<Family, semver::VersionReq>,
+}
+
+/// What `kappa_I` looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct InterfaceInput<'a> {
+    /// The candidate's manifest.
+    pub candidate: &'a Manifest,
+    /// What its code exports; absent where it could not be loaded.
+    pub exports: Option<&'a Interface>,
+    /// The active version's manifest; absent for a first version.
+    pub active: Option<&'a Manifest>,
+    /// The versions a dependency may resolve to: neither rejected nor rolled back.
+    pub registered: &'a [Registered],
+}
+
+/// `kappa_I` with the deviations found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InterfaceAssessment {
+    /// Outcome, value and reasons.
+    pub assessment: Assessment<InterfaceOutcome>,
+    /// The four deviations.
+    pub deviations: Deviations,
+}
+
+/// Assesses `kappa_I` (design rule 3.2).
+#[must_use]
+pub fn assess(input: &InterfaceInput<'_>, thresholds: &Thresholds) -> InterfaceAssessment {
+    let mut found = Found::default();
+    let Some(exports) = input.exports else {
+        let text = "the code could not be read, so its exports are unknown";
+        let reasons = vec![Reason::new(ReasonCode::InterfaceNoData, Dimension::Interface, text)];
+        let assessment = Assessment {
+            outcome: InterfaceOutcome::NoData,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons,
+            conditions: Vec::new(),
+        };
+        return InterfaceAssessment { assessment, deviations: Deviations::default() };
+    };
+    found.exports(input.candidate, exports);
+    if let Some(active) = input.active {
+        found.signature(active, input.candidate);
+        found.outputs(active, input.candidate);
+        found.conditions(active, input.candidate);
+    }
+    found.dependencies(input.candidate, input.registered);
+    if let Some(active) = input.active {
+        found.label(active, input.candidate);
+    }
+    found.conclude(thresholds)
+}
+
+#[derive(Default)]
+struct Found {
+    deviations: Deviations,
+    reasons: Vec<Reason>,
+    notes: Vec<Reason>,
+    adapter: BTreeSet<String>,
+}
+
+/// Which of the four deviations.
+#[derive(Clone, Copy)]
+enum Part {
+    Signature,
+    Schema,
+    Conditions,
+    Dependencies,
+}
+
+impl Found {
+    fn add(&mut self, part: Part, deviation: Deviation, text: String) {
+        let (slot, breaking, adaptable) = match part {
+            Part::Signature => (
+                &mut self.deviations.signature,
+                ReasonCode::InterfaceSignatureBreaking,
+                ReasonCode::InterfaceSignatureAdaptable,
+            ),
+            Part::Schema => (
+                &mut self.deviations.schema,
+                ReasonCode::InterfaceSchemaBreaking,
+                ReasonCode::InterfaceSchemaAdaptable,
+            ),
+            Part::Conditions => (
+                &mut self.deviations.conditions,
+                ReasonCode::InterfaceConditionBreaking,
+                ReasonCode::InterfaceConditionAdaptable,
+            ),
+            Part::Dependencies => (
+                &mut self.deviations.dependencies,
+                ReasonCode::InterfaceDependencyBreaking,
+                ReasonCode::InterfaceDependencyAdaptable,
+            ),
+        };
+        *slot = (*slot).max(deviation);
+        let code = match deviation {
+            Deviation::None => return,
+            Deviation::Adaptable => adaptable,
+            Deviation::Breaking => breaking,
+        };
+        self.reasons.push(Reason::new(code, Dimension::Interface, text));
+    }
+
+    fn mismatch(&mut self, text: String) {
+        self.deviations.signature = Deviation::Breaking;
+        self.reasons.push(Reason::new(ReasonCode::InterfaceExportMismatch, Dimension::Interface, text));
+    }
+
+    /// The code's exports against the manifest: a manifest that promises what the code lacks is breaking.
+    fn exports(&mut self, manifest: &Manifest, exports: &Interface) {
+        for name in manifest.invocation.entry_points.difference(&exports.entry_points) {
+            self.mismatch(format!("the entry point {name:?} is declared and not exported"));
+        }
+        for (what, declared, real) in [
+            ("input", &manifest.inputs, &exports.inputs),
+            ("output", &manifest.outputs, &exports.outputs),
+            ("parameter", &manifest.invocation.parameters, &exports.parameters),
+        ] {
+            for (name, spec) in declared {
+                match real.get(name) {
+                    None => self.mismatch(format!("the {what} {name:?} is declared and unknown to the code")),
+                    Some(code) if !same_kind(code, spec) => {
+                        self.mismatch(format!("the {what} {name:?} has another type, unit or frame in the code"));
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        for (name, spec) in &exports.inputs {
+            if spec.required && !manifest.inputs.contains_key(name) {
+                self.mismatch(format!("the code needs the input {name:?}, which is not declared"));
+            }
+        }
+        for signal in exports.failure_signals.difference(&manifest.recovery.failure_signals) {
+            self.mismatch(format!("the code raises the failure signal {signal:?}, which is not declared"));
+        }
+    }
+
+    /// Contravariance: every call that is valid for the active version stays valid.
+    fn signature(&mut self, active: &Manifest, candidate: &Manifest) {
+        let (old, new) = (&active.invocation, &candidate.invocation);
+        for name in old.entry_points.difference(&new.entry_points) {
+            self.add(Part::Signature, Deviation::Breaking, format!("the entry point {name:?} is gone"));
+        }
+        for (what, old, new) in
+            [("input", &active.inputs, &candidate.inputs), ("parameter", &old.parameters, &new.parameters)]
+        {
+            for name in old.keys().filter(|name| !new.contains_key(*name)) {
+                self.add(Part::Signature, Deviation::Breaking, format!("the {what} {name:?} is gone"));
+            }
+            for (name, spec) in new {
+                let (deviation, text) = accepts(old.get(name), spec);
+                if deviation == Deviation::Adaptable {
+                    self.adapter.insert(name.clone());
+                }
+                self.add(Part::Signature, deviation, format!("the {what} {name:?} {text}"));
+            }
+        }
+    }
+
+    /// Covariance: whatever the candidate gives back, the active version could have given.
+    fn outputs(&mut self, active: &Manifest, candidate: &Manifest) {
+        for (name, old) in &active.outputs {
+            let (deviation, text) = match candidate.outputs.get(name) {
+                None => (Deviation::Breaking, "is gone"),
+                Some(new) if !same_kind(old, new) => (Deviation::Breaking, "has another type, unit or frame"),
+                Some(new) if !contains(old, new) => (Deviation::Breaking, "can take values it could not take before"),
+                Some(new) if old.required && !new.required && new.default.is_none() => {
+                    (Deviation::Breaking, "is no longer always there")
+                }
+                Some(new) if old.required && !new.required => {
+                    self.adapter.insert(name.clone());
+                    (Deviation::Adaptable, "is no longer always there; its default can stand in")
+                }
+                Some(_) => (Deviation::None, ""),
+            };
+            self.add(Part::Schema, deviation, format!("the output {name:?} {text}"));
+        }
+    }
+
+    fn conditions(&mut self, active: &Manifest, candidate: &Manifest) {
+        let (old, new) = (&active.invocation, &candidate.invocation);
+        for (name, bound) in &new.preconditions {
+            if old.preconditions.get(name).is_some_and(|before| within(before, bound)) {
+                continue;
+            }
+            // A caller can check what it hands over; it cannot assure anything else.
+            if candidate.inputs.contains_key(name) {
+                self.adapter.insert(name.clone());
+                let text = format!("the precondition on the input {name:?} is stronger; the caller can check it");
+                self.add(Part::Conditions, Deviation::Adaptable, text);
+            } else {
+                self.add(Part::Conditions, Deviation::Breaking, format!("the precondition on {name:?} is stronger"));
+            }
+        }
+        for (name, before) in &old.postconditions {
+            if !new.postconditions.get(name).is_some_and(|bound| within(bound, before)) {
+                self.add(Part::Conditions, Deviation::Breaking, format!("the postcondition on {name:?} is weaker"));
+            }
+        }
+    }
+
+    fn dependencies(&mut self, candidate: &Manifest, registered: &[Registered]) {
+        for (family, requirement) in &candidate.deployment.dependencies {
+            let meets = |version: &&Registered| {
+                version.id.family == *family && requirement.matches(&version.id.version)
+            };
+            let any = registered.iter().any(|version| meets(&version));
+            let active = registered.iter().filter(|version| version.active).any(|version| meets(&version));
+            let (deviation, text) = match (any, active) {
+                (false, _) => (Deviation::Breaking, "no registered version meets it"),
+                (true, false) => (Deviation::Adaptable, "a registered version meets it, the active one does not"),
+                (true, true) => (Deviation::None, ""),
+            };
+            self.add(Part::Dependencies, deviation, format!("the dependency {family}@{requirement}: {text}"));
+        }
+        if circular(candidate, registered) {
+            let text = "the dependencies lead back to the family itself".to_owned();
+            self.add(Part::Dependencies, Deviation::Breaking, text);
+        }
+    }
+
+    /// The version number promises; what was found decides.
+    fn label(&mut self, active: &Manifest, candidate: &Manifest) {
+        let (old, new) = (&active.version, &candidate.version);
+        let major = if old.major == 0 { new.minor != old.minor || new.major > 0 } else { new.major > old.major };
+        let minor = major || new.minor > old.minor;
+        let wrong = new <= old
+            || match self.deviations.worst() {
+                Deviation::None => false,
+                Deviation::Adaptable => !minor,
+                Deviation::Breaking => !major,
+            };
+        if wrong {
+            let text = format!("{new} after {old} promises more compatibility than was found");
+            self.notes.push(Reason::new(ReasonCode::InterfaceVersionMislabelled, Dimension::Interface, text));
+        }
+    }
+
+    fn conclude(mut self, thresholds: &Thresholds) -> InterfaceAssessment {
+        let kappa = self.deviations.kappa();
+        let threshold = thresholds.interface();
+        let below = kappa.is_none_or(|kappa| kappa.get() < threshold);
+        let outcome = match self.deviations.worst() {
+            Deviation::Breaking => InterfaceOutcome::Incompatible,
+            Deviation::Adaptable | Deviation::None if below => InterfaceOutcome::Conditional,
+            Deviation::Adaptable | Deviation::None => InterfaceOutcome::Compatible,
+        };
+        // The deciding reasons, the breaking ones, come first.
+        self.reasons.sort_by_key(|reason| !reason.code.as_str().ends_with("breaking"));
+        let value = kappa.map_or(f64::NAN, Kappa::get);
+        if let Some(first) = self.reasons.first_mut() {
+            *first = first.clone().with(value, threshold);
+        }
+        if self.reasons.is_empty() {
+            let text = "every call that was valid stays valid, and what comes back is as before";
+            let code = ReasonCode::InterfaceCompatible;
+            self.reasons.push(Reason::new(code, Dimension::Interface, text).with(value, threshold));
+        }
+        self.reasons.extend(self.notes);
+        let fields: Vec<String> = self.adapter.into_iter().collect();
+        let conditions = match outcome {
+            InterfaceOutcome::Conditional => vec![Condition::InterfaceAdapter { fields }],
+            InterfaceOutcome::Compatible | InterfaceOutcome::Incompatible | InterfaceOutcome::NoData => Vec::new(),
+        };
+        let assessment =
+            Assessment { outcome, kappa, basis: Basis::Measured, reasons: self.reasons, conditions };
+        InterfaceAssessment { assessment, deviations: self.deviations }
+    }
+}
+
+/// Same kind, unit, frame and element: a number in another unit is another number.
+fn same_kind(a: &FieldSpec, b: &FieldSpec) -> bool {
+    a.kind == b.kind && a.unit == b.unit && a.frame == b.frame && a.element == b.element
+}
+
+/// Whether every value of `inner` is one of `outer` (same kind assumed).
+fn contains(outer: &FieldSpec, inner: &FieldSpec) -> bool {
+    let range = match (outer.range, inner.range) {
+        (None, _) => true,
+        (Some(_), None) => false,
+        (Some([low, high]), Some([from, to])) => low <= from && to <= high,
+    };
+    let names = outer.kind != Kind::Enum || inner.values.iter().all(|name| outer.values.contains(name));
+    let length = match (outer.length_max, inner.length_max) {
+        (None, _) => true,
+        (Some(_), None) => false,
+        (Some(outer), Some(inner)) => inner <= outer,
+    };
+    range && names && length
+}
+
+/// Whether a call written for `old` is valid for `new`.
+fn accepts(old: Option<&FieldSpec>, new: &FieldSpec) -> (Deviation, &'static str) {
+    let Some(old) = old else {
+        return match (new.required, new.default.is_some()) {
+            (false, _) => (Deviation::None, ""),
+            (true, true) => (Deviation::Adaptable, "is new and required; its default can be supplied"),
+            (true, false) => (Deviation::Breaking, "is new, required and without default"),
+        };
+    };
+    if !same_kind(old, new) {
+        return (Deviation::Breaking, "has another type, unit or frame");
+    }
+    if !contains(new, old) {
+        return (Deviation::Breaking, "no longer takes every value it took");
+    }
+    match (old.required, new.required, new.default.is_some()) {
+        (true, _, _) | (false, false, _) => (Deviation::None, ""),
+        (false, true, true) => (Deviation::Adaptable, "became required; its default can be supplied"),
+        (false, true, false) => (Deviation::Breaking, "became required and has no default"),
+    }
+}
+
+/// Whether every value that `inner` allows is allowed by `outer`.
+fn within(inner: &Bound, outer: &Bound) -> bool {
+    let number = |bound: &Bound| bound.equals.as_ref().and_then(Value::number);
+    if let Some(wanted) = &outer.equals {
+        return match (number(inner), wanted.number()) {
+            (Some(a), Some(b)) => a == b,
+            (None, None) => inner.equals.as_ref() == Some(wanted),
+            (Some(_), None) | (None, Some(_)) => false,
+        };
+    }
+    let (low, high) = match (&inner.equals, number(inner)) {
+        (Some(_), None) => return false,
+        (Some(_), Some(value)) => (Some(value), Some(value)),
+        (None, _) => (inner.min, inner.max),
+    };
+    let above = outer.min.is_none_or(|min| low.is_some_and(|low| low >= min));
+    let below = outer.max.is_none_or(|max| high.is_some_and(|high| high <= max));
+    above && below
+}
+
+/// Whether following the dependencies leads back to the candidate's family. A graph too large to follow counts as one.
+fn circular(candidate: &Manifest, registered: &[Registered]) -> bool {
+    let mut open: Vec<(&Family, &semver::VersionReq)> = candidate.deployment.dependencies.iter().collect();
+    let mut seen: BTreeSet<&CapabilityId> = BTreeSet::new();
+    let mut steps = 0;
+    while let Some((family, requirement)) = open.pop() {
+        steps += 1;
+        if *family == candidate.name || steps > DEPENDENCY_STEPS_MAX {
+            return true;
+        }
+        for version in registered {
+            let meets = version.id.family == *family && requirement.matches(&version.id.version);
+            if meets && seen.insert(&version.id) {
+                open.extend(version.dependencies.iter());
+            }
+        }
+    }
+    false
+}

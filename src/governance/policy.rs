@@ -1,0 +1,289 @@
+//! `kappa_P`: are the modes a version can reach covered by policy, and allowed?
+//!
+//! Reads the compiled table only. Source: paper section 4.3 and Procedure 1; design rule 3.3; readings X48.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::composition::Condition;
+use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::exports::Interface;
+use super::manifest::Permissions;
+use super::mode::{ReachableMode, reachable};
+use super::outcome::{Assessment, Basis, PolicyOutcome};
+pub use super::policy_table::{
+    ActivationEntry, Cap, ModeEntry, PolicyError, PolicySource, PolicyTable, Verdict,
+};
+use super::profile::{Profile, ProfileName};
+
+/// What `kappa_P` looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct PolicyInput<'a> {
+    /// P of the candidate.
+    pub permissions: &'a Permissions,
+    /// D.environments of the candidate.
+    pub environments: &'a BTreeSet<ProfileName>,
+    /// What its code needs; absent where it could not be loaded.
+    pub exports: Option<&'a Interface>,
+    /// P of the active version; absent for a first version.
+    pub active: Option<&'a Permissions>,
+}
+
+/// `kappa_P` with what else was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyAssessment {
+    /// Outcome, value and reasons.
+    pub assessment: Assessment<PolicyOutcome>,
+    /// Modes that can be reached.
+    pub reachable: Vec<ReachableMode>,
+    /// Of these, the ones no policy covers.
+    pub uncovered: Vec<ReachableMode>,
+    /// Permissions the active version does not have.
+    pub new_permissions: Vec<String>,
+    /// Permissions of a higher level than the active version's.
+    pub escalations: Vec<String>,
+}
+
+/// `kappa_P = covered / reachable`, with its outcome (design rule 3.3).
+#[must_use]
+pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -> PolicyAssessment {
+    let limits = &profile.runtime;
+    let needs = input.exports.map(|exports| exports.needs.clone()).unwrap_or_default();
+    let modes =
+        reachable(input.permissions, &needs, limits.tool_speed_max_m_s, limits.contact_force_max_n);
+    let uncovered: Vec<ReachableMode> =
+        modes.iter().copied().filter(|mode| table.verdict(&mode.key) == Verdict::Uncovered).collect();
+    let active_keys: BTreeSet<_> = input.active.map_or_else(BTreeSet::new, |active| {
+        let same = BTreeSet::new();
+        reachable(active, &same, limits.tool_speed_max_m_s, limits.contact_force_max_n)
+            .into_iter()
+            .map(|mode| mode.key)
+            .collect()
+    });
+    let mut findings = Findings::default();
+    if input.exports.is_none() {
+        findings.no_data("the code could not be read, so what it needs is unknown");
+    }
+    if table.profile != profile.name {
+        findings.no_data("the policies were compiled for another profile");
+    }
+    if modes.is_empty() {
+        findings.no_data("no mode can be reached, so there is nothing to cover");
+    }
+    findings.static_facts(input, profile, &needs);
+    findings.modes(&modes, table, &active_keys);
+    findings.envelope(input.permissions, &modes, table, profile);
+    let kappa = share(modes.len() - uncovered.len(), modes.len());
+    findings.threshold(kappa, profile);
+    if input.permissions.authority.level() > limits.authority_max {
+        let text = "it asks for more authority than the profile grants by itself";
+        let reason = Reason::new(ReasonCode::PolicyAuthorityReview, Dimension::Policy, text)
+            .with(f64::from(input.permissions.authority.level()), f64::from(limits.authority_max));
+        findings.review.push(reason);
+    }
+    let (new_permissions, escalations) = changes(input);
+    let assessment = findings.conclude(kappa, profile, &new_permissions, &escalations);
+    PolicyAssessment {
+        assessment,
+        reachable: modes.into_iter().collect(),
+        uncovered,
+        new_permissions,
+        escalations,
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "there are at most 80 modes")]
+fn share(part: usize, whole: usize) -> Option<Kappa> {
+    if whole == 0 { None } else { Kappa::new(part as f64 / whole as f64) }
+}
+
+/// Reasons by what they lead to.
+#[derive(Default)]
+struct Findings {
+    missing: Vec<Reason>,
+    incompatible: Vec<Reason>,
+    /// Incompatible, unless somebody can be asked.
+    review: Vec<Reason>,
+    conditional: Vec<Reason>,
+    noted: Vec<Reason>,
+    conditions: Vec<Condition>,
+}
+
+fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
+    Reason::new(code, Dimension::Policy, text)
+}
+
+impl Findings {
+    fn no_data(&mut self, text: &str) {
+        self.missing.push(reason(ReasonCode::PolicyNoData, text));
+    }
+
+    fn static_facts(
+        &mut self,
+        input: &PolicyInput<'_>,
+        profile: &Profile,
+        needs: &BTreeSet<super::mode::ModeNeed>,
+    ) {
+        let declared = input.permissions;
+        for need in needs {
+            if !declared.channels.contains(&need.channel) || !declared.commands.contains(&need.command) {
+                let text =
+                    format!("the code needs {}/{}, which P does not declare", need.channel.name(), need.command.name());
+                self.incompatible.push(reason(ReasonCode::PolicyUndeclaredImport, text));
+            }
+        }
+        if !input.environments.contains(&profile.name) {
+            let text = format!("D.environments does not admit the profile {:?}", profile.name.name());
+            self.incompatible.push(reason(ReasonCode::PolicyEnvironmentNotAdmitted, text));
+        }
+        let (asked, limits) = (&declared.resources, &profile.runtime);
+        for (what, value, limit) in [
+            ("processor time per tick (us)", asked.cpu_us_per_tick, limits.cpu_us_per_tick_max),
+            ("memory (KiB)", asked.memory_kib, limits.memory_kib_max),
+        ] {
+            if value > limit {
+                let text = format!("it asks for more {what} than the profile has");
+                let reason = reason(ReasonCode::PolicyResourcesExceeded, text);
+                self.incompatible.push(reason.with(f64::from(value), f64::from(limit)));
+            }
+        }
+    }
+
+    fn modes(
+        &mut self,
+        modes: &BTreeSet<ReachableMode>,
+        table: &PolicyTable,
+        active: &BTreeSet<super::mode::ModeKey>,
+    ) {
+        for mode in modes {
+            let because = table.entry(&mode.key).map_or_else(String::new, |entry| entry.because.join(", "));
+            match table.verdict(&mode.key) {
+                Verdict::Allow | Verdict::AllowTighter(_) => {}
+                Verdict::Review => {
+                    let text = format!("{} needs a review ({because})", mode.key);
+                    self.review.push(reason(ReasonCode::PolicyAuthorityReview, text));
+                }
+                Verdict::Forbid => {
+                    let text = format!("{} is forbidden ({because})", mode.key);
+                    self.incompatible.push(reason(ReasonCode::PolicyForbiddenMode, text));
+                }
+                Verdict::Uncovered if mode.is_high_risk() => {
+                    let text = format!("{} is of high risk and covered by no policy", mode.key);
+                    self.incompatible.push(reason(ReasonCode::PolicyUncoveredHighRisk, text));
+                }
+                Verdict::Uncovered => {
+                    let text = format!("{} is covered by no policy; the guard will deny it", mode.key);
+                    let reason = reason(ReasonCode::PolicyUncoveredMode, text);
+                    let new = !active.contains(&mode.key);
+                    if new { self.conditional.push(reason) } else { self.noted.push(reason) }
+                }
+            }
+        }
+    }
+
+    fn envelope(
+        &mut self,
+        permissions: &Permissions,
+        modes: &BTreeSet<ReachableMode>,
+        table: &PolicyTable,
+        profile: &Profile,
+    ) {
+        let limits = &profile.runtime;
+        let cap = |mode: &ReachableMode| match table.verdict(&mode.key) {
+            Verdict::AllowTighter(cap) => (cap.speed_max_m_s, cap.force_max_n),
+            Verdict::Allow | Verdict::Review | Verdict::Forbid | Verdict::Uncovered => {
+                (limits.tool_speed_max_m_s, limits.contact_force_max_n)
+            }
+        };
+        // The widest mode sets the version's envelope; the guard holds each mode to its own cap.
+        let widest = modes.iter().map(cap).fold((0.0_f64, 0.0_f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
+        let narrowest = modes.iter().map(cap).fold(widest, |a, b| (a.0.min(b.0), a.1.min(b.1)));
+        let (declared_speed, declared_force) = (permissions.max_speed_m_s, permissions.max_force_n);
+        if declared_speed > narrowest.0 || declared_force > narrowest.1 {
+            let (speed, force) = narrowest;
+            let text = format!("some modes are allowed up to {speed} m/s and {force} N only, tighter than declared");
+            let tighter = reason(ReasonCode::PolicyTighterEnvelope, text).with(declared_speed, speed);
+            self.conditional.push(tighter);
+            let (speed_max_m_s, force_max_n) = (declared_speed.min(widest.0), declared_force.min(widest.1));
+            self.conditions.push(Condition::TighterEnvelope { speed_max_m_s, force_max_n });
+        }
+    }
+
+    fn threshold(&mut self, kappa: Option<Kappa>, profile: &Profile) {
+        let Some(kappa) = kappa else { return };
+        let threshold = profile.thresholds.policy();
+        if kappa.get() < threshold {
+            let text = "too few of the reachable modes are covered";
+            let below = reason(ReasonCode::PolicyBelowThreshold, text).with(kappa.get(), threshold);
+            self.review.push(below);
+        }
+    }
+
+    fn conclude(
+        self,
+        kappa: Option<Kappa>,
+        profile: &Profile,
+        new_permissions: &[String],
+        escalations: &[String],
+    ) -> Assessment<PolicyOutcome> {
+        let outcome = if !self.missing.is_empty() {
+            PolicyOutcome::NoData
+        } else if !self.incompatible.is_empty() || (!self.review.is_empty() && !profile.has_approver()) {
+            PolicyOutcome::Incompatible
+        } else if !self.review.is_empty() {
+            PolicyOutcome::Review
+        } else if !self.conditional.is_empty() {
+            PolicyOutcome::Conditional
+        } else {
+            PolicyOutcome::Compatible
+        };
+        let mut reasons = self.missing;
+        reasons.extend(self.incompatible);
+        reasons.extend(self.review);
+        reasons.extend(self.conditional);
+        if outcome == PolicyOutcome::Compatible {
+            let covered = reason(ReasonCode::PolicyCompatible, "every mode that matters is covered and allowed");
+            reasons.push(covered.with(kappa.map_or(f64::NAN, Kappa::get), profile.thresholds.policy()));
+        }
+        reasons.extend(self.noted);
+        reasons.extend(new_permissions.iter().map(|name| {
+            reason(ReasonCode::PolicyNewPermission, format!("{name} is new against the active version"))
+        }));
+        reasons.extend(escalations.iter().map(|name| {
+            reason(ReasonCode::PolicyEscalation, format!("{name} is higher than the active version's"))
+        }));
+        let known = outcome != PolicyOutcome::NoData;
+        Assessment {
+            outcome,
+            kappa: kappa.filter(|_| known),
+            basis: Basis::Measured,
+            reasons,
+            conditions: if known { self.conditions } else { Vec::new() },
+        }
+    }
+}
+
+/// New permissions and escalations against the active version.
+fn changes(input: &PolicyInput<'_>) -> (Vec<String>, Vec<String>) {
+    let Some(active) = input.active else { return (Vec::new(), Vec::new()) };
+    let new = input.permissions;
+    let channels = new.channels.difference(&active.channels).map(|c| format!("channel {}", c.name()));
+    let commands = new.commands.difference(&active.commands).map(|c| format!("command {}", c.name()));
+    let zones = new.zones.difference(&active.zones).map(|z| format!("zone {}", z.name()));
+    let sensors = new.sensors.difference(&active.sensors).map(|name| format!("sensor {name}"));
+    let tools = new.tools.difference(&active.tools).map(|name| format!("tool {name}"));
+    let added = channels.chain(commands).chain(zones).chain(sensors).chain(tools).collect();
+    let mut higher = Vec::new();
+    if new.authority > active.authority {
+        higher.push(format!("authority {}", new.authority.level()));
+    }
+    if new.max_speed_m_s > active.max_speed_m_s {
+        higher.push(format!("speed {} m/s", new.max_speed_m_s));
+    }
+    if new.max_force_n > active.max_force_n {
+        higher.push(format!("force {} N", new.max_force_n));
+    }
+    (added, higher)
+}

@@ -1,0 +1,407 @@
+//! Policies compiled to a table: text in, one verdict for every mode out. The only file that knows Cedar.
+//!
+//! This is a compile step, done when a policy set is loaded: afterwards neither the checks nor the runtime
+//! guard evaluate a policy, they read the table. Everything fails closed: a text that does not validate is
+//! refused as a whole, a mode whose evaluation errs is uncovered (Cedar itself skips an erroring `forbid`),
+//! and a permit that does not name both command kind and zone covers nothing.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+use cedar_policy::{
+    ActionConstraint, Authorizer, Context, Decision, Effect, Entities, EntityId, EntityTypeName, EntityUid,
+    Policy, PolicySet, PrincipalConstraint, Request, ResourceConstraint, RestrictedExpression, Schema,
+    ValidationMode, Validator,
+};
+use serde::{Deserialize, Serialize};
+
+use super::ids::Digest;
+use super::mode::ModeKey;
+use super::profile::{Profile, ProfileName};
+use super::submission::{Provenance, Risk};
+
+/// The largest policy text, bytes.
+pub const POLICY_BYTES_MAX: usize = 64 * 1024;
+
+/// The most policies of a set.
+pub const POLICIES_MAX: usize = 256;
+
+/// What policies may name. A text that names anything else does not validate.
+const SCHEMA: &str = r#"
+entity Skill;
+entity Cell;
+entity Zone enum ["work", "tray", "transit", "human"];
+action "tool-pose", "joints", "gripper", "stop", "direct" appliesTo {
+    principal: [Skill],
+    resource: [Zone],
+    context: { channel: String, authority: Long, profile: String }
+};
+action "activate" appliesTo {
+    principal: [Skill],
+    resource: [Cell],
+    context: { profile: String, risk: String, provenance: String }
+};
+"#;
+
+/// A policy text with the name it has in errors.
+#[derive(Clone, Copy, Debug)]
+pub struct PolicySource<'a> {
+    /// The file's name.
+    pub file: &'a str,
+    /// Cedar policies.
+    pub text: &'a str,
+}
+
+/// An envelope tighter than the profile's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cap {
+    /// Largest tool speed, m/s.
+    pub speed_max_m_s: f64,
+    /// Largest force, N.
+    pub force_max_n: f64,
+}
+
+/// What the policies say of one mode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "verdict")]
+pub enum Verdict {
+    /// Allowed within the profile's limits.
+    Allow,
+    /// Allowed within a tighter envelope.
+    AllowTighter(Cap),
+    /// Allowed for a version that people have approved; denied for any other.
+    Review,
+    /// Denied by a policy.
+    Forbid,
+    /// No policy names it, or its evaluation failed: denied.
+    Uncovered,
+}
+
+/// One row of the table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeEntry {
+    /// The mode.
+    pub mode: ModeKey,
+    /// What holds.
+    pub verdict: Verdict,
+    /// The policies that made it, by id; or the evaluation's error.
+    pub because: Vec<String>,
+}
+
+/// What site policies say of one kind of activation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActivationEntry {
+    /// Risk tier.
+    pub risk: Risk,
+    /// How the version came about.
+    pub provenance: Provenance,
+    /// A policy forbids it, or its evaluation failed.
+    pub forbidden: bool,
+    /// The policies that made it, by id; or the evaluation's error.
+    pub because: Vec<String>,
+}
+
+/// A policy set compiled for one profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyTable {
+    /// SHA-256 over the texts, the schema and the profile.
+    pub digest: Digest,
+    /// The profile it was compiled for.
+    pub profile: ProfileName,
+    /// Every mode, sorted.
+    pub modes: Vec<ModeEntry>,
+    /// Every kind of activation, sorted.
+    pub activations: Vec<ActivationEntry>,
+}
+
+/// A policy text that was refused; no table exists.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PolicyError {
+    /// More bytes or policies than allowed.
+    #[error("{file}: {found} are too many; up to {allowed} are allowed")]
+    TooMany {
+        /// The file's name.
+        file: String,
+        /// What was found.
+        found: String,
+        /// The limit.
+        allowed: String,
+    },
+    /// Not Cedar.
+    #[error("{file}: {message}")]
+    Syntax {
+        /// The file's name.
+        file: String,
+        /// Cedar's words.
+        message: String,
+    },
+    /// A name that does not exist, a type that does not fit, or a form this table has no place for.
+    #[error("{file}: the policy {policy:?}: {message}\nHint: {hint}")]
+    Policy {
+        /// The file's name.
+        file: String,
+        /// The policy's id.
+        policy: String,
+        /// What is wrong.
+        message: String,
+        /// What is allowed.
+        hint: &'static str,
+    },
+    /// The program's own schema or a request could not be built.
+    #[error("the policy vocabulary could not be built: {0}")]
+    Vocabulary(String),
+}
+
+impl PolicyTable {
+    /// Compiles policy texts for a profile.
+    ///
+    /// # Errors
+    /// [`PolicyError`]: a text too large, not Cedar, naming what does not exist, constraining the principal
+    /// (it would silently never apply) or using an annotation other than `id`, `reason`, `review`,
+    /// `speed_max_m_s` and `force_max_n`.
+    pub fn compile(profile: &Profile, sources: &[PolicySource<'_>]) -> Result<Self, PolicyError> {
+        let vocabulary = |e: &dyn std::fmt::Display| PolicyError::Vocabulary(e.to_string());
+        let (schema, _) = Schema::from_cedarschema_str(SCHEMA).map_err(|e| vocabulary(&e))?;
+        let mut set = PolicySet::new();
+        let mut rules = BTreeMap::new();
+        for source in sources {
+            load(source, &schema, &mut set, &mut rules)?;
+        }
+        let judge = Judge { authorizer: Authorizer::new(), set, rules, profile };
+        let modes = ModeKey::all().into_iter().map(|mode| judge.mode(mode)).collect::<Result<_, _>>()?;
+        let mut activations = Vec::new();
+        for risk in Risk::ALL {
+            for provenance in Provenance::ALL {
+                activations.push(judge.activation(risk, provenance)?);
+            }
+        }
+        let profile_digest = profile.digest().map_err(|e| vocabulary(&e))?;
+        let mut parts: Vec<&[u8]> = vec![SCHEMA.as_bytes(), profile_digest.bytes()];
+        parts.extend(sources.iter().map(|source| source.text.as_bytes()));
+        let digest = Digest::of_parts("holdpoint.policy.v1", &parts);
+        Ok(Self { digest, profile: profile.name, modes, activations })
+    }
+
+    /// Compiles the policies that come with the program.
+    ///
+    /// # Errors
+    /// As [`PolicyTable::compile`]; a test compiles all three.
+    pub fn builtin(profile: &Profile) -> Result<Self, PolicyError> {
+        let (file, text) = Profile::builtin_policy(profile.name);
+        Self::compile(profile, &[PolicySource { file, text }])
+    }
+
+    /// The verdict of a mode; what is not in the table is uncovered.
+    #[must_use]
+    pub fn verdict(&self, mode: &ModeKey) -> Verdict {
+        self.entry(mode).map_or(Verdict::Uncovered, |entry| entry.verdict)
+    }
+
+    /// The row of a mode.
+    #[must_use]
+    pub fn entry(&self, mode: &ModeKey) -> Option<&ModeEntry> {
+        self.modes.iter().find(|entry| entry.mode == *mode)
+    }
+
+    /// Whether a site policy forbids an activation, and which; what is not in the table is forbidden.
+    #[must_use]
+    pub fn activation_forbidden(&self, risk: Risk, provenance: Provenance) -> Option<Vec<String>> {
+        match self.activations.iter().find(|entry| entry.risk == risk && entry.provenance == provenance) {
+            Some(entry) => entry.forbidden.then(|| entry.because.clone()),
+            None => Some(vec!["no entry for this kind of activation".into()]),
+        }
+    }
+}
+
+/// What the table needs of one policy beside Cedar's own judgement.
+struct Rule {
+    name: String,
+    effect: Effect,
+    names_mode: bool,
+    review: bool,
+    speed_max_m_s: Option<f64>,
+    force_max_n: Option<f64>,
+}
+
+fn load(
+    source: &PolicySource<'_>,
+    schema: &Schema,
+    set: &mut PolicySet,
+    rules: &mut BTreeMap<String, Rule>,
+) -> Result<(), PolicyError> {
+    let file = source.file.to_owned();
+    let too_many = |found: String, allowed: String| PolicyError::TooMany { file: file.clone(), found, allowed };
+    if source.text.len() > POLICY_BYTES_MAX {
+        return Err(too_many(format!("{} bytes", source.text.len()), POLICY_BYTES_MAX.to_string()));
+    }
+    let parsed = PolicySet::from_str(source.text)
+        .map_err(|e| PolicyError::Syntax { file: file.clone(), message: e.to_string() })?;
+    let refuse = |policy: &str, message: String, hint: &'static str| PolicyError::Policy {
+        file: file.clone(),
+        policy: policy.to_owned(),
+        message,
+        hint,
+    };
+    if parsed.templates().next().is_some() {
+        return Err(refuse("template", "templates have no place here".into(), "write out each policy"));
+    }
+    let validation = Validator::new(schema.clone()).validate(&parsed, ValidationMode::Strict);
+    if let Some(error) = validation.validation_errors().next() {
+        let hint = "commands are tool-pose, joints, gripper, stop, direct and activate; zones are work, tray, \
+                    transit and human; context has channel, authority, profile (activate: profile, risk, provenance)";
+        return Err(refuse(error.policy_id().as_ref(), error.to_string(), hint));
+    }
+    for policy in parsed.policies() {
+        if rules.len() >= POLICIES_MAX {
+            return Err(too_many("policies".into(), POLICIES_MAX.to_string()));
+        }
+        let rule = rule(policy).map_err(|(message, hint)| refuse(policy.id().as_ref(), message, hint))?;
+        let id = format!("{}#{}", source.file, policy.id());
+        let renamed = policy.new_id(cedar_policy::PolicyId::new(&id));
+        let name = rule.name.clone();
+        set.add(renamed).map_err(|e| refuse(&name, e.to_string(), "give each file its own name"))?;
+        rules.insert(id, rule);
+    }
+    Ok(())
+}
+
+fn rule(policy: &Policy) -> Result<Rule, (String, &'static str)> {
+    if policy.principal_constraint() != PrincipalConstraint::Any {
+        return Err(("it constrains the principal".into(), "write `principal` alone: a mode is judged for every skill"));
+    }
+    let number = |text: &str, key: &str| match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        Ok(_) | Err(_) => Err((format!("@{key}({text:?}) is no number above 0"), "write e.g. @speed_max_m_s(\"0.25\")")),
+    };
+    let mut rule = Rule {
+        name: policy.id().to_string(),
+        effect: policy.effect(),
+        names_mode: matches!(policy.action_constraint(), ActionConstraint::Eq(_) | ActionConstraint::In(_))
+            && matches!(policy.resource_constraint(), ResourceConstraint::Eq(_)),
+        review: false,
+        speed_max_m_s: None,
+        force_max_n: None,
+    };
+    for (key, value) in policy.annotations() {
+        match key {
+            "id" => value.clone_into(&mut rule.name),
+            "reason" => {}
+            "review" => rule.review = true,
+            "speed_max_m_s" => rule.speed_max_m_s = Some(number(value, key)?),
+            "force_max_n" => rule.force_max_n = Some(number(value, key)?),
+            _ => {
+                let hint = "annotations are id, reason, review, speed_max_m_s and force_max_n";
+                return Err((format!("the annotation @{key} does not exist"), hint));
+            }
+        }
+    }
+    let limits = rule.review || rule.speed_max_m_s.is_some() || rule.force_max_n.is_some();
+    if rule.effect == Effect::Forbid && limits {
+        return Err(("a forbid carries a limit or a review".into(), "limits and reviews belong to a permit"));
+    }
+    Ok(rule)
+}
+
+struct Judge<'a> {
+    authorizer: Authorizer,
+    set: PolicySet,
+    rules: BTreeMap<String, Rule>,
+    profile: &'a Profile,
+}
+
+/// What Cedar said: its decision, the determining policies, and an error if there was any.
+struct Said<'r> {
+    allowed: bool,
+    rules: Vec<&'r Rule>,
+    error: Option<String>,
+}
+
+impl Judge<'_> {
+    fn ask(
+        &self,
+        action: &str,
+        resource: (&str, &str),
+        context: Vec<(&str, RestrictedExpression)>,
+    ) -> Result<Said<'_>, PolicyError> {
+        let vocabulary = |e: &dyn std::fmt::Display| PolicyError::Vocabulary(e.to_string());
+        let uid = |kind: &str, id: &str| {
+            let kind = EntityTypeName::from_str(kind).map_err(|e| vocabulary(&e))?;
+            Ok::<_, PolicyError>(EntityUid::from_type_name_and_id(kind, EntityId::new(id)))
+        };
+        let pairs = context.into_iter().map(|(key, value)| (key.to_owned(), value));
+        let context = Context::from_pairs(pairs).map_err(|e| vocabulary(&e))?;
+        let request = Request::new(
+            uid("Skill", "any")?,
+            uid("Action", action)?,
+            uid(resource.0, resource.1)?,
+            context,
+            None,
+        )
+        .map_err(|e| vocabulary(&e))?;
+        let response = self.authorizer.is_authorized(&request, &self.set, &Entities::empty());
+        let diagnostics = response.diagnostics();
+        let mut rules: Vec<&Rule> =
+            diagnostics.reason().filter_map(|id| self.rules.get(AsRef::<str>::as_ref(id))).collect();
+        rules.sort_by(|a, b| a.name.cmp(&b.name));
+        let error = diagnostics.errors().map(ToString::to_string).min();
+        Ok(Said { allowed: response.decision() == Decision::Allow, rules, error })
+    }
+
+    fn mode(&self, mode: ModeKey) -> Result<ModeEntry, PolicyError> {
+        let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
+        let context = vec![
+            ("channel", text(mode.channel.name())),
+            ("authority", RestrictedExpression::new_long(i64::from(mode.authority.level()))),
+            ("profile", text(self.profile.name.name())),
+        ];
+        let said = self.ask(mode.command.name(), ("Zone", mode.zone.name()), context)?;
+        let names: Vec<String> = said.rules.iter().map(|rule| rule.name.clone()).collect();
+        if let Some(error) = said.error {
+            return Ok(ModeEntry { mode, verdict: Verdict::Uncovered, because: vec![error] });
+        }
+        if !said.allowed {
+            let verdict = if names.is_empty() { Verdict::Uncovered } else { Verdict::Forbid };
+            return Ok(ModeEntry { mode, verdict, because: names });
+        }
+        let naming: Vec<&Rule> = said.rules.into_iter().filter(|rule| rule.names_mode).collect();
+        let because = naming.iter().map(|rule| rule.name.clone()).collect();
+        Ok(ModeEntry { mode, verdict: self.permitted(&naming), because })
+    }
+
+    /// Of several permits the most restrictive holds.
+    fn permitted(&self, naming: &[&Rule]) -> Verdict {
+        if naming.is_empty() {
+            return Verdict::Uncovered;
+        }
+        if naming.iter().any(|rule| rule.review) {
+            return Verdict::Review;
+        }
+        let limits = &self.profile.runtime;
+        let least = |caps: &mut dyn Iterator<Item = f64>, limit: f64| caps.fold(limit, f64::min);
+        let speed = least(&mut naming.iter().filter_map(|rule| rule.speed_max_m_s), limits.tool_speed_max_m_s);
+        let force = least(&mut naming.iter().filter_map(|rule| rule.force_max_n), limits.contact_force_max_n);
+        if speed < limits.tool_speed_max_m_s || force < limits.contact_force_max_n {
+            return Verdict::AllowTighter(Cap { speed_max_m_s: speed, force_max_n: force });
+        }
+        Verdict::Allow
+    }
+
+    fn activation(&self, risk: Risk, provenance: Provenance) -> Result<ActivationEntry, PolicyError> {
+        let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
+        let context = vec![
+            ("profile", text(self.profile.name.name())),
+            ("risk", text(risk.name())),
+            ("provenance", text(provenance.name())),
+        ];
+        let said = self.ask("activate", ("Cell", "cell"), context)?;
+        let forbids: Vec<String> =
+            said.rules.iter().filter(|rule| rule.effect == Effect::Forbid).map(|rule| rule.name.clone()).collect();
+        let forbidden = said.error.is_some() || !forbids.is_empty();
+        let because = said.error.map_or(forbids, |error| vec![error]);
+        Ok(ActivationEntry { risk, provenance, forbidden, because })
+    }
+}

@@ -1,0 +1,211 @@
+//! Every number of a profile: its range, and which way is tighter.
+//!
+//! One table; a test holds that it names every number of the shipped profiles, and no other.
+
+use super::Profile;
+
+/// Which way a field is tighter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tighter {
+    /// A lower number is tighter.
+    Lower,
+    /// A higher number is tighter.
+    Higher,
+    /// Neither: a matter of fact or of method.
+    Neither,
+}
+
+/// Path, lowest and highest value allowed, which way is tighter, and whether the profiles have to differ.
+pub struct Field {
+    /// Path in the file, e.g. `runtime.retries_max`.
+    pub path: &'static str,
+    /// Lowest value allowed.
+    pub lowest: f64,
+    /// Highest value allowed.
+    pub highest: f64,
+    /// Which way is tighter.
+    pub tighter: Tighter,
+    /// Whether each tighter profile has to be strictly tighter.
+    pub strict: bool,
+}
+
+const fn field(path: &'static str, lowest: f64, highest: f64, tighter: Tighter) -> Field {
+    Field { path, lowest, highest, tighter, strict: false }
+}
+
+const fn strict(path: &'static str, lowest: f64, highest: f64, tighter: Tighter) -> Field {
+    Field { path, lowest, highest, tighter, strict: true }
+}
+
+use Tighter::{Higher, Lower, Neither};
+
+/// Every number of a profile.
+pub const FIELDS: &[Field] = &[
+    field("thresholds.scale", 0.5, 1.5, Higher),
+    field("composite.interface", 0.0, 1.0, Neither),
+    field("composite.policy", 0.0, 1.0, Neither),
+    field("composite.behavior", 0.0, 1.0, Neither),
+    field("composite.recovery", 0.0, 1.0, Neither),
+    strict("runtime.tool_speed_max_m_s", 0.01, 3.0, Lower),
+    strict("runtime.contact_force_max_n", 1.0, 500.0, Lower),
+    strict("runtime.grip_force_max_n", 1.0, 500.0, Lower),
+    strict("runtime.joint_speed_max_rad_s", 0.01, 10.0, Lower),
+    strict("runtime.retries_max", 0.0, 20.0, Lower),
+    strict("runtime.unsafe_continuation_max_ms", 10.0, 5_000.0, Lower),
+    field("runtime.near_margin", 0.5, 1.0, Lower),
+    field("runtime.workspace_min_m.0", -5.0, 5.0, Neither),
+    field("runtime.workspace_min_m.1", -5.0, 5.0, Neither),
+    field("runtime.workspace_min_m.2", -5.0, 5.0, Neither),
+    field("runtime.workspace_max_m.0", -5.0, 5.0, Neither),
+    field("runtime.workspace_max_m.1", -5.0, 5.0, Neither),
+    field("runtime.workspace_max_m.2", -5.0, 5.0, Neither),
+    field("runtime.authority_max", 0.0, 3.0, Lower),
+    field("runtime.cpu_us_per_tick_max", 1.0, 4_000.0, Lower),
+    field("runtime.memory_kib_max", 1.0, 4_194_304.0, Lower),
+    field("runtime.episode_max_s", 1.0, 600.0, Lower),
+    field("watcher.slip_max_m", 0.0001, 0.1, Lower),
+    field("watcher.tracking_error_max_rad", 0.001, 1.0, Lower),
+    field("watcher.picture_age_max_ms", 10.0, 5_000.0, Lower),
+    field("watcher.detect_max_ms", 10.0, 5_000.0, Lower),
+    field("evaluation.sandbox_pairs", 60.0, 100_000.0, Higher),
+    field("evaluation.alpha", 0.000_1, 0.2, Neither),
+    field("evaluation.drills_per_kind", 40.0, 10_000.0, Higher),
+    field("evaluation.shadow_sequences", 5.0, 10_000.0, Higher),
+    field("evaluation.shadow_sequences_max", 5.0, 10_000.0, Higher),
+    field("evaluation.output_divergence_max", 0.0, 1.0, Lower),
+    field("evaluation.envelope_divergence_max", 0.0, 1.0, Lower),
+    field("evaluation.live_sequences_per_100_episodes", 1.0, 100.0, Neither),
+    field("behavior.cost_success", 0.01, 100.0, Higher),
+    field("behavior.cost_time", 0.01, 100.0, Higher),
+    field("behavior.cost_retry", 0.01, 100.0, Higher),
+    field("behavior.cost_violation", 0.01, 100.0, Higher),
+    field("behavior.cost_anomaly", 0.01, 100.0, Higher),
+    field("behavior.cost_recovery", 0.01, 100.0, Higher),
+    strict("recovery.rho_floor", 0.01, 1.0, Higher),
+    field("recovery.rho_tolerance", 0.0, 0.5, Lower),
+    field("recovery.weight_rollback", 0.001, 1.0, Neither),
+    field("recovery.weight_fallback", 0.001, 1.0, Neither),
+    field("recovery.weight_abort", 0.001, 1.0, Neither),
+    field("recovery.weight_detect", 0.001, 1.0, Neither),
+    strict("activation.provisional_episodes", 1.0, 100_000.0, Higher),
+    strict("monitor.shift", 0.01, 0.9, Lower),
+    strict("monitor.cusum_limit", 0.5, 50.0, Lower),
+    field("monitor.false_alarm_episodes", 100.0, 1.0e9, Lower),
+    field("monitor.rate_min", 0.000_1, 0.2, Neither),
+    field("monitor.telemetry_escalate_ms", 5.0, 60_000.0, Lower),
+    field("monitor.telemetry_restrict_ms", 5.0, 60_000.0, Lower),
+    strict("monitor.escalation_deadline_s", 1.0, 3_600.0, Lower),
+    field("monitor.restrict_factor", 0.05, 0.95, Lower),
+    field("approval.quorum_low", 0.0, 16.0, Higher),
+    field("approval.quorum_medium", 0.0, 16.0, Higher),
+    field("approval.quorum_high", 0.0, 16.0, Higher),
+    field("approval.quorum_review", 0.0, 16.0, Higher),
+    field("approval.timeout_s", 1.0, 1.0e6, Lower),
+    field("approval.valid_s", 1.0, 1.0e6, Lower),
+    field("approval.break_glass_valid_s", 1.0, 1.0e6, Lower),
+];
+
+/// Every number of a profile's JSON form with its path; freeze windows apart (they are checked by themselves).
+#[must_use]
+pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
+    fn walk(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
+        let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+        match value {
+            // JSON has no form for a number that is not finite: it comes out as null, and is read back as one.
+            serde_json::Value::Null => out.push((path.to_owned(), f64::NAN)),
+            serde_json::Value::Number(number) => {
+                out.push((path.to_owned(), number.as_f64().unwrap_or(f64::NAN)));
+            }
+            serde_json::Value::Array(values) => {
+                values.iter().enumerate().for_each(|(i, v)| walk(&join(&i.to_string()), v, out));
+            }
+            serde_json::Value::Object(map) => map.iter().for_each(|(key, v)| walk(&join(key), v, out)),
+            serde_json::Value::Bool(_) | serde_json::Value::String(_) => {}
+        }
+    }
+    let mut out = Vec::new();
+    if let Ok(value) = serde_json::to_value(profile) {
+        walk("", &value, &mut out);
+    }
+    out.retain(|(path, _)| !path.starts_with("freeze."));
+    out
+}
+
+/// What is wrong with a profile: field, value, what is allowed.
+pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
+    let values = numbers(profile);
+    for Field { path, lowest, highest, .. } in FIELDS {
+        let value = values.iter().find(|(name, _)| name == path).map_or(f64::NAN, |(_, value)| *value);
+        if !(*lowest..=*highest).contains(&value) {
+            return Some(((*path).to_owned(), value.to_string(), format!("{lowest} to {highest}")));
+        }
+    }
+    let weights = &profile.composite;
+    let sum = weights.interface + weights.policy + weights.behavior + weights.recovery;
+    if (sum - 1.0).abs() > 1e-9 {
+        return Some(("composite".into(), format!("weights summing to {sum}"), "weights summing to 1".into()));
+    }
+    let limits = &profile.runtime;
+    if (0..3).any(|axis| limits.workspace_min_m[axis] >= limits.workspace_max_m[axis]) {
+        let value = format!("{:?}", limits.workspace_min_m);
+        return Some(("runtime.workspace_min_m".into(), value, "below workspace_max_m on each axis".into()));
+    }
+    let evaluation = &profile.evaluation;
+    if evaluation.shadow_sequences_max < evaluation.shadow_sequences {
+        let value = evaluation.shadow_sequences_max.to_string();
+        return Some(("evaluation.shadow_sequences_max".into(), value, "at least shadow_sequences".into()));
+    }
+    let monitor = &profile.monitor;
+    if monitor.telemetry_restrict_ms < monitor.telemetry_escalate_ms {
+        let value = monitor.telemetry_restrict_ms.to_string();
+        return Some(("monitor.telemetry_restrict_ms".into(), value, "at least telemetry_escalate_ms".into()));
+    }
+    freeze_problem(profile)
+}
+
+fn freeze_problem(profile: &Profile) -> Option<(String, String, String)> {
+    if profile.freeze.len() > 64 {
+        return Some(("freeze".into(), format!("{} windows", profile.freeze.len()), "up to 64 windows".into()));
+    }
+    let bad = profile.freeze.iter().find(|window| {
+        let ends = [window.from_s, window.until_s];
+        !ends.iter().all(|v| (0.0..=1.0e12).contains(v)) || ends[0] >= ends[1] || window.reason.len() > 200
+    })?;
+    let value = format!("{} to {}", bad.from_s, bad.until_s);
+    Some(("freeze".into(), value, "from_s below until_s, both 0 to 1e12, and a reason of up to 200 bytes".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::super::{Profile, ProfileName};
+    use super::*;
+
+    #[test]
+    fn the_table_names_every_number_and_no_other() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let found: BTreeSet<String> = numbers(&profile).into_iter().map(|(path, _)| path).collect();
+        let listed: BTreeSet<String> = FIELDS.iter().map(|field| field.path.to_owned()).collect();
+        assert_eq!(found, listed);
+    }
+
+    #[test]
+    fn human_is_tighter_than_real_and_real_than_sim() {
+        let profiles = ProfileName::ALL.map(|name| numbers(&Profile::builtin(name).unwrap()));
+        for Field { path, tighter, strict, .. } in FIELDS {
+            let values = profiles.each_ref().map(|numbers| numbers.iter().find(|(p, _)| p == path).unwrap().1);
+            for pair in values.windows(2) {
+                let (loose, tight) = (pair[0], pair[1]);
+                let ok = match (tighter, strict) {
+                    (Tighter::Lower, true) => tight < loose,
+                    (Tighter::Lower, false) => tight <= loose,
+                    (Tighter::Higher, true) => tight > loose,
+                    (Tighter::Higher, false) => tight >= loose,
+                    (Tighter::Neither, _) => tight == loose,
+                };
+                assert!(ok, "{path}: {values:?} is not tighter from sim to human");
+            }
+        }
+    }
+}
