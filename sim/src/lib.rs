@@ -10,6 +10,7 @@ pub mod episode;
 pub mod error;
 pub mod ik;
 pub mod io;
+pub mod pool;
 pub mod rng;
 pub mod robot;
 pub mod scene;

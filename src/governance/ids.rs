@@ -48,6 +48,13 @@ impl Family {
     }
 }
 
+impl From<holdpoint_sim::io::TaskKind> for Family {
+    /// The family that performs a primitive bears its name.
+    fn from(task: holdpoint_sim::io::TaskKind) -> Self {
+        Self(task.name().to_owned())
+    }
+}
+
 impl TryFrom<String> for Family {
     type Error = NameError;
     fn try_from(name: String) -> Result<Self, NameError> {

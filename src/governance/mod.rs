@@ -17,7 +17,7 @@ pub mod policy;
 mod policy_table;
 pub mod profile;
 pub mod submission;
-mod text_error;
+pub mod text_error;
 pub mod value_type;
 
 pub use text_error::TextError;

@@ -1,1 +1,2 @@
-//! Placeholder.
+//! Scripted operation: scenario files, JSON lines and the plain stream.
+pub mod script;

@@ -1,0 +1,223 @@
+//! Scenario files: a scripted operator as data.
+//!
+//! ```toml
+//! profile = "human"
+//! seed = 1
+//!
+//! [[step]]
+//! register = "manifests/candidates/grasp-improved"
+//! [[step]]
+//! wait = { prompt = "grasp@1.1.0", timeout_s = 600 }
+//! [[step]]
+//! approve = { as = "alice", reason = "evidence read" }
+//! [[step]]
+//! expect = { state = "active", reason = "approval-granted" }
+//! ```
+
+use holdpoint_sim::distribution::{DriftKind, Magnitude};
+use serde::Deserialize;
+
+use crate::governance::ids::CapabilityId;
+use crate::governance::profile::ProfileName;
+use crate::governance::text_error::{self, TextError};
+
+/// The largest scenario file, bytes.
+pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
+
+/// The most steps.
+pub const STEPS_MAX: usize = 256;
+
+/// The longest wait, virtual s.
+pub const WAIT_MAX_SECS: f64 = 1.0e6;
+
+/// A scenario.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Script {
+    /// What it shows, for readers.
+    #[serde(default)]
+    pub about: String,
+    /// The deployment profile.
+    pub profile: ProfileName,
+    /// The run's seed; the command line's wins.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// What is done, in order.
+    #[serde(rename = "step")]
+    pub steps: Vec<Step>,
+}
+
+/// One step: exactly one of its fields.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    /// Submit the candidate in this folder (an embedded one, or a path from the working folder).
+    pub register: Option<String>,
+    /// Wait for a state or a prompt.
+    pub wait: Option<Wait>,
+    /// Approve what waits.
+    pub approve: Option<Say>,
+    /// Refuse what waits.
+    pub reject: Option<Say>,
+    /// Let a drift set in.
+    pub drift: Option<DriftStep>,
+    /// Check what has come of it.
+    pub expect: Option<Expect>,
+}
+
+/// What is waited for.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wait {
+    /// A state's name, or `confirmed`, or `settled` (nothing more happens by itself).
+    #[serde(default)]
+    pub state: Option<String>,
+    /// Until a prompt for this version (or `any`) is open.
+    #[serde(default)]
+    pub prompt: Option<String>,
+    /// Longest wait, virtual s.
+    pub timeout_s: f64,
+}
+
+/// A decision on what waits.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Say {
+    /// Who.
+    #[serde(rename = "as")]
+    pub who: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// A drift of the live world.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriftStep {
+    /// Which.
+    pub kind: DriftKind,
+    /// How strong.
+    pub magnitude: Magnitude,
+}
+
+/// What must have come of the last candidate.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expect {
+    /// Its state, or `confirmed`.
+    pub state: String,
+    /// A reason code that must be among those given for it.
+    #[serde(default)]
+    pub reason: Option<String>,
+    /// The stage that decided.
+    #[serde(default)]
+    pub stage: Option<String>,
+    /// The dimension of the reason.
+    #[serde(default)]
+    pub dimension: Option<String>,
+}
+
+impl Script {
+    /// Parses a scenario; `file` is only named in errors.
+    ///
+    /// # Errors
+    /// [`TextError`] with file and line: a key that is not known, a step with none or several of its
+    /// fields, a time that is no number.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
+        text_error::check_size(file, text, SCRIPT_BYTES_MAX)?;
+        let script: Self = text_error::parse_toml(file, text)?;
+        let problem = |field: &str, value: &str, allowed: &str| {
+            Err(TextError::value(file, text, field, value, allowed))
+        };
+        if script.steps.is_empty() || script.steps.len() > STEPS_MAX {
+            return problem("step", &format!("{} steps", script.steps.len()), "1 to 256 steps");
+        }
+        for (index, step) in script.steps.iter().enumerate() {
+            let at = format!("step[{index}]");
+            let given = [
+                step.register.is_some(),
+                step.wait.is_some(),
+                step.approve.is_some(),
+                step.reject.is_some(),
+                step.drift.is_some(),
+                step.expect.is_some(),
+            ];
+            let count = given.into_iter().filter(|given| *given).count();
+            if count != 1 {
+                let allowed = "exactly one of register, wait, approve, reject, drift, expect";
+                return problem(&at, &format!("{count} of them"), allowed);
+            }
+            if let Some(wait) = &step.wait {
+                if wait.state.is_some() == wait.prompt.is_some() {
+                    return problem(&format!("{at}.wait"), "both or neither", "exactly one of state and prompt");
+                }
+                if let Some(state) = &wait.state
+                    && !is_waitable(state)
+                {
+                    return problem(&format!("{at}.wait.state"), state, "a state's name, confirmed or settled");
+                }
+                if let Some(prompt) = &wait.prompt
+                    && prompt != "any"
+                    && prompt.parse::<CapabilityId>().is_err()
+                {
+                    return problem(&format!("{at}.wait.prompt"), prompt, "any, or <family>@<version>");
+                }
+                if !(wait.timeout_s > 0.0 && wait.timeout_s <= WAIT_MAX_SECS) {
+                    let allowed = "above 0 and at most 1000000 s";
+                    return problem(&format!("{at}.wait.timeout_s"), &wait.timeout_s.to_string(), allowed);
+                }
+            }
+            if let Some(expect) = &step.expect
+                && !is_waitable(&expect.state)
+            {
+                return problem(&format!("{at}.expect.state"), &expect.state, "a state's name, confirmed or settled");
+            }
+        }
+        Ok(script)
+    }
+}
+
+fn is_waitable(state: &str) -> bool {
+    use crate::governance::lifecycle::State;
+    matches!(state, "confirmed" | "settled") || State::ALL.iter().any(|known| known.name() == state)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_every_kind_of_step() {
+        let text = r#"
+            profile = "human"
+            [[step]]
+            register = "manifests/candidates/grasp-improved"
+            [[step]]
+            wait = { prompt = "any", timeout_s = 600 }
+            [[step]]
+            approve = { as = "alice", reason = "read" }
+            [[step]]
+            drift = { kind = "combined", magnitude = "strong" }
+            [[step]]
+            wait = { state = "confirmed", timeout_s = 600 }
+            [[step]]
+            expect = { state = "confirmed", reason = "approval-granted" }
+        "#;
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 6);
+    }
+
+    #[test]
+    fn refuses_what_it_does_not_know() {
+        for (text, names) in [
+            ("profile = \"sim\"\n[[step]]\nregsiter = \"x\"", "regsiter"),
+            ("profile = \"sim\"\n[[step]]\nregister = \"x\"\nwait = { state = \"active\", timeout_s = 1 }", "exactly one"),
+            ("profile = \"sim\"\n[[step]]\nwait = { state = \"activ\", timeout_s = 1 }", "activ"),
+            ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
+            ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),
+            ("profile = \"sim\"\nstep = []", "0 steps"),
+        ] {
+            let error = Script::parse("a.toml", text).unwrap_err().to_string();
+            assert!(error.contains("a.toml") && error.contains(names), "{error}");
+        }
+    }
+}

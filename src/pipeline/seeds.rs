@@ -1,0 +1,71 @@
+//! Which episodes a run uses: disjoint blocks of seeds per purpose.
+//!
+//! A run's seed below [`CALIBRATION_FROM_RUN`] uses evaluation seeds below 1,000,000, which nothing
+//! is ever tuned on; calibration uses run seeds from there on, and so episode seeds from 1,000,000.
+
+/// Episode seeds set aside for one run.
+pub const BLOCK: u64 = 10_000;
+
+/// Run seeds from here on use calibration episodes.
+pub const CALIBRATION_FROM_RUN: u64 = 100;
+
+/// What episodes are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Sandbox, perturbation mode: the paired comparison.
+    Perturbation,
+    /// Sandbox, canonical mode.
+    Canonical,
+    /// Sandbox, adversarial-governance mode.
+    Adversarial,
+    /// Recovery drills.
+    Drill,
+    /// The live world.
+    Live,
+}
+
+impl Purpose {
+    const fn range(self) -> (u64, u64) {
+        match self {
+            Self::Perturbation => (0, 2_000),
+            Self::Canonical => (2_000, 500),
+            Self::Adversarial => (2_500, 500),
+            Self::Drill => (3_000, 2_000),
+            Self::Live => (5_000, 5_000),
+        }
+    }
+}
+
+/// The seed of the `index`-th episode of a purpose in a run. Indices wrap within the purpose's block.
+#[must_use]
+pub const fn episode_seed(run_seed: u64, purpose: Purpose, index: u64) -> u64 {
+    let (from, count) = purpose.range();
+    run_seed.wrapping_mul(BLOCK).wrapping_add(from + index % count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PURPOSES: [Purpose; 5] =
+        [Purpose::Perturbation, Purpose::Canonical, Purpose::Adversarial, Purpose::Drill, Purpose::Live];
+
+    #[test]
+    fn blocks_are_disjoint_and_fill_a_run() {
+        let mut next = 0;
+        for purpose in PURPOSES {
+            let (from, count) = purpose.range();
+            assert_eq!(from, next, "{purpose:?}");
+            next = from + count;
+        }
+        assert_eq!(next, BLOCK);
+    }
+
+    #[test]
+    fn evaluation_stays_below_a_million_and_calibration_does_not() {
+        for purpose in PURPOSES {
+            assert!(episode_seed(CALIBRATION_FROM_RUN - 1, purpose, 9_999) < 1_000_000);
+            assert!(episode_seed(CALIBRATION_FROM_RUN, purpose, 0) >= 1_000_000);
+        }
+    }
+}

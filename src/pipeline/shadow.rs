@@ -1,0 +1,229 @@
+//! Shadow: the candidate beside the active version, at two depths, with no right to the arm.
+//!
+//! Same observations: the candidate decides tick by tick on what the active version sees; its
+//! commands go to a [`Recorder`]. Twin: at the start of the family's task the live world is forked;
+//! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
+//! and 6.7; design rule 5.4.
+
+use holdpoint_sim::io::{Command, GuardVerdict, Pose, TaskKind};
+use holdpoint_sim::world::World;
+use serde::{Deserialize, Serialize};
+
+use crate::runtime::capability::Capability;
+use super::live::Listener;
+use crate::governance::evidence::ShadowSequence;
+use crate::runtime::arm::{Arm, Recorder};
+use crate::runtime::skill::Skill;
+use crate::runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
+use crate::runtime::terms::Terms;
+
+/// Distance of two arm setpoints that counts as a full divergence, m.
+const FULL_DIVERGENCE_M: f64 = 0.2;
+
+/// Difference of two pad distances that counts as a full divergence, m.
+const FULL_DIVERGENCE_WIDTH_M: f64 = 0.08;
+
+/// Radius of the tube round the active version's path, m.
+pub const TUBE_RADIUS_M: f32 = 0.03;
+
+/// Setpoints in force on the two channels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Setpoints {
+    pose: Option<Pose>,
+    width_m: Option<f64>,
+}
+
+impl Setpoints {
+    fn note(&mut self, command: &Command) {
+        match command {
+            Command::ToolPose { pose, .. } => self.pose = Some(*pose),
+            Command::Gripper { width_m, .. } => self.width_m = Some(*width_m),
+            Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {}
+        }
+    }
+
+    /// Distance of two setpoints in [0, 1]: the larger of the two channels'.
+    fn divergence(&self, other: &Self) -> f64 {
+        let arm = match (&self.pose, &other.pose) {
+            (Some(a), Some(b)) => (a.distance_m(b) / FULL_DIVERGENCE_M).min(1.0),
+            (None, None) => 0.0,
+            // One has not decided yet: a difference in time, which the mean over ticks measures.
+            _ => 0.5,
+        };
+        let gripper = match (self.width_m, other.width_m) {
+            (Some(a), Some(b)) => ((a - b).abs() / FULL_DIVERGENCE_WIDTH_M).min(1.0),
+            (None, None) => 0.0,
+            _ => 0.5,
+        };
+        arm.max(gripper)
+    }
+}
+
+/// The record of one shadowed sequence (paper appendix F.2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShadowTrace {
+    /// The seed both worlds shared.
+    pub seed: u64,
+    /// What the active version did in the live world.
+    pub live: TaskRecord,
+    /// What the candidate did in the twin.
+    pub twin: TaskRecord,
+    /// Commands the candidate would have given on the live observations.
+    pub proposals: u32,
+    /// The values the rules use.
+    pub values: ShadowSequence,
+}
+
+/// Listens to a live sequence on behalf of one candidate.
+pub struct Shadow<'a> {
+    candidate: &'a Capability,
+    terms: Terms,
+    fork: Option<World>,
+    skill: Option<Box<dyn Skill>>,
+    recorder: Recorder,
+    live: Setpoints,
+    proposed: Setpoints,
+    divergence_sum: f64,
+    ticks: u32,
+}
+
+impl<'a> Shadow<'a> {
+    /// A shadow for a candidate. `fork` is the world the twin will run in.
+    #[must_use]
+    pub fn new(candidate: &'a Capability, terms: Terms, fork: World) -> Self {
+        Self {
+            candidate,
+            terms,
+            fork: Some(fork),
+            skill: None,
+            recorder: Recorder::default(),
+            live: Setpoints::default(),
+            proposed: Setpoints::default(),
+            divergence_sum: 0.0,
+            ticks: 0,
+        }
+    }
+
+    fn task(&self) -> TaskKind {
+        self.candidate.bundle.task()
+    }
+
+    /// After the live task: runs the twin and compares. Absent where the task was not reached or
+    /// a world failed. The world comes back for the next sequence.
+    pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
+        let Some(fork) = self.fork.take() else { return (None, None) };
+        let (Some(live), true) = (live, self.skill.is_some()) else { return (None, Some(fork)) };
+        let mut twin_arm = Arm::new(fork);
+        let mut guard = self.terms.guard(self.candidate.manifest.permissions.authority);
+        let mut skill = self.candidate.bundle.start(seed);
+        let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
+        let ran = task::run(&mut twin_arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
+            Supervision::Continue
+        });
+        let world = twin_arm.into_body();
+        let Ok(twin) = ran else { return (None, None) };
+        if live.invalid {
+            return (None, Some(world));
+        }
+        let values = ShadowSequence {
+            seed,
+            live_policy_hit: live.violation,
+            twin_policy_hit: twin.violation,
+            live_watcher_event: live.anomaly,
+            twin_watcher_event: twin.anomaly,
+            output_divergence: self.divergence_sum / f64::from(self.ticks.max(1)),
+            envelope_divergence: outside_tube(&live.path, &twin.path),
+        };
+        let proposals = u32::try_from(self.recorder.commands().len()).unwrap_or(u32::MAX);
+        (Some(ShadowTrace { seed, live: live.clone(), twin, proposals, values }), Some(world))
+    }
+}
+
+impl Listener for Shadow<'_> {
+    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+        if task != self.task() {
+            return;
+        }
+        let forked = world.snapshot().ok().and_then(|snapshot| self.fork.as_mut()?.restore(&snapshot).ok());
+        if forked.is_some() {
+            self.skill = Some(self.candidate.bundle.start(seed));
+        }
+    }
+
+    fn tick(&mut self, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+        if task == self.task()
+            && let Some(skill) = &mut self.skill
+        {
+            let mut seen = passed.observation.clone();
+            seen.guard = GuardVerdict::Allowed;
+            let proposal = skill.tick(&seen);
+            self.live.note(passed.command);
+            self.proposed.note(&proposal);
+            self.recorder.record(passed.tick, proposal);
+            self.divergence_sum += self.live.divergence(&self.proposed);
+            self.ticks += 1;
+        }
+        Supervision::Continue
+    }
+}
+
+/// Share of the twin's points that lie outside the tube round the live path, in [0, 1].
+#[must_use]
+pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint]) -> f64 {
+    if twin.is_empty() {
+        return 0.0;
+    }
+    let radius2 = TUBE_RADIUS_M * TUBE_RADIUS_M;
+    let near = |point: &PathPoint| {
+        live.iter().any(|other| {
+            let d: f32 = (0..3).map(|i| (point.tool[i] - other.tool[i]) * (point.tool[i] - other.tool[i])).sum();
+            d <= radius2
+        })
+    };
+    let outside = twin.iter().filter(|point| !near(point)).count();
+    #[allow(clippy::cast_precision_loss, reason = "paths have some hundred points")]
+    let share = outside as f64 / twin.len() as f64;
+    share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(heights: &[f32]) -> Vec<PathPoint> {
+        let point = |(i, z): (usize, &f32)| PathPoint {
+            tick: u32::try_from(i).unwrap(),
+            tool: [0.5, 0.0, *z],
+            width: 0.0,
+            force: 0.0,
+        };
+        heights.iter().enumerate().map(point).collect()
+    }
+
+    #[test]
+    fn tube_shares() {
+        let live = path(&[0.1, 0.12, 0.14]);
+        for (twin, expected) in [
+            (path(&[0.1, 0.11, 0.15]), 0.0),
+            (path(&[0.1, 0.3]), 0.5),
+            (path(&[0.5, 0.6]), 1.0),
+            (path(&[]), 0.0),
+        ] {
+            assert!((outside_tube(&live, &twin) - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn setpoints_diverge_by_the_larger_channel() {
+        let mut a = Setpoints::default();
+        let mut b = Setpoints::default();
+        assert!(a.divergence(&b).abs() < 1e-12);
+        a.note(&Command::Gripper { width_m: 0.08, speed_m_s: 0.1, force_n: 1.0 });
+        b.note(&Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: 1.0 });
+        assert!((a.divergence(&b) - 0.5).abs() < 1e-12);
+        let far = Pose { position: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
+        a.note(&Command::ToolPose { pose: Pose::IDENTITY, max_speed_m_s: 0.1 });
+        b.note(&Command::ToolPose { pose: far, max_speed_m_s: 0.1 });
+        assert!((a.divergence(&b) - 1.0).abs() < 1e-12);
+    }
+}

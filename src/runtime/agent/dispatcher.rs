@@ -1,0 +1,148 @@
+//! The dispatcher: admits the active version of a family to the arm, under guard and watcher.
+//!
+//! Admission checks what the version declares it needs before a call, on measured observables; a
+//! version whose preconditions do not hold, or that cannot be measured, is not started.
+
+use holdpoint_sim::SimError;
+use holdpoint_sim::io::{TaskKind, Telemetry};
+use serde::{Deserialize, Serialize};
+
+use super::{ActiveView, Agent};
+use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::manifest::{Bound, Manifest};
+use crate::runtime::capability::Capability;
+use crate::runtime::arm::{Arm, Body};
+use crate::runtime::task::{self, Supervisor, TaskRecord};
+use crate::runtime::terms::Terms;
+
+/// Why a task was not started.
+#[derive(Clone, Debug, PartialEq, thiserror::Error, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refused {
+    /// The family has no active version.
+    #[error("the family {0} has no active version; it is safe-stopped until an operator re-arms it")]
+    SafeStopped(Family),
+    /// A declared precondition does not hold.
+    #[error("{id} needs {observable} {needs}, and it is {found:?}")]
+    Precondition {
+        /// The version.
+        id: CapabilityId,
+        /// The observable.
+        observable: String,
+        /// What is needed.
+        needs: String,
+        /// What was measured; absent where nothing measures it.
+        found: Option<f64>,
+    },
+}
+
+/// What can stop a dispatch.
+#[derive(Debug, thiserror::Error)]
+pub enum DispatchError {
+    /// Governance refused.
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    /// The body failed.
+    #[error(transparent)]
+    Body(#[from] SimError),
+}
+
+/// Measured quantities that manifests may name in pre- and postconditions.
+#[must_use]
+pub fn observable(name: &str, seen: &Telemetry) -> Option<f64> {
+    match name {
+        "tool-height" => Some(seen.tool.position[2]),
+        "tool-speed" => Some(seen.tool_speed_m_s),
+        "gripper-width" => Some(seen.gripper_width_m),
+        "gripper-force" => Some(seen.gripper_force_n),
+        "contact-force" => Some(seen.contact_force_n),
+        "holding" => Some(f64::from(u8::from(seen.contacts.pad_object && seen.gripper_force_n > 1.0))),
+        _ => None,
+    }
+}
+
+/// Whether a bound holds for a measured value; what is not measured holds nothing.
+#[must_use]
+pub fn holds(bound: &Bound, found: Option<f64>) -> bool {
+    let Some(found) = found.filter(|value| value.is_finite()) else { return false };
+    let equal = match &bound.equals {
+        None => true,
+        Some(value) => value.number().is_some_and(|value| (value - found).abs() < 1e-9),
+    };
+    equal && bound.min.is_none_or(|min| found >= min) && bound.max.is_none_or(|max| found <= max)
+}
+
+/// Checks every declared precondition.
+///
+/// # Errors
+/// [`Refused::Precondition`] naming the first that does not hold.
+pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), Refused> {
+    for (name, bound) in &manifest.invocation.preconditions {
+        let found = observable(name, seen);
+        if !holds(bound, found) {
+            let needs = match (bound.min, bound.max) {
+                (Some(min), Some(max)) => format!("from {min} to {max}"),
+                (Some(min), None) => format!("of at least {min}"),
+                (None, Some(max)) => format!("of at most {max}"),
+                (None, None) => format!("equal to {:?}", bound.equals),
+            };
+            return Err(Refused::Precondition { id: manifest.id(), observable: name.clone(), needs, found });
+        }
+    }
+    Ok(())
+}
+
+/// A task that ran: which version did it, and what happened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dispatched {
+    /// The version.
+    pub id: CapabilityId,
+    /// The record.
+    pub record: TaskRecord,
+}
+
+impl Agent {
+    /// Dispatches one primitive to the active version of its family.
+    ///
+    /// # Errors
+    /// [`DispatchError::Refused`] where governance does not admit it; the arm has not moved then.
+    pub fn dispatch<B: Body, V: ActiveView>(
+        &mut self,
+        view: &V,
+        arm: &mut Arm<B>,
+        terms: &dyn Fn(&Capability) -> Terms,
+        task: TaskKind,
+        seed: u64,
+        supervise: &mut Supervisor<'_, B>,
+    ) -> Result<Dispatched, DispatchError> {
+        let family = Self::select(task);
+        let capability = view.active(&family).ok_or(Refused::SafeStopped(family))?;
+        admit(&capability.manifest, &arm.body().telemetry())?;
+        let terms = terms(capability);
+        let mut guard = terms.guard(capability.manifest.permissions.authority);
+        let mut skill = capability.bundle.start(seed);
+        let task_terms = terms.task(task, seed, capability.abort_secs());
+        self.note_episode();
+        let record = task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, supervise)?;
+        Ok(Dispatched { id: capability.id(), record })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_hold_or_do_not() {
+        let bound = |min, max| Bound { min, max, equals: None };
+        for (bound, found, ok) in [
+            (bound(Some(0.1), None), Some(0.2), true),
+            (bound(Some(0.1), None), Some(0.05), false),
+            (bound(None, Some(0.1)), Some(0.05), true),
+            (bound(Some(0.1), None), Some(f64::NAN), false),
+            (bound(None, None), None, false),
+        ] {
+            assert_eq!(holds(&bound, found), ok, "{bound:?} {found:?}");
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! The persistent agent: it is given goals and sees active capabilities, and nothing else changes it.
+//!
+//! Goal interpreter, planner, selector and dispatcher (paper section 6.2). The agent's identity is a
+//! hash over its decision policy and identity memory; no upgrade, rollback or restart changes it.
+//! It reads capabilities through [`ActiveView`] only, which has no way to name a candidate.
+
+pub mod dispatcher;
+
+use std::fmt;
+
+use holdpoint_sim::io::TaskKind;
+use serde::{Deserialize, Serialize};
+
+use crate::governance::ids::{Digest, Family};
+use crate::runtime::capability::Capability;
+
+/// What the agent can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Goal {
+    /// Bring the object from the table into the tray.
+    PickAlignPlace,
+    /// One primitive alone.
+    Single(TaskKind),
+}
+
+/// A request that is no goal.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\"")]
+pub struct GoalError(pub String);
+
+impl Goal {
+    /// The goal interpreter.
+    ///
+    /// # Errors
+    /// [`GoalError`] for text that is no goal.
+    pub fn interpret(text: &str) -> Result<Self, GoalError> {
+        match text {
+            "pick-align-place" => Ok(Self::PickAlignPlace),
+            "grasp" => Ok(Self::Single(TaskKind::Grasp)),
+            "align" => Ok(Self::Single(TaskKind::Align)),
+            "place" => Ok(Self::Single(TaskKind::Place)),
+            _ => Err(GoalError(text.to_owned())),
+        }
+    }
+
+    /// The planner: primitives in the order they are worked.
+    #[must_use]
+    pub fn plan(self) -> Vec<TaskKind> {
+        match self {
+            Self::PickAlignPlace => TaskKind::SEQUENCE.to_vec(),
+            Self::Single(task) => vec![task],
+        }
+    }
+}
+
+/// The only view of the registry an agent is given: which version is active.
+pub trait ActiveView {
+    /// The active version of a family; absent while the family is safe-stopped.
+    fn active(&self, family: &Family) -> Option<&Capability>;
+}
+
+/// What never changes about an agent.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// The agent's name.
+    pub name: String,
+    /// What it was made for.
+    pub purpose: String,
+    /// Version of the decision policy: interpreter, planner and selector.
+    pub decision_policy: u32,
+}
+
+/// The agent.
+#[derive(Clone, Debug)]
+pub struct Agent {
+    identity: Identity,
+    episodes: u64,
+}
+
+impl Default for Agent {
+    fn default() -> Self {
+        Self {
+            identity: Identity {
+                name: "cell-agent".to_owned(),
+                purpose: "pick, align and place objects in the cell".to_owned(),
+                decision_policy: 1,
+            },
+            episodes: 0,
+        }
+    }
+}
+
+impl Agent {
+    /// SHA-256 over identity and decision policy; upgrades never change it (paper section 3.1).
+    #[must_use]
+    pub fn identity_hash(&self) -> Digest {
+        let version = self.identity.decision_policy.to_le_bytes();
+        Digest::of_parts(
+            "holdpoint.agent.v1",
+            &[self.identity.name.as_bytes(), self.identity.purpose.as_bytes(), &version],
+        )
+    }
+
+    /// Tasks dispatched so far (episodic memory).
+    #[must_use]
+    pub const fn episodes(&self) -> u64 {
+        self.episodes
+    }
+
+    /// The selector: the family that performs a primitive.
+    #[must_use]
+    pub fn select(task: TaskKind) -> Family {
+        Family::from(task)
+    }
+
+    pub(super) const fn note_episode(&mut self) {
+        self.episodes += 1;
+    }
+}
+
+impl fmt::Display for Agent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.identity.name, self.identity_hash().short())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interprets_and_plans() {
+        assert_eq!(Goal::interpret("pick-align-place").unwrap().plan(), TaskKind::SEQUENCE);
+        assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Align]);
+        assert!(Goal::interpret("pick align place").is_err());
+    }
+
+    #[test]
+    fn identity_is_the_same_after_work() {
+        let mut agent = Agent::default();
+        let before = agent.identity_hash();
+        agent.note_episode();
+        assert_eq!(agent.identity_hash(), before);
+        assert_eq!(agent.episodes(), 1);
+    }
+}

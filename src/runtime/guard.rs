@@ -1,0 +1,275 @@
+//! The policy guard: every command passes it, and every tick is measured against the envelope.
+//!
+//! It stands outside the skill and reads the table that was compiled when the policies were
+//! loaded; a mode that no policy determines is denied. It limits speed, force and reach by
+//! clamping, and refuses what would leave the workspace, enter the keep-out zone, or is predicted
+//! to strike the table or the arm itself. What a sensor tells past a limit is a violation even
+//! where every command was within it.
+
+use std::sync::Arc;
+
+use holdpoint_sim::io::{Command, GuardVerdict, JointVec, Telemetry};
+use holdpoint_sim::robot::RobotModel;
+use holdpoint_sim::scene::Scene;
+use serde::{Deserialize, Serialize};
+
+use super::limits::Envelope;
+use crate::governance::mode::{Authority, CommandKind, ModeKey, Zone};
+use crate::governance::policy::{PolicyTable, Verdict};
+
+/// Why the guard denied or clamped a command, or what a sensor told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PolicyHit {
+    /// No policy determines the mode.
+    ModeUncovered,
+    /// A policy forbids the mode.
+    ModeForbidden,
+    /// The mode needs a review that was not given.
+    ModeUnreviewed,
+    /// A number in the command is not finite or not positive.
+    NotFinite,
+    /// The target lies outside every zone or outside the workspace.
+    OutsideWorkspace,
+    /// The target or the way to it lies in the keep-out zone.
+    KeepOut,
+    /// The motion is predicted to strike the table or the arm itself.
+    PredictedCollision,
+    /// A speed was reduced.
+    SpeedClamped,
+    /// A force was reduced.
+    ForceClamped,
+    /// The tool was measured faster than allowed.
+    SpeedMeasured,
+    /// A force was measured larger than allowed.
+    ForceMeasured,
+}
+
+impl PolicyHit {
+    /// Whether the hit makes the episode a violation; a clamp is a warning.
+    #[must_use]
+    pub const fn is_violation(self) -> bool {
+        !matches!(self, Self::SpeedClamped | Self::ForceClamped)
+    }
+}
+
+/// What became of a command.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checked {
+    /// What the robot is given.
+    pub command: Command,
+    /// What the skill is told.
+    pub verdict: GuardVerdict,
+    /// Why, where it was not passed unchanged.
+    pub hit: Option<PolicyHit>,
+}
+
+/// How long ahead a motion is predicted, s: about the time the servo needs to stop.
+const LOOK_AHEAD_SECS: f64 = 0.08;
+
+/// Commands are clamped below the limit by this share, so that the servo's overshoot stays within.
+const CLAMP_SHARE: f64 = 0.95;
+
+/// Measured speed may exceed the limit by this share before it is a violation: sensor noise.
+const MEASURE_SHARE: f64 = 1.05;
+
+/// Guards one arm for one version.
+#[derive(Clone)]
+pub struct Guard {
+    table: Arc<PolicyTable>,
+    envelope: Envelope,
+    authority: Authority,
+    model: Arc<RobotModel>,
+    scene: Arc<Scene>,
+    speed_over_ticks: u32,
+    force_over_ticks: u32,
+}
+
+impl Guard {
+    /// A guard over a compiled table, an envelope and the authority the version was granted.
+    #[must_use]
+    pub const fn new(
+        table: Arc<PolicyTable>,
+        envelope: Envelope,
+        authority: Authority,
+        model: Arc<RobotModel>,
+        scene: Arc<Scene>,
+    ) -> Self {
+        Self { table, envelope, authority, model, scene, speed_over_ticks: 0, force_over_ticks: 0 }
+    }
+
+    /// The envelope in force.
+    #[must_use]
+    pub const fn envelope(&self) -> &Envelope {
+        &self.envelope
+    }
+
+    /// Passes, clamps or denies one command. A denied command becomes [`Command::Stop`].
+    #[must_use]
+    pub fn check(&self, command: &Command, seen: &Telemetry) -> Checked {
+        match self.judge(command, seen) {
+            Ok((command, None)) => Checked { command, verdict: GuardVerdict::Allowed, hit: None },
+            Ok((command, Some(hit))) => Checked { command, verdict: GuardVerdict::Clamped, hit: Some(hit) },
+            Err(hit) => Checked { command: Command::Stop, verdict: GuardVerdict::Denied, hit: Some(hit) },
+        }
+    }
+
+    fn judge(&self, command: &Command, seen: &Telemetry) -> Result<(Command, Option<PolicyHit>), PolicyHit> {
+        let Some((channel, kind)) = CommandKind::of(command) else {
+            return Ok((command.clone(), None));
+        };
+        let target = self.target_of(command, seen)?;
+        let zone = self.zone_of(target).ok_or(PolicyHit::OutsideWorkspace)?;
+        let cap = self.mode_cap(&ModeKey { channel, command: kind, zone, authority: self.authority })?;
+        match command {
+            Command::ToolPose { pose, max_speed_m_s } => {
+                if !pose.is_valid() || !(*max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
+                    return Err(PolicyHit::NotFinite);
+                }
+                let start = seen.tool.position;
+                let human = self.scene.zone(Zone::Human.name());
+                if human.is_some_and(|zone| segment_enters(zone.min_m, zone.max_m, start, pose.position)) {
+                    return Err(PolicyHit::KeepOut);
+                }
+                let limit = CLAMP_SHARE * cap.tool_speed_max_m_s;
+                let speed = max_speed_m_s.min(limit);
+                let hit = (*max_speed_m_s > limit).then_some(PolicyHit::SpeedClamped);
+                Ok((Command::ToolPose { pose: *pose, max_speed_m_s: speed }, hit))
+            }
+            Command::Joints { q, max_speed_rad_s } => {
+                let finite = q.iter().all(|v| v.is_finite()) && *max_speed_rad_s > 0.0 && max_speed_rad_s.is_finite();
+                if !finite || q.len() != self.model.joint_count() {
+                    return Err(PolicyHit::NotFinite);
+                }
+                let limit = CLAMP_SHARE * cap.joint_speed_max_rad_s;
+                let speed = max_speed_rad_s.min(limit);
+                let hit = (*max_speed_rad_s > limit).then_some(PolicyHit::SpeedClamped);
+                Ok((Command::Joints { q: q.clone(), max_speed_rad_s: speed }, hit))
+            }
+            Command::Gripper { width_m, speed_m_s, force_n } => {
+                let finite = [*width_m, *speed_m_s, *force_n].iter().all(|v| v.is_finite() && *v >= 0.0);
+                if !finite || *speed_m_s <= 0.0 {
+                    return Err(PolicyHit::NotFinite);
+                }
+                let limit = CLAMP_SHARE * cap.grip_force_max_n;
+                let force = force_n.min(limit);
+                let hit = (*force_n > limit).then_some(PolicyHit::ForceClamped);
+                Ok((Command::Gripper { width_m: *width_m, speed_m_s: *speed_m_s, force_n: force }, hit))
+            }
+            Command::Stop | Command::Hold | Command::Done | Command::Fail { .. } => Ok((command.clone(), None)),
+        }
+    }
+
+    /// The envelope a mode may use.
+    fn mode_cap(&self, mode: &ModeKey) -> Result<Envelope, PolicyHit> {
+        match self.table.verdict(mode) {
+            Verdict::Allow => Ok(self.envelope),
+            Verdict::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
+            Verdict::Review => Err(PolicyHit::ModeUnreviewed),
+            Verdict::Forbid => Err(PolicyHit::ModeForbidden),
+            Verdict::Uncovered => Err(PolicyHit::ModeUncovered),
+        }
+    }
+
+    /// Where a command leads the tool; commands that do not move it act where it is.
+    fn target_of(&self, command: &Command, seen: &Telemetry) -> Result<[f64; 3], PolicyHit> {
+        let target = match command {
+            Command::ToolPose { pose, .. } => pose.position,
+            Command::Joints { q, .. } if q.len() == self.model.joint_count() && q.iter().all(|v| v.is_finite()) => {
+                self.model.tool_pose(q).translation.vector.into()
+            }
+            Command::Joints { .. } => return Err(PolicyHit::NotFinite),
+            _ => seen.tool.position,
+        };
+        if target.iter().any(|v| !v.is_finite()) {
+            return Err(PolicyHit::NotFinite);
+        }
+        let e = &self.envelope;
+        let inside = (0..3).all(|i| (e.workspace_min_m[i]..=e.workspace_max_m[i]).contains(&target[i]));
+        let moves = matches!(command, Command::ToolPose { .. } | Command::Joints { .. });
+        if moves && !inside {
+            return Err(PolicyHit::OutsideWorkspace);
+        }
+        Ok(target)
+    }
+
+    /// The zone a point lies in; the keep-out zone counts before any other.
+    fn zone_of(&self, point: [f64; 3]) -> Option<Zone> {
+        [Zone::Human, Zone::Work, Zone::Tray, Zone::Transit]
+            .into_iter()
+            .find(|zone| self.scene.zone(zone.name()).is_some_and(|bounds| bounds.contains(&point)))
+    }
+
+    /// Holds one tick of telemetry against the envelope. A limit has to be passed for three ticks.
+    pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
+        let e = &self.envelope;
+        let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
+        // Written so that a value that is no number counts as over the limit.
+        let fast = !(seen.tool_speed_m_s <= MEASURE_SHARE * e.tool_speed_max_m_s);
+        let force = seen.contact_force_n.max(seen.gripper_force_n);
+        let strong = !(force <= MEASURE_SHARE * e.contact_force_max_n) || seen.contact_force_n.is_nan();
+        self.speed_over_ticks = count(fast, self.speed_over_ticks);
+        self.force_over_ticks = count(strong, self.force_over_ticks);
+        if self.force_over_ticks == 3 {
+            return Some(PolicyHit::ForceMeasured);
+        }
+        (self.speed_over_ticks == 3).then_some(PolicyHit::SpeedMeasured)
+    }
+
+    /// Whether a measured value is within the margin below its limit.
+    #[must_use]
+    pub fn is_near(&self, seen: &Telemetry) -> bool {
+        let e = &self.envelope;
+        seen.tool_speed_m_s > e.near_share * e.tool_speed_max_m_s
+            || seen.contact_force_n.max(seen.gripper_force_n) > e.near_share * e.contact_force_max_n
+    }
+
+    /// Whether going on as now for [`LOOK_AHEAD_SECS`] would strike the table or the arm itself.
+    #[must_use]
+    pub fn predicts_collision(&self, seen: &Telemetry) -> bool {
+        let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();
+        let now = self.model.clearance(&seen.q);
+        let then = self.model.clearance(&ahead);
+        // A motion that leads away from contact is never refused.
+        (then.table_m < 0.0 && then.table_m < now.table_m - 1e-4)
+            || (then.self_m < 0.0 && then.self_m < now.self_m - 1e-4)
+    }
+}
+
+/// Whether the straight line from `a` to `b` meets an axis-aligned box (slab test).
+fn segment_enters(min: [f64; 3], max: [f64; 3], a: [f64; 3], b: [f64; 3]) -> bool {
+    let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+    for i in 0..3 {
+        let along = b[i] - a[i];
+        if along.abs() < 1e-12 {
+            if a[i] < min[i] || a[i] > max[i] {
+                return false;
+            }
+            continue;
+        }
+        let (s, t) = ((min[i] - a[i]) / along, (max[i] - a[i]) / along);
+        enter = enter.max(s.min(t));
+        leave = leave.min(s.max(t));
+    }
+    enter <= leave
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn segments_and_boxes() {
+        let (min, max) = ([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]);
+        for (a, b, meets) in [
+            ([-1.0, 0.5, 0.5], [2.0, 0.5, 0.5], true),
+            ([-1.0, 0.5, 0.5], [-0.1, 0.5, 0.5], false),
+            ([0.5, 0.5, 0.5], [0.6, 0.5, 0.5], true),
+            ([-1.0, 2.0, 0.5], [2.0, 2.0, 0.5], false),
+            ([-0.5, 0.6, 0.5], [0.6, -0.5, 0.5], true),
+            ([-0.5, 0.4, 0.5], [0.4, -0.5, 0.5], false),
+        ] {
+            assert_eq!(segment_enters(min, max, a, b), meets, "{a:?} {b:?}");
+        }
+    }
+}

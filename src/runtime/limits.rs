@@ -1,0 +1,105 @@
+//! The numbers guard and watcher work with, derived from a profile and a version's conditions.
+
+use holdpoint_sim::io::RATE_HZ;
+use serde::{Deserialize, Serialize};
+
+/// What the guard enforces at every tick, outside the skill. SI units, world frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Envelope {
+    /// Tool speed, m/s.
+    pub tool_speed_max_m_s: f64,
+    /// Fastest joint, rad/s.
+    pub joint_speed_max_rad_s: f64,
+    /// Force per finger, N.
+    pub grip_force_max_n: f64,
+    /// Force of the robot or the held object on its surroundings, N.
+    pub contact_force_max_n: f64,
+    /// Motion after a stop was demanded, ms.
+    pub unsafe_continuation_max_ms: u64,
+    /// Lowest corner of the workspace of the tool, m.
+    pub workspace_min_m: [f64; 3],
+    /// Highest corner of the workspace of the tool, m.
+    pub workspace_max_m: [f64; 3],
+    /// Share of a limit from which a measured value counts as a near violation.
+    pub near_share: f64,
+    /// New attempts a version may make in one task.
+    pub retries_max: u32,
+}
+
+impl Envelope {
+    /// The same envelope with tool speed and grip force capped. The joints' speed shrinks with the tool's.
+    #[must_use]
+    pub fn capped(mut self, speed_max_m_s: f64, force_max_n: f64) -> Self {
+        let share = (speed_max_m_s / self.tool_speed_max_m_s).clamp(0.0, 1.0);
+        self.joint_speed_max_rad_s *= share;
+        self.tool_speed_max_m_s = self.tool_speed_max_m_s.min(speed_max_m_s);
+        self.grip_force_max_n = self.grip_force_max_n.min(force_max_n);
+        self
+    }
+
+    /// The envelope of a version that was admitted with restrictions.
+    ///
+    /// Speed and force are multiplied by `share`, which lies in (0, 1].
+    #[must_use]
+    pub fn tightened(mut self, share: f64) -> Self {
+        let share = if share.is_finite() { share.clamp(0.05, 1.0) } else { 0.05 };
+        self.tool_speed_max_m_s *= share;
+        self.joint_speed_max_rad_s *= share;
+        self.grip_force_max_n *= share;
+        self.contact_force_max_n *= share;
+        self
+    }
+}
+
+/// What the watcher compares telemetry with.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WatchLimits {
+    /// Motion of the object in the hand, m.
+    pub slip_max_m: f64,
+    /// Distance of a joint from its servo target, rad.
+    pub tracking_max_rad: f64,
+    /// Force from which a contact is noticed, N.
+    pub contact_noticed_n: f64,
+    /// Age of the newest picture while the arm moves, ticks.
+    pub picture_age_max_ticks: u32,
+    /// How long a commanded gripper may do nothing, ticks.
+    pub grip_fault_ticks: u32,
+    /// Longest task, ticks.
+    pub overrun_ticks: u64,
+}
+
+impl Default for WatchLimits {
+    fn default() -> Self {
+        Self {
+            slip_max_m: 0.005,
+            tracking_max_rad: 0.05,
+            contact_noticed_n: 2.0,
+            picture_age_max_ticks: RATE_HZ / 2,
+            grip_fault_ticks: RATE_HZ,
+            overrun_ticks: 12 * u64::from(RATE_HZ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_that_is_no_number_gives_the_tightest_envelope() {
+        let envelope = Envelope {
+            tool_speed_max_m_s: 1.0,
+            joint_speed_max_rad_s: 2.0,
+            grip_force_max_n: 60.0,
+            contact_force_max_n: 60.0,
+            unsafe_continuation_max_ms: 500,
+            workspace_min_m: [0.0; 3],
+            workspace_max_m: [1.0; 3],
+            near_share: 0.9,
+            retries_max: 3,
+        };
+        for (share, speed) in [(0.5, 0.5), (1.0, 1.0), (7.0, 1.0), (0.0, 0.05), (f64::NAN, 0.05)] {
+            assert!((envelope.tightened(share).tool_speed_max_m_s - speed).abs() < 1e-12, "{share}");
+        }
+    }
+}

@@ -1,0 +1,393 @@
+//! `native:grasp`: look, approach from above, check, close, lift, verify.
+
+use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::motion::{
+    AbortStyle, HookRun, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks, wrap_quarter,
+    yaw_of,
+};
+use crate::runtime::skill::{Hook, Skill};
+
+/// Everything a version of the grasp controller may set. Lengths in metres, speeds in m/s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GraspParams {
+    /// Pictures of the object averaged before the approach, 1 to 60.
+    pub look_pictures: u32,
+    /// Height of the pre-grasp pose above the object's centre.
+    pub approach_height_m: f64,
+    /// Tool speed of the approach.
+    pub approach_speed_m_s: f64,
+    /// Follow the object with new pictures during the approach and the descent.
+    pub track: bool,
+    /// Look again at the pre-grasp pose and go back where the object has moved.
+    pub pregrasp_check: bool,
+    /// How far the object may have moved at the check.
+    pub pregrasp_tolerance_m: f64,
+    /// Tool speed of the descent.
+    pub descend_speed_m_s: f64,
+    /// Height of the pads above the object's centre when they close.
+    pub grasp_offset_m: f64,
+    /// Closing speed of the pad distance.
+    pub close_speed_m_s: f64,
+    /// Force per finger, N.
+    pub grip_force_n: f64,
+    /// Seconds from the first contact until the lift.
+    pub settle_secs: f64,
+    /// How far the tool rises.
+    pub lift_height_m: f64,
+    /// Tool speed of the lift.
+    pub lift_speed_m_s: f64,
+    /// After the lift, look whether the object is in the hand.
+    pub slip_check: bool,
+    /// New attempts after a miss, 0 to 5.
+    pub retries_max: u32,
+    /// Seconds to wait for a gripper that does not answer.
+    pub tool_wait_secs: f64,
+    /// Seconds the whole work may take.
+    pub timeout_secs: f64,
+    /// What the safe-abort hook does.
+    pub abort: AbortStyle,
+    /// What the rollback hook does.
+    pub rollback: RollbackStyle,
+    /// Height the hooks rise to.
+    pub safe_height_m: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Rise,
+    Open,
+    Look,
+    Approach,
+    Check,
+    Descend,
+    Close,
+    Lift,
+    Verify,
+    End,
+}
+
+/// One run of the grasp controller.
+#[derive(Clone, Debug)]
+pub struct Grasp {
+    params: GraspParams,
+    phase: Phase,
+    phase_tick: u64,
+    began: Option<u64>,
+    look: PoseAverage,
+    check: PoseAverage,
+    /// Where the object is believed to be: position and heading.
+    object: Option<([f64; 3], f64)>,
+    target: Pose,
+    commanded: bool,
+    retries: u32,
+    outcome: Option<FailureSignal>,
+    hook: Option<HookRun>,
+}
+
+impl Grasp {
+    /// Begins a run.
+    #[must_use]
+    pub fn new(params: GraspParams) -> Self {
+        Self {
+            params,
+            phase: Phase::Rise,
+            phase_tick: 0,
+            began: None,
+            look: PoseAverage::default(),
+            check: PoseAverage::default(),
+            object: None,
+            target: Pose::IDENTITY,
+            commanded: false,
+            retries: 0,
+            outcome: None,
+            hook: None,
+        }
+    }
+
+    fn go(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.phase_tick = 0;
+        self.commanded = false;
+    }
+
+    /// Sends a pose once per phase, or again where it moved by more than half a millimetre.
+    fn move_to(&mut self, pose: Pose, max_speed_m_s: f64) -> Command {
+        if self.commanded && pose.distance_m(&self.target) < 5e-4 {
+            return Command::Hold;
+        }
+        self.commanded = true;
+        self.target = pose;
+        Command::ToolPose { pose, max_speed_m_s }
+    }
+
+    /// Pads' heading for the object's heading: the nearest quarter turn to the hand's own.
+    fn hand_yaw(seen: &Observation, object_yaw: f64) -> f64 {
+        let now = yaw_of(&seen.tool);
+        now + wrap_quarter(object_yaw - now)
+    }
+
+    fn above(&self, seen: &Observation, height_m: f64) -> Option<Pose> {
+        let (position, yaw) = self.object?;
+        let [x, y, z] = position;
+        // Long turns of the wrist are avoided: the heading is taken relative to straight ahead.
+        let _ = seen;
+        Some(hand_down([x, y, z + height_m], wrap_quarter(yaw)))
+    }
+
+    fn retry(&mut self, signal: FailureSignal) -> Command {
+        if self.retries >= self.params.retries_max {
+            self.outcome = Some(signal);
+            self.go(Phase::End);
+            return Command::Stop;
+        }
+        self.retries += 1;
+        self.look = PoseAverage::default();
+        self.check = PoseAverage::default();
+        self.go(Phase::Open);
+        Command::Hold
+    }
+
+    fn follow(&mut self, seen: &Observation) {
+        if let (true, Some(picture), Some((position, yaw))) = (self.params.track, &seen.object, self.object) {
+            let moved = libm::hypot(
+                picture.pose.position[0] - position[0],
+                picture.pose.position[1] - position[1],
+            );
+            if self.check.add(picture) && moved > self.params.pregrasp_tolerance_m {
+                self.object = Some((
+                    [picture.pose.position[0], picture.pose.position[1], position[2]],
+                    yaw_of(&picture.pose),
+                ));
+            } else if let (true, Some((mean, mean_yaw))) = (self.check.count() >= 4, self.check.mean()) {
+                self.object = Some(([mean[0], mean[1], position[2]], mean_yaw));
+                self.check = PoseAverage::default();
+            }
+            let _ = yaw;
+        }
+    }
+
+    fn work(&mut self, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        self.phase_tick += 1;
+        match self.phase {
+            Phase::Rise => {
+                if holds_something(seen) && seen.tool.position[2] > 0.05 {
+                    // Taken over with the object already in the hand: only the lift is left.
+                    self.go(Phase::Lift);
+                    return Command::Hold;
+                }
+                let clear_m = 0.025 + p.approach_height_m.min(0.08);
+                if seen.tool.position[2] >= clear_m {
+                    self.go(Phase::Open);
+                    return Command::Hold;
+                }
+                let up = at_height(seen.tool, clear_m + 0.01);
+                if self.commanded { Command::Hold } else { self.move_to(up, p.lift_speed_m_s) }
+            }
+            Phase::Open => self.open(seen),
+            Phase::Look => {
+                if let Some(picture) = &seen.object {
+                    self.look.add(picture);
+                }
+                if self.look.count() >= p.look_pictures {
+                    self.object = self.look.mean();
+                    self.check = PoseAverage::default();
+                    self.go(Phase::Approach);
+                } else if self.phase_tick > ticks(1.5) {
+                    return self.retry(FailureSignal::TargetNotFound);
+                }
+                Command::Hold
+            }
+            Phase::Approach => {
+                self.follow(seen);
+                let Some(pose) = self.above(seen, p.approach_height_m) else {
+                    return self.retry(FailureSignal::TargetNotFound);
+                };
+                if arrived(seen, &pose, 0.004) {
+                    self.check = PoseAverage::default();
+                    self.go(if p.pregrasp_check { Phase::Check } else { Phase::Descend });
+                    return Command::Hold;
+                }
+                self.move_to(pose, p.approach_speed_m_s)
+            }
+            Phase::Check => {
+                if let Some(picture) = &seen.object {
+                    self.check.add(picture);
+                }
+                if self.check.count() >= 3
+                    && let (Some((mean, yaw)), Some((position, _))) = (self.check.mean(), self.object)
+                {
+                    let moved = libm::hypot(mean[0] - position[0], mean[1] - position[1]);
+                    if moved > p.pregrasp_tolerance_m {
+                        self.object = Some((mean, yaw));
+                        self.check = PoseAverage::default();
+                        self.go(Phase::Approach);
+                    } else {
+                        self.check = PoseAverage::default();
+                        self.go(Phase::Descend);
+                    }
+                } else if self.phase_tick > ticks(1.0) {
+                    return self.retry(FailureSignal::TargetNotFound);
+                }
+                Command::Hold
+            }
+            Phase::Descend => {
+                self.follow(seen);
+                let Some(pose) = self.above(seen, p.grasp_offset_m) else {
+                    return self.retry(FailureSignal::TargetNotFound);
+                };
+                if arrived(seen, &pose, 0.004) {
+                    self.go(Phase::Close);
+                    return Command::Hold;
+                }
+                self.move_to(pose, p.descend_speed_m_s)
+            }
+            Phase::Close => self.close(seen),
+            Phase::Lift => {
+                if self.phase_tick == 1 {
+                    self.target = at_height(seen.tool, seen.tool.position[2] + p.lift_height_m);
+                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.lift_speed_m_s };
+                }
+                if self.phase_tick > 12 && !holds_something(seen) {
+                    return self.retry(FailureSignal::ObjectSlipped);
+                }
+                if arrived(seen, &self.target, 0.006) {
+                    self.check = PoseAverage::default();
+                    self.go(Phase::Verify);
+                }
+                Command::Hold
+            }
+            Phase::Verify => self.verify(seen),
+            Phase::End => match self.outcome {
+                None => Command::Done,
+                Some(signal) => Command::Fail { signal },
+            },
+        }
+    }
+
+    fn open(&mut self, seen: &Observation) -> Command {
+        if !seen.tool_available {
+            return self.wait_for_tool();
+        }
+        if self.phase_tick == 1 || !self.commanded {
+            self.commanded = true;
+            return Command::Gripper { width_m: 0.08, speed_m_s: 0.2, force_n: self.params.grip_force_n };
+        }
+        // After a miss the hand goes up before it looks again.
+        let low = seen.tool.position[2] < 0.025 + 0.6 * self.params.approach_height_m;
+        if seen.gripper_width_m > 0.07 && low {
+            let up = at_height(seen.tool, 0.025 + self.params.approach_height_m);
+            if self.target.distance_m(&up) > 0.02 {
+                self.target = up;
+                return Command::ToolPose { pose: up, max_speed_m_s: self.params.lift_speed_m_s };
+            }
+        }
+        if seen.gripper_width_m > 0.07 && !low {
+            self.go(Phase::Look);
+        } else if self.phase_tick > ticks(3.0) {
+            return self.retry(FailureSignal::ToolUnavailable);
+        }
+        Command::Hold
+    }
+
+    fn wait_for_tool(&mut self) -> Command {
+        if self.phase_tick > ticks(self.params.tool_wait_secs) {
+            self.outcome = Some(FailureSignal::ToolUnavailable);
+            self.go(Phase::End);
+        }
+        Command::Hold
+    }
+
+    fn close(&mut self, seen: &Observation) -> Command {
+        if !self.commanded {
+            if !seen.tool_available {
+                return self.wait_for_tool();
+            }
+            self.commanded = true;
+            self.phase_tick = 0;
+            let p = &self.params;
+            return Command::Gripper { width_m: 0.0, speed_m_s: p.close_speed_m_s, force_n: p.grip_force_n };
+        }
+        let closing_secs = 0.1 / self.params.close_speed_m_s;
+        let gripped = holds_something(seen) && seen.gripper_force_n > 0.5 * self.params.grip_force_n;
+        if gripped && self.check.count() == 0 && self.phase_tick > ticks(self.params.settle_secs) {
+            self.go(Phase::Lift);
+        } else if self.phase_tick > ticks(closing_secs + self.params.settle_secs + 0.3) {
+            if holds_something(seen) {
+                self.go(Phase::Lift);
+            } else {
+                return self.retry(FailureSignal::GraspMissed);
+            }
+        }
+        Command::Hold
+    }
+
+    fn verify(&mut self, seen: &Observation) -> Command {
+        if !holds_something(seen) {
+            return self.retry(FailureSignal::ObjectSlipped);
+        }
+        if !self.params.slip_check {
+            self.go(Phase::End);
+            return Command::Hold;
+        }
+        if let Some(picture) = &seen.object
+            && picture.age_ticks < self.phase_tick.try_into().unwrap_or(u32::MAX)
+        {
+            self.check.add(picture);
+        }
+        if self.check.count() >= 2 {
+            let near = self.check.mean().is_some_and(|(mean, _)| {
+                let tool = seen.tool.position;
+                libm::hypot(mean[0] - tool[0], mean[1] - tool[1]) < 0.03 && (mean[2] - tool[2]).abs() < 0.04
+            });
+            if !near {
+                return self.retry(FailureSignal::ObjectSlipped);
+            }
+            self.go(Phase::End);
+        } else if self.phase_tick > ticks(0.6) {
+            self.go(Phase::End);
+        }
+        Command::Hold
+    }
+}
+
+impl Skill for Grasp {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        if let Some(hook) = &mut self.hook {
+            return hook.tick(seen, self.params.safe_height_m, self.params.lift_speed_m_s);
+        }
+        let began = *self.began.get_or_insert(seen.tick);
+        if seen.tick.saturating_sub(began) > ticks(self.params.timeout_secs) && self.phase != Phase::End {
+            self.outcome = Some(FailureSignal::TimedOut);
+            self.go(Phase::End);
+        }
+        self.work(seen)
+    }
+
+    fn enter(&mut self, hook: Hook) {
+        self.hook = Some(match hook {
+            Hook::SafeAbort => HookRun::Abort(self.params.abort, None),
+            Hook::Rollback => HookRun::Rollback(self.params.rollback, None),
+        });
+    }
+}
+
+/// The signals this controller's code can raise with these parameters.
+#[must_use]
+pub fn signals(params: &GraspParams) -> Vec<FailureSignal> {
+    let _ = params;
+    vec![
+        FailureSignal::TargetNotFound,
+        FailureSignal::GraspMissed,
+        FailureSignal::ObjectSlipped,
+        FailureSignal::ToolUnavailable,
+        FailureSignal::TimedOut,
+    ]
+}
+
+/// The primitive this controller performs.
+pub const TASK: TaskKind = TaskKind::Grasp;

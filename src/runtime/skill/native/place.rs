@@ -1,0 +1,327 @@
+//! `native:place`: lower the aligned object into the tray, let go and retreat.
+
+use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::motion::{
+    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks, wrap_quarter, yaw_of,
+};
+use crate::runtime::skill::{Hook, Skill};
+
+/// Everything a version of the place controller may set. Lengths in metres, speeds in m/s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceParams {
+    /// Pictures of object and tray averaged for a correction before lowering; 0 lowers as it is.
+    pub look_pictures: u32,
+    /// Tool speed of the descent.
+    pub lower_speed_m_s: f64,
+    /// Wrist force that ends the descent, N.
+    pub contact_force_n: f64,
+    /// Height above the seat at which a contact still counts as having arrived.
+    pub seat_tolerance_m: f64,
+    /// Height above the seat at which the object is let go without contact.
+    pub release_gap_m: f64,
+    /// Pad distance after letting go.
+    pub release_width_m: f64,
+    /// Opening speed of the pad distance.
+    pub release_speed_m_s: f64,
+    /// Seconds between opening and retreat.
+    pub settle_secs: f64,
+    /// How far the tool rises afterwards.
+    pub retreat_height_m: f64,
+    /// Tool speed of the retreat.
+    pub retreat_speed_m_s: f64,
+    /// Sideways step of the search after an early contact; 0 gives up at once.
+    pub search_step_m: f64,
+    /// New attempts after an early contact, 0 to 8.
+    pub retries_max: u32,
+    /// After letting go, look whether the object lies in the tray.
+    pub verify: bool,
+    /// Seconds to wait for a gripper that does not answer.
+    pub tool_wait_secs: f64,
+    /// Seconds the whole work may take.
+    pub timeout_secs: f64,
+    /// What the safe-abort hook does.
+    pub abort: AbortStyle,
+    /// What the rollback hook does.
+    pub rollback: RollbackStyle,
+    /// Height the hooks rise to.
+    pub safe_height_m: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Look,
+    Correct,
+    Lower,
+    BackUp,
+    Release,
+    Retreat,
+    Verify,
+    End,
+}
+
+/// One run of the place controller.
+#[derive(Clone, Debug)]
+pub struct Place {
+    params: PlaceParams,
+    phase: Phase,
+    phase_tick: u64,
+    began: Option<u64>,
+    tray: PoseAverage,
+    object: PoseAverage,
+    start_height_m: f64,
+    /// Height of the object's centre below the tool, m.
+    hang_m: f64,
+    seat_height_m: f64,
+    target: Pose,
+    commanded: bool,
+    retries: u32,
+    outcome: Option<FailureSignal>,
+    hook: Option<HookRun>,
+}
+
+impl Place {
+    /// Begins a run.
+    #[must_use]
+    pub fn new(params: PlaceParams) -> Self {
+        Self {
+            params,
+            phase: Phase::Look,
+            phase_tick: 0,
+            began: None,
+            tray: PoseAverage::default(),
+            object: PoseAverage::default(),
+            start_height_m: 0.0,
+            hang_m: 0.0,
+            seat_height_m: 0.03,
+            target: Pose::IDENTITY,
+            commanded: false,
+            retries: 0,
+            outcome: None,
+            hook: None,
+        }
+    }
+
+    fn go(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.phase_tick = 0;
+        self.commanded = false;
+    }
+
+    fn finish(&mut self, outcome: Option<FailureSignal>) -> Command {
+        self.outcome = outcome;
+        self.go(Phase::End);
+        Command::Hold
+    }
+
+    fn work(&mut self, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        self.phase_tick += 1;
+        let carrying = matches!(self.phase, Phase::Look | Phase::Correct | Phase::Lower | Phase::BackUp);
+        if carrying && self.phase_tick > 24 && !holds_something(seen) {
+            return self.finish(Some(FailureSignal::ObjectSlipped));
+        }
+        match self.phase {
+            Phase::Look => self.look(seen),
+            Phase::Correct => {
+                if arrived(seen, &self.target, 0.001) || self.phase_tick > ticks(0.8) {
+                    self.go(Phase::Lower);
+                }
+                Command::Hold
+            }
+            Phase::Lower => self.lower(seen),
+            Phase::BackUp => {
+                if arrived(seen, &self.target, 0.003) || self.phase_tick > ticks(1.5) {
+                    if p.look_pictures > 0 {
+                        self.tray = PoseAverage::default();
+                        self.object = PoseAverage::default();
+                        self.go(Phase::Look);
+                    } else {
+                        self.go(Phase::Lower);
+                    }
+                }
+                Command::Hold
+            }
+            Phase::Release => {
+                if !self.commanded {
+                    if !seen.tool_available {
+                        if self.phase_tick > ticks(p.tool_wait_secs) {
+                            return self.finish(Some(FailureSignal::ToolUnavailable));
+                        }
+                        return Command::Hold;
+                    }
+                    self.commanded = true;
+                    self.phase_tick = 0;
+                    return Command::Gripper {
+                        width_m: p.release_width_m,
+                        speed_m_s: p.release_speed_m_s,
+                        force_n: 20.0,
+                    };
+                }
+                let open_secs = 0.03 / p.release_speed_m_s;
+                if self.phase_tick > ticks(open_secs + p.settle_secs) {
+                    self.go(Phase::Retreat);
+                }
+                Command::Hold
+            }
+            Phase::Retreat => {
+                if !self.commanded {
+                    self.commanded = true;
+                    self.target = at_height(seen.tool, seen.tool.position[2] + p.retreat_height_m);
+                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.retreat_speed_m_s };
+                }
+                if arrived(seen, &self.target, 0.006) {
+                    self.object = PoseAverage::default();
+                    self.tray = PoseAverage::default();
+                    self.go(Phase::Verify);
+                }
+                Command::Hold
+            }
+            Phase::Verify => self.verify(seen),
+            Phase::End => match self.outcome {
+                None => Command::Done,
+                Some(signal) => Command::Fail { signal },
+            },
+        }
+    }
+
+    fn look(&mut self, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        if self.start_height_m == 0.0 {
+            self.start_height_m = seen.tool.position[2];
+        }
+        let fresh = |age: u32| self.retries == 0 || u64::from(age) < self.phase_tick;
+        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.tray.add(picture);
+        }
+        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.object.add(picture);
+        }
+        // Even a version that does not correct needs one picture to know how deep the seat is.
+        let wanted = p.look_pictures.max(1);
+        if self.tray.count() < wanted || self.object.count() < wanted {
+            if self.phase_tick > ticks(2.5) {
+                return self.finish(Some(FailureSignal::TargetNotFound));
+            }
+            return Command::Hold;
+        }
+        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean()) else {
+            return self.finish(Some(FailureSignal::TargetNotFound));
+        };
+        self.hang_m = seen.tool.position[2] - object[2];
+        self.seat_height_m = seat[2] + OBJECT_HALF_M;
+        if p.look_pictures == 0 {
+            self.go(Phase::Lower);
+            return Command::Hold;
+        }
+        // A search step turns by a quarter at each attempt, so that the four sides are tried.
+        let step = if self.retries == 0 { 0.0 } else { p.search_step_m };
+        let side = f64::from(self.retries) * std::f64::consts::FRAC_PI_2;
+        let yaw = yaw_of(&seen.tool) + wrap_quarter(seat_yaw - object_yaw);
+        let position = [
+            seen.tool.position[0] + seat[0] - object[0] + step * libm::cos(side),
+            seen.tool.position[1] + seat[1] - object[1] + step * libm::sin(side),
+            seen.tool.position[2],
+        ];
+        self.target = super::motion::hand_down(position, yaw);
+        self.go(Phase::Correct);
+        Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s }
+    }
+
+    fn lower(&mut self, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        let released_at = self.seat_height_m + self.hang_m + p.release_gap_m;
+        if !self.commanded {
+            self.commanded = true;
+            self.target = at_height(if p.look_pictures > 0 { self.target } else { seen.tool }, released_at);
+            return Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s };
+        }
+        let height_m = seen.tool.position[2] - self.hang_m - self.seat_height_m;
+        let touched = self.phase_tick > 12 && seen.wrist_force_n > p.contact_force_n;
+        if touched && height_m > p.seat_tolerance_m {
+            if self.retries >= p.retries_max || p.search_step_m == 0.0 {
+                self.go(Phase::End);
+                self.outcome = Some(FailureSignal::UnexpectedContact);
+                return Command::Stop;
+            }
+            self.retries += 1;
+            self.go(Phase::BackUp);
+            self.target = at_height(seen.tool, seen.tool.position[2] + 0.02);
+            return Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s };
+        }
+        if touched || arrived(seen, &self.target, 0.003) {
+            self.go(Phase::Release);
+            return Command::Stop;
+        }
+        Command::Hold
+    }
+
+    fn verify(&mut self, seen: &Observation) -> Command {
+        if !self.params.verify {
+            return self.finish(None);
+        }
+        let fresh = |age: u32| u64::from(age) < self.phase_tick;
+        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.tray.add(picture);
+        }
+        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.object.add(picture);
+        }
+        if self.tray.count() >= 3 && self.object.count() >= 3 {
+            let inside = match (self.tray.mean(), self.object.mean()) {
+                (Some((seat, _)), Some((object, _))) => {
+                    libm::hypot(seat[0] - object[0], seat[1] - object[1]) < 0.012
+                        && (object[2] - seat[2] - OBJECT_HALF_M).abs() < 0.008
+                }
+                _ => false,
+            };
+            return self.finish((!inside).then_some(FailureSignal::PlacementMissed));
+        }
+        if self.phase_tick > ticks(1.5) {
+            return self.finish(Some(FailureSignal::TargetNotFound));
+        }
+        Command::Hold
+    }
+}
+
+impl Skill for Place {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        if let Some(hook) = &mut self.hook {
+            return hook.tick(seen, self.params.safe_height_m, self.params.retreat_speed_m_s);
+        }
+        let began = *self.began.get_or_insert(seen.tick);
+        if seen.tick.saturating_sub(began) > ticks(self.params.timeout_secs) && self.phase != Phase::End {
+            return self.finish(Some(FailureSignal::TimedOut));
+        }
+        self.work(seen)
+    }
+
+    fn enter(&mut self, hook: Hook) {
+        self.hook = Some(match hook {
+            Hook::SafeAbort => HookRun::Abort(self.params.abort, None),
+            Hook::Rollback => HookRun::Rollback(self.params.rollback, None),
+        });
+    }
+}
+
+/// The signals this controller's code can raise with these parameters.
+#[must_use]
+pub fn signals(params: &PlaceParams) -> Vec<FailureSignal> {
+    let mut signals = vec![
+        FailureSignal::TargetNotFound,
+        FailureSignal::ObjectSlipped,
+        FailureSignal::UnexpectedContact,
+        FailureSignal::ToolUnavailable,
+        FailureSignal::TimedOut,
+    ];
+    if params.verify {
+        signals.push(FailureSignal::PlacementMissed);
+    }
+    signals
+}
+
+/// The primitive this controller performs.
+pub const TASK: TaskKind = TaskKind::Place;

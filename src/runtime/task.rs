@@ -1,0 +1,355 @@
+//! One task under governance: skill, guard and watcher, tick by tick, and the record of it.
+//!
+//! The loop is the same in the sandbox, in the twin and on the live arm; only the body differs.
+//! Everything in the [`TaskRecord`] is measured: by the inspection after the task, by the guard,
+//! by the watcher, or counted from the commands that were given.
+
+use holdpoint_sim::SimError;
+use holdpoint_sim::io::{
+    Command, FailureSignal, GuardVerdict, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry,
+};
+use serde::{Deserialize, Serialize};
+
+use super::arm::{ActuatorHandle, Body};
+use super::guard::{Checked, Guard, PolicyHit};
+use super::limits::WatchLimits;
+use super::recovery::{self, RecoveryReport, StoppedBy};
+use super::skill::Skill;
+use crate::governance::evidence::{EpisodeValues, HardStop};
+use super::watcher::{Raised, Watcher, WatcherSignal};
+
+/// Ticks between two points of a recorded path: 20 a second.
+pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
+
+/// Ticks between a skill's `Done` and the inspection.
+const INSPECT_AFTER_TICKS: u64 = 24;
+
+/// Denials in a row after which the recovery manager takes over.
+const DENIALS_MAX: u32 = 24;
+
+/// The most policy hits kept with their tick; all are counted.
+const HITS_KEPT: usize = 32;
+
+/// A point of the path the tool took.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PathPoint {
+    /// Ticks since the task started.
+    pub tick: u32,
+    /// Tool position, m.
+    pub tool: [f32; 3],
+    /// Distance between the pads, m.
+    pub width: f32,
+    /// Grip force, N.
+    pub force: f32,
+}
+
+/// What happened in one task (the paper's trace record, section 6.3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TaskRecord {
+    /// Which primitive.
+    pub task: TaskKind,
+    /// The seed of the episode.
+    pub seed: u64,
+    /// The inspection found the work done.
+    pub success: bool,
+    /// A measured quantity past its limit, or a denial by the guard.
+    pub violation: bool,
+    /// The watcher named something.
+    pub anomaly: bool,
+    /// The recovery manager ran.
+    pub recovery: bool,
+    /// New attempts, counted from the commands.
+    pub retries: u32,
+    /// Duration until `Done` or the end, s.
+    pub time_secs: f64,
+    /// The task ran into its time limit.
+    pub timeout: bool,
+    /// A measured value came near its limit.
+    pub near: bool,
+    /// Commands that were clamped.
+    pub clamps: u32,
+    /// Denials and measured violations, the first of each kind with its tick.
+    pub hits: Vec<(u64, PolicyHit)>,
+    /// What the watcher raised.
+    pub signals: Vec<Raised>,
+    /// What the skill declared.
+    pub declared: Option<FailureSignal>,
+    /// What the recovery did.
+    pub recovered: Option<RecoveryReport>,
+    /// Motion after a demanded stop, ms.
+    pub unsafe_continuation_ms: u64,
+    /// A hard stop.
+    pub hard_stop: Option<HardStop>,
+    /// The simulator failed; nothing else in the record counts.
+    pub invalid: bool,
+    /// Where the tool went.
+    pub path: Vec<PathPoint>,
+}
+
+impl TaskRecord {
+    /// The values the rules compare; absent where the simulator failed.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
+    pub fn values(&self) -> Option<EpisodeValues> {
+        (!self.invalid).then_some(EpisodeValues {
+            success: self.success,
+            violation: self.violation,
+            anomaly: self.anomaly,
+            recovery: self.recovery,
+            intervention: false,
+            timeout: self.timeout,
+            near_violation: self.near,
+            retries: self.retries,
+            time_s: self.time_secs,
+            unsafe_continuation_ms: self.unsafe_continuation_ms as f64,
+        })
+    }
+
+    /// A record of a task that could not be carried out.
+    #[must_use]
+    pub const fn invalid(task: TaskKind, seed: u64) -> Self {
+        Self {
+            task,
+            seed,
+            success: false,
+            violation: false,
+            anomaly: false,
+            recovery: false,
+            retries: 0,
+            time_secs: 0.0,
+            timeout: false,
+            near: false,
+            clamps: 0,
+            hits: Vec::new(),
+            signals: Vec::new(),
+            declared: None,
+            recovered: None,
+            unsafe_continuation_ms: 0,
+            hard_stop: None,
+            invalid: true,
+            path: Vec::new(),
+        }
+    }
+}
+
+/// Counts attempts from what is commanded: a close of the hand in a grasp, a descent otherwise.
+#[derive(Clone, Debug)]
+struct AttemptCounter {
+    task: TaskKind,
+    engaged: bool,
+    attempts: u32,
+}
+
+impl AttemptCounter {
+    const fn new(task: TaskKind) -> Self {
+        Self { task, engaged: false, attempts: 0 }
+    }
+
+    fn note(&mut self, command: &Command, seen: &Telemetry) {
+        let engages = match (self.task, command) {
+            (TaskKind::Grasp, Command::Gripper { width_m, .. }) => Some(*width_m < seen.gripper_width_m - 0.002),
+            (TaskKind::Align | TaskKind::Place, Command::ToolPose { pose, .. }) => {
+                let rise_m = pose.position[2] - seen.tool.position[2];
+                // Small corrections at one height are part of one attempt.
+                if rise_m.abs() < 0.008 { None } else { Some(rise_m < 0.0) }
+            }
+            _ => None,
+        };
+        if let Some(engages) = engages {
+            if engages && !self.engaged {
+                self.attempts = self.attempts.saturating_add(1);
+            }
+            self.engaged = engages;
+        }
+    }
+
+    const fn retries(&self) -> u32 {
+        self.attempts.saturating_sub(1)
+    }
+}
+
+/// What a task is run with.
+#[derive(Clone, Copy, Debug)]
+pub struct TaskTerms {
+    /// Which primitive.
+    pub task: TaskKind,
+    /// The seed, for the record.
+    pub seed: u64,
+    /// The watcher's limits.
+    pub watch: WatchLimits,
+    /// The stop time the version declares for its safe-abort hook, s.
+    pub abort_secs: f64,
+    /// Longest run, ticks.
+    pub limit_ticks: u64,
+}
+
+/// What the loop's caller may do after each tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Supervision {
+    /// Go on.
+    Continue,
+    /// Stop the skill here and leave the arm to the caller (a drill, a rollback).
+    Release,
+    /// Stop the skill here and bring the arm to a standstill (a person, the monitor).
+    Abort,
+}
+
+/// What passed in one tick, for whoever supervises.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick<'a> {
+    /// Ticks since the task started, this one included.
+    pub tick: u64,
+    /// What the skill saw before it decided.
+    pub observation: &'a Observation,
+    /// What passed the guard.
+    pub command: &'a Command,
+    /// What the sensors tell after it.
+    pub seen: &'a Telemetry,
+    /// What the watcher established by it.
+    pub raised: &'a [WatcherSignal],
+}
+
+/// Called after every tick: how a drill injects a failure, a shadow listens, a console draws and a
+/// person stops the arm.
+pub type Supervisor<'s, B> = dyn FnMut(&mut ActuatorHandle<'_, B>, &Tick<'_>) -> Supervision + 's;
+
+/// Runs one task to its end.
+///
+/// # Errors
+/// Where the body fails: the episode is invalid.
+pub fn run<B: Body>(
+    handle: &mut ActuatorHandle<'_, B>,
+    skill: &mut dyn Skill,
+    guard: &mut Guard,
+    terms: &TaskTerms,
+    supervise: &mut Supervisor<'_, B>,
+) -> Result<TaskRecord, SimError> {
+    let mut record = TaskRecord { invalid: false, ..TaskRecord::invalid(terms.task, terms.seed) };
+    let mut watcher = Watcher::new(terms.task, terms.watch);
+    let mut attempts = AttemptCounter::new(terms.task);
+    let mut verdict = GuardVerdict::Allowed;
+    let mut denials = 0;
+    let mut seen = handle.telemetry();
+    let mut wants_recovery = false;
+    let mut done = false;
+    let mut tick = 0;
+    while tick < terms.limit_ticks {
+        let observation = handle.observe(verdict);
+        let asked = skill.tick(&observation);
+        let collides = tick % 4 == 0 && guard.predicts_collision(&seen);
+        let checked = if collides {
+            Checked {
+                command: Command::Stop,
+                verdict: GuardVerdict::Denied,
+                hit: Some(PolicyHit::PredictedCollision),
+            }
+        } else {
+            guard.check(&asked, &seen)
+        };
+        verdict = checked.verdict;
+        if let Some(hit) = checked.hit {
+            note_hit(&mut record, tick, hit);
+            if hit == PolicyHit::NotFinite {
+                record.hard_stop = Some(HardStop::NonFiniteOutput);
+            }
+        }
+        denials = if verdict == GuardVerdict::Denied { denials + 1 } else { 0 };
+        attempts.note(&checked.command, &seen);
+        watcher.note_command(&checked.command, &seen);
+        handle.step(&checked.command)?;
+        seen = handle.telemetry();
+        tick += 1;
+        let raised = watcher.observe(&seen);
+        if let Some(hit) = guard.measure(&seen) {
+            note_hit(&mut record, tick, hit);
+            wants_recovery = true;
+        }
+        record.near |= guard.is_near(&seen);
+        note_path(&mut record, &seen, tick);
+        let passed =
+            Tick { tick, observation: &observation, command: &checked.command, seen: &seen, raised: &raised };
+        match supervise(handle, &passed) {
+            Supervision::Continue => {}
+            Supervision::Release => {
+                close(&mut record, &watcher, &attempts, tick);
+                return Ok(record);
+            }
+            Supervision::Abort => wants_recovery = true,
+        }
+        match asked {
+            Command::Done => done = true,
+            Command::Fail { signal } => {
+                record.declared = Some(signal);
+                wants_recovery = true;
+            }
+            _ => {}
+        }
+        wants_recovery |= raised.iter().any(|signal| signal.needs_recovery());
+        wants_recovery |= denials >= DENIALS_MAX || record.hard_stop.is_some();
+        if done || wants_recovery {
+            break;
+        }
+    }
+    record.timeout = !done && !wants_recovery && tick >= terms.limit_ticks;
+    record.time_secs = tick_secs(tick);
+    if wants_recovery || record.timeout {
+        record.recovery = true;
+        let report = recovery::abort(handle, skill, guard, &mut watcher, terms.abort_secs)?;
+        if let Some(hit) = report.violation {
+            note_hit(&mut record, tick, hit);
+        }
+        record.unsafe_continuation_ms = ticks_to_ms(report.motion_ticks);
+        if report.stopped_by == StoppedBy::Nothing {
+            record.hard_stop = Some(HardStop::MotionAfterStop);
+        }
+        record.recovered = Some(report);
+    } else {
+        for _ in 0..INSPECT_AFTER_TICKS {
+            handle.step(&Command::Hold)?;
+            watcher.observe(&handle.telemetry());
+        }
+    }
+    record.success = done && !record.recovery && handle.inspect();
+    close(&mut record, &watcher, &attempts, tick);
+    Ok(record)
+}
+
+fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, tick: u64) {
+    record.signals = watcher.raised().to_vec();
+    record.anomaly = record.signals.iter().any(|raised| raised.signal.is_anomaly());
+    record.retries = attempts.retries();
+    record.time_secs = tick_secs(tick);
+}
+
+fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {
+    if !hit.is_violation() {
+        record.clamps = record.clamps.saturating_add(1);
+        return;
+    }
+    record.violation = true;
+    if record.hits.len() < HITS_KEPT && !record.hits.iter().any(|(_, known)| *known == hit) {
+        record.hits.push((tick, hit));
+    }
+}
+
+fn note_path(record: &mut TaskRecord, seen: &Telemetry, tick: u64) {
+    if tick % PATH_EVERY_TICKS == 0 {
+        // Drawing and envelopes need a tenth of a millimetre; f32 holds far more.
+        #[allow(clippy::cast_possible_truncation)]
+        record.path.push(PathPoint {
+            tick: u32::try_from(tick).unwrap_or(u32::MAX),
+            tool: seen.tool.position.map(|v| v as f32),
+            width: seen.gripper_width_m as f32,
+            force: seen.gripper_force_n as f32,
+        });
+    }
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn tick_secs(tick: u64) -> f64 {
+    tick as f64 * TICK_SECS
+}
+
+const fn ticks_to_ms(ticks: u64) -> u64 {
+    ticks * 1000 / RATE_HZ as u64
+}

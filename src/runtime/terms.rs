@@ -1,0 +1,103 @@
+//! What a version runs under: guard, envelope and watcher limits, derived from the profile.
+
+use std::sync::Arc;
+
+use holdpoint_sim::io::{RATE_HZ, TaskKind};
+use holdpoint_sim::robot::RobotModel;
+use holdpoint_sim::scene::Scene;
+
+use super::guard::Guard;
+use super::limits::{Envelope, WatchLimits};
+use super::task::TaskTerms;
+use crate::governance::mode::Authority;
+use crate::governance::policy::PolicyTable;
+use crate::governance::profile::Profile;
+
+/// Everything around a skill but the skill.
+#[derive(Clone)]
+pub struct Terms {
+    table: Arc<PolicyTable>,
+    model: Arc<RobotModel>,
+    scene: Arc<Scene>,
+    envelope: Envelope,
+    watch: WatchLimits,
+    limit_ticks: u64,
+    /// How fast a failure has to be named, ticks.
+    pub detect_ticks: u64,
+}
+
+impl Terms {
+    /// The terms of a profile.
+    #[must_use]
+    pub fn new(profile: &Profile, table: Arc<PolicyTable>, model: Arc<RobotModel>, scene: Arc<Scene>) -> Self {
+        let runtime = &profile.runtime;
+        let watcher = &profile.watcher;
+        let ticks = |secs: f64| {
+            // Profiles hold finite, bounded, non-negative times.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let ticks = libm::round(secs * f64::from(RATE_HZ)) as u64;
+            ticks
+        };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let continuation_ms = runtime.unsafe_continuation_max_ms as u64;
+        let envelope = Envelope {
+            tool_speed_max_m_s: runtime.tool_speed_max_m_s,
+            joint_speed_max_rad_s: runtime.joint_speed_max_rad_s,
+            grip_force_max_n: runtime.grip_force_max_n,
+            contact_force_max_n: runtime.contact_force_max_n,
+            unsafe_continuation_max_ms: continuation_ms,
+            workspace_min_m: runtime.workspace_min_m,
+            workspace_max_m: runtime.workspace_max_m,
+            near_share: runtime.near_margin,
+            retries_max: runtime.retries_max,
+        };
+        let limit_ticks = ticks(runtime.episode_max_s);
+        let watch = WatchLimits {
+            slip_max_m: watcher.slip_max_m,
+            tracking_max_rad: watcher.tracking_error_max_rad,
+            picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0)).unwrap_or(u32::MAX),
+            overrun_ticks: limit_ticks,
+            ..WatchLimits::default()
+        };
+        let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
+        Self { table, model, scene, envelope, watch, limit_ticks, detect_ticks }
+    }
+
+    /// The same terms with a tighter envelope: `share` of speed and force, in (0, 1].
+    #[must_use]
+    pub fn tightened(mut self, share: f64) -> Self {
+        self.envelope = self.envelope.tightened(share);
+        self
+    }
+
+    /// The same terms with speed and force capped.
+    #[must_use]
+    pub fn capped(mut self, speed_max_m_s: f64, force_max_n: f64) -> Self {
+        self.envelope = self.envelope.capped(speed_max_m_s, force_max_n);
+        self
+    }
+
+    /// A guard for a version of this authority.
+    #[must_use]
+    pub fn guard(&self, authority: Authority) -> Guard {
+        Guard::new(self.table.clone(), self.envelope, authority, self.model.clone(), self.scene.clone())
+    }
+
+    /// The terms of one task.
+    #[must_use]
+    pub const fn task(&self, task: TaskKind, seed: u64, abort_secs: f64) -> TaskTerms {
+        TaskTerms { task, seed, watch: self.watch, abort_secs, limit_ticks: self.limit_ticks }
+    }
+
+    /// The envelope in force.
+    #[must_use]
+    pub const fn envelope(&self) -> &Envelope {
+        &self.envelope
+    }
+
+    /// The watcher's limits.
+    #[must_use]
+    pub const fn watch(&self) -> &WatchLimits {
+        &self.watch
+    }
+}

@@ -1,0 +1,86 @@
+//! Measures versions on calibration episodes (seeds from 1,000,000): the tool every parameter and
+//! threshold was set with.
+//!
+//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED]`
+#![allow(clippy::print_stdout, reason = "a command-line tool")]
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context as _, Result, bail};
+use holdpoint::governance::policy::PolicyTable;
+use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::pipeline::cell::{Cell, Conditions};
+use holdpoint::pipeline::evaluate::{Job, batch};
+use holdpoint::runtime::capability::{Capability, Package};
+use holdpoint::runtime::task::TaskRecord;
+use holdpoint::runtime::terms::Terms;
+
+fn main() -> Result<()> {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let mut from = 1_000_000;
+    if let Some(at) = arguments.iter().position(|a| a == "--from") {
+        from = arguments.get(at + 1).context("--from needs a seed")?.parse()?;
+        arguments.drain(at..at + 2);
+    }
+    let [conditions, n, folders @ ..] = arguments.as_slice() else { bail!("see the head of this file") };
+    let conditions = match conditions.as_str() {
+        "canonical" => Conditions::Canonical,
+        "sandbox" => Conditions::Sandbox,
+        "live" => Conditions::Live,
+        other => bail!("no conditions {other:?}"),
+    };
+    let n: u64 = n.parse()?;
+    let cell = Cell::builtin()?;
+    let profile = Profile::builtin(ProfileName::Sim)?;
+    let table = Arc::new(PolicyTable::builtin(&profile)?);
+    let terms = Terms::new(&profile, table, cell.model.clone(), cell.scene.clone());
+    let capabilities = folders
+        .iter()
+        .map(|folder| Ok(Capability::load(folder, Package::read(Path::new(folder))?)?))
+        .collect::<Result<Vec<_>>>()?;
+    let versions: Vec<(&Capability, &Terms)> = capabilities.iter().map(|c| (c, &terms)).collect();
+    for (version, capability) in capabilities.iter().enumerate() {
+        let jobs: Vec<Job> = (0..n).map(|i| Job { version, seed: from + i }).collect();
+        let start = std::time::Instant::now();
+        let records = batch(2, &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
+        println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
+    }
+    Ok(())
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn summary(records: &[TaskRecord], wall: f64) -> String {
+    let n = records.len() as f64;
+    let share = |f: &dyn Fn(&TaskRecord) -> bool| records.iter().filter(|r| f(r)).count() as f64 / n;
+    let mut hits: BTreeMap<String, u32> = BTreeMap::new();
+    let mut ends: BTreeMap<String, u32> = BTreeMap::new();
+    for record in records {
+        for (_, hit) in &record.hits {
+            *hits.entry(format!("{hit:?}")).or_default() += 1;
+        }
+        for raised in &record.signals {
+            *hits.entry(format!("{:?}", raised.signal)).or_default() += 1;
+        }
+        let end = match (record.invalid, record.success, record.declared) {
+            (true, _, _) => "invalid".to_owned(),
+            (_, true, _) => "success".to_owned(),
+            (_, _, Some(signal)) => format!("{signal:?}"),
+            (_, _, None) if record.recovery => "recovery".to_owned(),
+            _ => "not done".to_owned(),
+        };
+        *ends.entry(end).or_default() += 1;
+    }
+    let time = records.iter().map(|r| r.time_secs).sum::<f64>() / n;
+    format!(
+        "n {n} success {:.3} violation {:.3} anomaly {:.3} recovery {:.3} retries {:.2} time {time:.2}s wall {:.1} ms/episode\n    {ends:?}\n    {hits:?}",
+        share(&|r| r.success),
+        share(&|r| r.violation),
+        share(&|r| r.anomaly),
+        share(&|r| r.recovery),
+        records.iter().map(|r| f64::from(r.retries)).sum::<f64>() / n,
+        1000.0 * wall / n,
+    )
+}
