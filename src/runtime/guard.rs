@@ -70,6 +70,13 @@ const LOOK_AHEAD_SECS: f64 = 0.08;
 /// Commands are clamped below the limit by this share, so that the servo's overshoot stays within.
 const CLAMP_SHARE: f64 = 0.95;
 
+/// A force limit is for lasting contact; a shorter one (a transient contact in the sense of ISO/TS
+/// 15066) may reach this many times the limit.
+const TRANSIENT_FACTOR: f64 = 2.0;
+
+/// Ticks after which a contact is no transient any more: 50 ms.
+const TRANSIENT_TICKS: u32 = 12;
+
 /// Measured speed may exceed the limit by this share before it is a violation: sensor noise.
 const MEASURE_SHARE: f64 = 1.05;
 
@@ -83,6 +90,7 @@ pub struct Guard {
     scene: Arc<Scene>,
     speed_over_ticks: u32,
     force_over_ticks: u32,
+    transient_over_ticks: u32,
 }
 
 impl Guard {
@@ -95,7 +103,7 @@ impl Guard {
         model: Arc<RobotModel>,
         scene: Arc<Scene>,
     ) -> Self {
-        Self { table, envelope, authority, model, scene, speed_over_ticks: 0, force_over_ticks: 0 }
+        Self { table, envelope, authority, model, scene, speed_over_ticks: 0, force_over_ticks: 0, transient_over_ticks: 0 }
     }
 
     /// The envelope in force.
@@ -200,17 +208,21 @@ impl Guard {
             .find(|zone| self.scene.zone(zone.name()).is_some_and(|bounds| bounds.contains(&point)))
     }
 
-    /// Holds one tick of telemetry against the envelope. A limit has to be passed for three ticks.
+    /// Holds one tick of telemetry against the envelope. Speed has to be over its limit for three
+    /// ticks, a force for [`TRANSIENT_TICKS`], or for two ticks over [`TRANSIENT_FACTOR`] times it.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
         let e = &self.envelope;
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
         // Written so that a value that is no number counts as over the limit.
         let fast = !(seen.tool_speed_m_s <= MEASURE_SHARE * e.tool_speed_max_m_s);
         let force = seen.contact_force_n.max(seen.gripper_force_n);
-        let strong = !(force <= MEASURE_SHARE * e.contact_force_max_n) || seen.contact_force_n.is_nan();
+        let over = |factor: f64| {
+            !(force <= factor * MEASURE_SHARE * e.contact_force_max_n) || seen.contact_force_n.is_nan()
+        };
         self.speed_over_ticks = count(fast, self.speed_over_ticks);
-        self.force_over_ticks = count(strong, self.force_over_ticks);
-        if self.force_over_ticks == 3 {
+        self.force_over_ticks = count(over(1.0), self.force_over_ticks);
+        self.transient_over_ticks = count(over(TRANSIENT_FACTOR), self.transient_over_ticks);
+        if self.force_over_ticks == TRANSIENT_TICKS || self.transient_over_ticks == 2 {
             return Some(PolicyHit::ForceMeasured);
         }
         (self.speed_over_ticks == 3).then_some(PolicyHit::SpeedMeasured)

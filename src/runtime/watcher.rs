@@ -125,7 +125,7 @@ impl Watcher {
         if let Command::Gripper { width_m, .. } = command {
             let opens = *width_m > telemetry.gripper_width_m + 0.002;
             self.releasing = opens;
-            self.closing = !opens;
+            self.closing = *width_m < telemetry.gripper_width_m - 0.002;
             if opens {
                 self.closed_on_object = false;
                 self.gripped_ticks = 0;
@@ -149,7 +149,9 @@ impl Watcher {
         self.moving = telemetry.tool_speed_m_s > 0.03;
         if telemetry.contacts.pad_object && telemetry.gripper_force_n > 1.0 {
             self.gripped_ticks = self.gripped_ticks.saturating_add(1);
-            if self.gripped_ticks > 12 && !self.releasing {
+            // In a grasp, pads that touch before they close hold nothing yet.
+            let closed = self.closing || self.task != TaskKind::Grasp;
+            if self.gripped_ticks > 12 && !self.releasing && closed {
                 self.closed_on_object = true;
             }
         }

@@ -28,6 +28,8 @@ pub struct GraspParams {
     pub pregrasp_tolerance_m: f64,
     /// Tool speed of the descent.
     pub descend_speed_m_s: f64,
+    /// Force on wrist or pads in the descent that makes the hand stop and back off, N.
+    pub contact_stop_n: f64,
     /// Height of the pads above the object's centre when they close.
     pub grasp_offset_m: f64,
     /// Closing speed of the pad distance.
@@ -124,17 +126,10 @@ impl Grasp {
         Command::ToolPose { pose, max_speed_m_s }
     }
 
-    /// Pads' heading for the object's heading: the nearest quarter turn to the hand's own.
-    fn hand_yaw(seen: &Observation, object_yaw: f64) -> f64 {
-        let now = yaw_of(&seen.tool);
-        now + wrap_quarter(object_yaw - now)
-    }
-
-    fn above(&self, seen: &Observation, height_m: f64) -> Option<Pose> {
-        let (position, yaw) = self.object?;
-        let [x, y, z] = position;
-        // Long turns of the wrist are avoided: the heading is taken relative to straight ahead.
-        let _ = seen;
+    /// Tool pose above the object. The heading is reduced by the object's symmetry, so that the
+    /// wrist never turns further than an eighth of a turn.
+    fn above(&self, height_m: f64) -> Option<Pose> {
+        let ([x, y, z], yaw) = self.object?;
         Some(hand_down([x, y, z + height_m], wrap_quarter(yaw)))
     }
 
@@ -152,7 +147,7 @@ impl Grasp {
     }
 
     fn follow(&mut self, seen: &Observation) {
-        if let (true, Some(picture), Some((position, yaw))) = (self.params.track, &seen.object, self.object) {
+        if let (true, Some(picture), Some((position, _))) = (self.params.track, &seen.object, self.object) {
             let moved = libm::hypot(
                 picture.pose.position[0] - position[0],
                 picture.pose.position[1] - position[1],
@@ -166,7 +161,6 @@ impl Grasp {
                 self.object = Some(([mean[0], mean[1], position[2]], mean_yaw));
                 self.check = PoseAverage::default();
             }
-            let _ = yaw;
         }
     }
 
@@ -204,7 +198,7 @@ impl Grasp {
             }
             Phase::Approach => {
                 self.follow(seen);
-                let Some(pose) = self.above(seen, p.approach_height_m) else {
+                let Some(pose) = self.above(p.approach_height_m) else {
                     return self.retry(FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
@@ -237,7 +231,13 @@ impl Grasp {
             }
             Phase::Descend => {
                 self.follow(seen);
-                let Some(pose) = self.above(seen, p.grasp_offset_m) else {
+                if self.phase_tick > 12 && seen.wrist_force_n.max(seen.gripper_force_n) > p.contact_stop_n {
+                    // The pads stand on something: the object is not where it was believed to be.
+                    self.retry(FailureSignal::UnexpectedContact);
+                    self.target = at_height(seen.tool, seen.tool.position[2] + p.approach_height_m);
+                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.lift_speed_m_s };
+                }
+                let Some(pose) = self.above(p.grasp_offset_m) else {
                     return self.retry(FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
@@ -314,7 +314,7 @@ impl Grasp {
         }
         let closing_secs = 0.1 / self.params.close_speed_m_s;
         let gripped = holds_something(seen) && seen.gripper_force_n > 0.5 * self.params.grip_force_n;
-        if gripped && self.check.count() == 0 && self.phase_tick > ticks(self.params.settle_secs) {
+        if gripped && self.phase_tick > ticks(self.params.settle_secs) {
             self.go(Phase::Lift);
         } else if self.phase_tick > ticks(closing_secs + self.params.settle_secs + 0.3) {
             if holds_something(seen) {
@@ -378,12 +378,12 @@ impl Skill for Grasp {
 
 /// The signals this controller's code can raise with these parameters.
 #[must_use]
-pub fn signals(params: &GraspParams) -> Vec<FailureSignal> {
-    let _ = params;
+pub fn signals(_: &GraspParams) -> Vec<FailureSignal> {
     vec![
         FailureSignal::TargetNotFound,
         FailureSignal::GraspMissed,
         FailureSignal::ObjectSlipped,
+        FailureSignal::UnexpectedContact,
         FailureSignal::ToolUnavailable,
         FailureSignal::TimedOut,
     ]

@@ -94,6 +94,7 @@ impl Controller {
                 ("approach_speed_m_s", p.approach_speed_m_s, 0.01, 3.0),
                 ("pregrasp_tolerance_m", p.pregrasp_tolerance_m, 0.001, 0.1),
                 ("descend_speed_m_s", p.descend_speed_m_s, 0.01, 3.0),
+                ("contact_stop_n", p.contact_stop_n, 2.0, 200.0),
                 ("grasp_offset_m", p.grasp_offset_m, -0.01, 0.03),
                 ("close_speed_m_s", p.close_speed_m_s, 0.01, 1.0),
                 ("grip_force_n", p.grip_force_n, 1.0, 200.0),
