@@ -3,6 +3,7 @@
 //! Texts and values come in, decisions with their reasons go out; whoever calls opens the files,
 //! measures the episodes and keeps the time.
 
+pub mod behavior;
 pub mod composition;
 pub mod decision;
 pub mod evidence;
@@ -16,6 +17,7 @@ pub mod outcome;
 pub mod policy;
 mod policy_table;
 pub mod profile;
+pub mod recovery;
 pub mod submission;
 mod text_error;
 pub mod value_type;
