@@ -3,11 +3,13 @@
 //! Texts and values come in, decisions with their reasons go out; whoever calls opens the files,
 //! measures the episodes and keeps the time.
 
+pub mod approval;
 pub mod behavior;
 pub mod composition;
 pub mod decision;
 pub mod evidence;
 pub mod exports;
+pub mod gate;
 pub mod ids;
 pub mod interface;
 pub mod lifecycle;
