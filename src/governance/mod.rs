@@ -15,6 +15,7 @@ pub mod interface;
 pub mod lifecycle;
 pub mod manifest;
 pub mod mode;
+pub mod monitor;
 pub mod outcome;
 pub mod policy;
 mod policy_table;
@@ -23,5 +24,6 @@ pub mod recovery;
 pub mod submission;
 mod text_error;
 pub mod value_type;
+pub mod vocabulary;
 
 pub use text_error::TextError;
