@@ -216,7 +216,7 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     if blocked(behavior) {
         return (Recommendation::Sandbox, Some(Dimension::Behavior));
     }
-    if recovery == Check::Fail && context.has_approver && rollback_works(&kappas.recovery) {
+    if context.has_approver && recovery_is_reviewable(&kappas.recovery) {
         return (Recommendation::RollbackReview, Some(Dimension::Recovery));
     }
     if blocked(recovery) {
@@ -229,14 +229,17 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     (Recommendation::Activate, None)
 }
 
-/// A recovery failure is reviewable unless rollback itself is what fails.
-fn rollback_works(recovery: &Assessment<RecoveryOutcome>) -> bool {
-    !recovery.reasons.iter().any(|reason| {
-        matches!(
-            reason.code,
-            ReasonCode::RecoveryRollbackBelowFloor | ReasonCode::RecoveryPredecessorNotLoadable
-        )
-    })
+/// Whether a recovery failure may be put to people: not where rollback itself is what fails.
+#[must_use]
+pub fn recovery_is_reviewable(recovery: &Assessment<RecoveryOutcome>) -> bool {
+    recovery.outcome == RecoveryOutcome::Incompatible
+        && recovery.basis == Basis::Measured
+        && !recovery.reasons.iter().any(|reason| {
+            matches!(
+                reason.code,
+                ReasonCode::RecoveryRollbackBelowFloor | ReasonCode::RecoveryPredecessorNotLoadable
+            )
+        })
 }
 
 /// A manifest and the conditions under which it may be used, for display.

@@ -159,7 +159,7 @@ pub struct Version {
     /// Its flags.
     pub flags: Flags,
     /// Counts every change; approvals name it.
-    pub row_version: u32,
+    pub row_version: u64,
     /// Re-evaluations and repeats.
     pub round: u32,
     /// The version it replaced: pinned while this one is active or superseded.
@@ -255,7 +255,7 @@ pub enum Event {
         /// The version.
         version: VersionRef,
         /// The row version they name.
-        row_version: u32,
+        row_version: u64,
     },
     /// The approval ran out or nobody answered: held.
     ApprovalExpired {

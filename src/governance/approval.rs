@@ -1,0 +1,275 @@
+//! Approvals: what they bind to, how many are needed, and when they count.
+//!
+//! A total function over plain data: signatures are verified elsewhere and come in as a result, time comes in
+//! as virtual seconds. Source: design rule 3.10; paper section 5.2, stage 5.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::decision::{Dimension, Reason, ReasonCode};
+use super::ids::Digest;
+use super::profile::ApprovalSettings;
+use super::submission::Risk;
+
+/// What an approval is over. A change of any of these voids it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Subject {
+    /// The candidate (manifest and bundle).
+    pub candidate: Digest,
+    /// Its row version.
+    pub row_version: u64,
+    /// The evidence shown.
+    pub evidence: Digest,
+    /// The policy set.
+    pub policy: Digest,
+    /// The profile.
+    pub profile: Digest,
+}
+
+/// What a person may decide about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Role {
+    /// Runs the cell: low risk.
+    Operator,
+    /// Answers for the skill: low and medium risk, and high together with a safety officer.
+    Engineer,
+    /// Answers for people's safety: every tier.
+    Safety,
+}
+
+impl Role {
+    /// Every role.
+    pub const ALL: [Self; 3] = [Self::Operator, Self::Engineer, Self::Safety];
+    /// The name in identities and records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Operator => "operator",
+            Self::Engineer => "engineer",
+            Self::Safety => "safety",
+        }
+    }
+    /// Whether this role's approval counts at a tier.
+    #[must_use]
+    pub const fn reaches(self, risk: Risk) -> bool {
+        match (self, risk) {
+            (Self::Operator, Risk::Low) | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
+            (Self::Operator, Risk::Medium | Risk::High) => false,
+        }
+    }
+}
+
+/// What became of checking a signature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SignatureCheck {
+    /// It is the named person's, over exactly this content.
+    Valid,
+    /// It is not, or it could not be checked.
+    Invalid,
+}
+
+/// What a person said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Answer {
+    /// Go ahead.
+    Approve,
+    /// Do not.
+    Reject,
+}
+
+/// One signed answer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Vote {
+    /// Whose identity.
+    pub person: String,
+    /// Their role.
+    pub role: Role,
+    /// What they said.
+    pub answer: Answer,
+    /// Why, in their words.
+    pub reason: String,
+    /// What it is over.
+    pub subject: Subject,
+    /// Until when it holds, virtual s.
+    pub expires_s: f64,
+    /// The emergency door: counts alone, forces rollback coupling, opens a review.
+    pub break_glass: bool,
+    /// What became of checking the signature.
+    pub signature: SignatureCheck,
+    /// Whether the nonce was consumed by an earlier decision.
+    pub nonce_used: bool,
+}
+
+/// What is asked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Request {
+    /// What it is about.
+    pub subject: Subject,
+    /// Risk tier.
+    pub risk: Risk,
+    /// Distinct people needed (see [`quorum`]).
+    pub quorum: u8,
+    /// Who asked.
+    pub requester: String,
+    /// Who wrote the candidate.
+    pub author: String,
+    /// When it was asked, virtual s.
+    pub asked_s: f64,
+}
+
+/// What asking came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "approval")]
+pub enum ApprovalOutcome {
+    /// Nobody has to be asked.
+    NotNeeded,
+    /// Enough distinct people approved.
+    Granted {
+        /// Who, sorted.
+        people: BTreeSet<String>,
+        /// Until when, virtual s.
+        expires_s: f64,
+        /// Whether by the emergency door.
+        break_glass: bool,
+    },
+    /// Held: people are still to answer.
+    Pending {
+        /// How many are missing.
+        missing: u8,
+    },
+    /// Held: nobody answered in time.
+    TimedOut,
+    /// Somebody refused.
+    Refused {
+        /// Who.
+        person: String,
+    },
+}
+
+/// The outcome with its reasons.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ApprovalResult {
+    /// What it came to.
+    pub outcome: ApprovalOutcome,
+    /// Why, with one reason for every answer that did not count.
+    pub reasons: Vec<Reason>,
+}
+
+/// Distinct people needed: by risk tier where activation is bound to approvals, and at least the review's
+/// quorum where a dimension asked for a review.
+#[must_use]
+pub fn quorum(settings: &ApprovalSettings, approval_bound: bool, risk: Risk, review: bool) -> u8 {
+    let tier = if approval_bound { settings.quorum(risk) } else { 0 };
+    if review { tier.max(settings.quorum_review) } else { tier }
+}
+
+/// Counts the answers (total: every input gives an outcome, and none but a full quorum grants).
+///
+/// An answer counts if its signature is valid, its nonce unused, it is over exactly this subject and not
+/// expired. An approval must also come from somebody else than requester and author, whose role reaches the
+/// tier; high risk needs a safety officer among them. A refusal that counts refuses, whoever it comes from.
+#[must_use]
+pub fn evaluate(request: &Request, votes: &[Vote], now_s: f64, settings: &ApprovalSettings) -> ApprovalResult {
+    let mut reasons = Vec::new();
+    let reason = |code, text: String| Reason::new(code, Dimension::Approval, text);
+    if request.quorum == 0 {
+        let text = "the profile asks nobody for this".to_owned();
+        return ApprovalResult {
+            outcome: ApprovalOutcome::NotNeeded,
+            reasons: vec![reason(ReasonCode::ApprovalNotNeeded, text)],
+        };
+    }
+    let mut people: BTreeSet<&str> = BTreeSet::new();
+    let mut safety = false;
+    let mut glass: Option<&Vote> = None;
+    let mut expires_s = f64::INFINITY;
+    for vote in votes {
+        if let Some((code, text)) = void(vote, request, now_s) {
+            reasons.push(reason(code, format!("the answer of {:?} does not count: {text}", vote.person)));
+            continue;
+        }
+        if vote.answer == Answer::Reject {
+            reasons.insert(0, reason(ReasonCode::ApprovalRefused, format!("{:?} refused", vote.person)));
+            return ApprovalResult {
+                outcome: ApprovalOutcome::Refused { person: vote.person.clone() },
+                reasons,
+            };
+        }
+        if let Some((code, text)) = not_independent(vote, request) {
+            reasons.push(reason(code, format!("the approval of {:?} does not count: {text}", vote.person)));
+            continue;
+        }
+        if !people.insert(&vote.person) {
+            let text = format!("{:?} answered twice and counts once", vote.person);
+            reasons.push(reason(ReasonCode::ApprovalDuplicate, text));
+            continue;
+        }
+        if vote.break_glass && settings.break_glass && !vote.reason.trim().is_empty() {
+            glass = Some(vote);
+        }
+        safety |= vote.role == Role::Safety;
+        expires_s = expires_s.min(vote.expires_s);
+    }
+    let enough = people.len() >= usize::from(request.quorum) && (request.risk != Risk::High || safety);
+    if enough || glass.is_some() {
+        let break_glass = !enough;
+        let code = if break_glass { ReasonCode::ApprovalBreakGlass } else { ReasonCode::ApprovalGranted };
+        let text = if break_glass { "the emergency door was used" } else { "enough distinct people approved" };
+        #[allow(clippy::cast_precision_loss, reason = "people are few")]
+        let granted = reason(code, text.into()).with(people.len() as f64, f64::from(request.quorum));
+        reasons.insert(0, granted);
+        let expires_s = match glass {
+            Some(vote) if break_glass => vote.expires_s.min(now_s + settings.break_glass_valid_s),
+            Some(_) | None => expires_s,
+        };
+        let people = people.into_iter().map(ToOwned::to_owned).collect();
+        return ApprovalResult { outcome: ApprovalOutcome::Granted { people, expires_s, break_glass }, reasons };
+    }
+    let deadline_s = request.asked_s + settings.timeout_s;
+    // Written so that a time that is no number has run out.
+    if !(now_s < deadline_s) {
+        let text = "nobody answered in time; the version is held".to_owned();
+        reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text).with(now_s, deadline_s));
+        return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
+    }
+    let count = u8::try_from(people.len()).unwrap_or(u8::MAX);
+    let missing = request.quorum.saturating_sub(count).max(1);
+    let text = "approvals are missing".to_owned();
+    let pending = reason(ReasonCode::ApprovalPending, text).with(f64::from(count), f64::from(request.quorum));
+    reasons.insert(0, pending);
+    ApprovalResult { outcome: ApprovalOutcome::Pending { missing }, reasons }
+}
+
+/// Why an answer counts neither as approval nor as refusal.
+fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'static str)> {
+    if vote.signature != SignatureCheck::Valid {
+        Some((ReasonCode::ApprovalSignature, "the signature is not theirs"))
+    } else if vote.nonce_used {
+        Some((ReasonCode::ApprovalReplayed, "it was used before"))
+    } else if vote.subject != request.subject {
+        Some((ReasonCode::ApprovalStale, "it is over another version, row version, evidence, policy or profile"))
+    } else if !(now_s < vote.expires_s) {
+        Some((ReasonCode::ApprovalExpired, "it has expired"))
+    } else {
+        None
+    }
+}
+
+/// Why an approval does not count although the answer does.
+fn not_independent(vote: &Vote, request: &Request) -> Option<(ReasonCode, &'static str)> {
+    if vote.person == request.requester || vote.person == request.author {
+        Some((ReasonCode::ApprovalSelf, "who asks or writes cannot approve"))
+    } else if !vote.role.reaches(request.risk) {
+        Some((ReasonCode::ApprovalRole, "the role does not reach this risk tier"))
+    } else {
+        None
+    }
+}

@@ -1,0 +1,434 @@
+//! `kappa_B`: does the candidate behave worse than the active version, on the same seeds?
+//!
+//! One-sided: only worsening counts, improvement is reported apart. One analysis at the fixed budget.
+//! Source: paper section 4.3, Table 3; design rule 3.4; readings 2.2, X76.
+
+use serde::{Deserialize, Serialize};
+
+use super::composition::Condition;
+use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};
+use super::outcome::{Assessment, Basis, BehaviorOutcome};
+use super::profile::{BehaviorSettings, Profile};
+use crate::stats::{self, PairedBound, PairedCounts};
+
+/// The error rate of the one-sided upper bounds that `compatible` asks for.
+const UPPER_ALPHA: f64 = 0.05;
+
+/// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
+const STUDENT_FROM: usize = 20;
+
+/// The six components of the signature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ComponentName {
+    /// Successes lost.
+    Success,
+    /// Relative increase of time, over pairs where both succeed.
+    Time,
+    /// Retries more.
+    Retry,
+    /// Share of episodes with a violation.
+    Violation,
+    /// Share of episodes with an anomaly.
+    Anomaly,
+    /// Share of episodes in which recovery ran.
+    Recovery,
+}
+
+impl ComponentName {
+    /// Every component, in the signature's order.
+    pub const ALL: [Self; 6] =
+        [Self::Success, Self::Time, Self::Retry, Self::Violation, Self::Anomaly, Self::Recovery];
+
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::Time => "time",
+            Self::Retry => "retry",
+            Self::Violation => "violation",
+            Self::Anomaly => "anomaly",
+            Self::Recovery => "recovery",
+        }
+    }
+
+    /// Violation, anomaly and recovery speak of safety.
+    #[must_use]
+    pub const fn is_safety(self) -> bool {
+        match self {
+            Self::Violation | Self::Anomaly | Self::Recovery => true,
+            Self::Success | Self::Time | Self::Retry => false,
+        }
+    }
+
+    /// `c_j`.
+    #[must_use]
+    pub const fn cost(self, settings: &BehaviorSettings) -> f64 {
+        match self {
+            Self::Success => settings.cost_success,
+            Self::Time => settings.cost_time,
+            Self::Retry => settings.cost_retry,
+            Self::Violation => settings.cost_violation,
+            Self::Anomaly => settings.cost_anomaly,
+            Self::Recovery => settings.cost_recovery,
+        }
+    }
+}
+
+/// One component: how much worse, within which bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Component {
+    /// Which.
+    pub name: ComponentName,
+    /// Mean worsening; negative is an improvement.
+    pub worsening: f64,
+    /// One-sided lower bound at `alpha / 6`; above 0 the worsening is established.
+    pub lower: f64,
+    /// One-sided upper bound at .05; absent where the pairs cannot bound it.
+    pub upper: Option<f64>,
+    /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
+    pub tolerance: f64,
+}
+
+impl Component {
+    /// Worsening is established.
+    #[must_use]
+    pub fn is_established(&self) -> bool {
+        self.lower > 0.0
+    }
+
+    /// Worsening beyond the tolerance is excluded.
+    #[must_use]
+    pub fn is_within_tolerance(&self) -> bool {
+        self.upper.is_some_and(|upper| upper <= self.tolerance)
+    }
+}
+
+/// `kappa_B` with everything it was made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BehaviorAssessment {
+    /// Outcome, value and reasons.
+    pub assessment: Assessment<BehaviorOutcome>,
+    /// `kappa_B` counting established worsenings only.
+    pub established: Option<Kappa>,
+    /// The six components; empty without data.
+    pub components: Vec<Component>,
+    /// Mean values of the active version.
+    pub active: Option<Signature>,
+    /// Mean values of the candidate.
+    pub candidate: Option<Signature>,
+    /// Better success is established.
+    pub improved: bool,
+    /// Pairs used.
+    pub pairs: u32,
+}
+
+/// `kappa_B = clamp(1 - sum_j c_j max(0, worsening_j))` over (component, worsening) values.
+#[must_use]
+pub fn kappa(settings: &BehaviorSettings, worsenings: impl IntoIterator<Item = (ComponentName, f64)>) -> Option<Kappa> {
+    let mut loss = 0.0;
+    for (name, worsening) in worsenings {
+        if !worsening.is_finite() {
+            return None;
+        }
+        loss += name.cost(settings) * worsening.max(0.0);
+    }
+    Kappa::clamped(1.0 - loss)
+}
+
+/// Means of episodes; `None` without episodes or with values that are none.
+#[must_use]
+pub fn signature<'a>(episodes: impl Iterator<Item = &'a EpisodeValues> + Clone) -> Option<Signature> {
+    if episodes.clone().any(|episode| !episode.is_valid()) {
+        return None;
+    }
+    let mean = |value: &dyn Fn(&EpisodeValues) -> f64| {
+        let (sum, count) = episodes.clone().fold((0.0, 0.0), |(sum, n), e| (sum + value(e), n + 1.0));
+        (count > 0.0).then(|| sum / count)
+    };
+    let share = |flag: &dyn Fn(&EpisodeValues) -> bool| mean(&|e| if flag(e) { 1.0 } else { 0.0 });
+    Some(Signature {
+        success: share(&|e| e.success)?,
+        time_s: mean(&|e| e.time_s)?,
+        retry: mean(&|e| f64::from(e.retries))?,
+        violation: share(&|e| e.violation)?,
+        anomaly: share(&|e| e.anomaly)?,
+        recovery: share(&|e| e.recovery)?,
+        intervention: share(&|e| e.intervention)?,
+        timeout: share(&|e| e.timeout)?,
+    })
+}
+
+/// Assesses measured pairs (design rule 3.4). `current` is what evidence has to be bound to now.
+#[must_use]
+pub fn assess(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> BehaviorAssessment {
+    if evidence.binding != *current {
+        return nothing("the episodes were run for another version, profile, policy or environment");
+    }
+    if let Some(stop) = evidence.hard_stops.first() {
+        let text = format!("{} was seen, which the runtime has to make impossible", stop.name());
+        let reason = Reason::new(ReasonCode::BehaviorHardStop, Dimension::Behavior, text);
+        let mut result = measured(evidence, profile).unwrap_or_else(|_| nothing("no usable episodes"));
+        result.assessment.outcome = BehaviorOutcome::Incompatible;
+        result.assessment.reasons.insert(0, reason);
+        result.assessment.conditions.clear();
+        return result;
+    }
+    if let Some(problem) = unusable(&evidence.pairs) {
+        return nothing(problem);
+    }
+    measured(evidence, profile).unwrap_or_else(nothing)
+}
+
+/// The estimate that stage 2 may carry, from declared or earlier traces; no gate uses it.
+#[must_use]
+pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) -> BehaviorAssessment {
+    let relative = |new: f64, old: f64| if old > 0.0 { new / old - 1.0 } else { new };
+    let worsenings = [
+        (ComponentName::Success, active.success - candidate.success),
+        (ComponentName::Time, relative(candidate.time_s, active.time_s)),
+        (ComponentName::Retry, candidate.retry - active.retry),
+        (ComponentName::Violation, candidate.violation - active.violation),
+        (ComponentName::Anomaly, candidate.anomaly - active.anomaly),
+        (ComponentName::Recovery, candidate.recovery - active.recovery),
+    ];
+    let threshold = profile.thresholds.behavior();
+    let Some(value) = kappa(&profile.behavior, worsenings) else {
+        return nothing("the declared traces are no numbers");
+    };
+    let outcome = if value.get() < threshold { BehaviorOutcome::Incompatible } else { BehaviorOutcome::Suspicious };
+    let text = "declared or earlier traces: an estimate, to be replaced by measurement";
+    let reason = Reason::new(ReasonCode::BehaviorEstimated, Dimension::Behavior, text).with(value.get(), threshold);
+    BehaviorAssessment {
+        assessment: Assessment {
+            outcome,
+            kappa: Some(value),
+            basis: Basis::Estimated,
+            reasons: vec![reason],
+            conditions: Vec::new(),
+        },
+        established: None,
+        components: Vec::new(),
+        active: Some(*active),
+        candidate: Some(*candidate),
+        improved: false,
+        pairs: 0,
+    }
+}
+
+/// An assessment without a value: nothing advances on it.
+#[must_use]
+pub fn nothing(why: &str) -> BehaviorAssessment {
+    BehaviorAssessment {
+        assessment: Assessment {
+            outcome: BehaviorOutcome::NoData,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons: vec![Reason::new(ReasonCode::BehaviorNoData, Dimension::Behavior, why)],
+            conditions: Vec::new(),
+        },
+        established: None,
+        components: Vec::new(),
+        active: None,
+        candidate: None,
+        improved: false,
+        pairs: 0,
+    }
+}
+
+/// Exact curtailment: whether the outcome is `incompatible` however the rest of the budget turns out.
+///
+/// The missing pairs are filled in as well as they could possibly turn out for the candidate; what is
+/// incompatible even then is so in any order of the episodes (design rule 5.3).
+#[must_use]
+pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
+    if !evidence.hard_stops.is_empty() {
+        return true;
+    }
+    let budget = profile.evaluation.sandbox_pairs as usize;
+    let missing = budget.saturating_sub(evidence.pairs.len());
+    let bad = EpisodeValues {
+        success: false,
+        violation: true,
+        anomaly: true,
+        recovery: true,
+        intervention: false,
+        timeout: false,
+        near_violation: true,
+        retries: profile.runtime.retries_max,
+        time_s: profile.runtime.episode_max_s,
+        unsafe_continuation_ms: 0.0,
+    };
+    let good = EpisodeValues {
+        success: true,
+        violation: false,
+        anomaly: false,
+        recovery: false,
+        near_violation: false,
+        retries: 0,
+        time_s: 0.0,
+        ..bad
+    };
+    let mut full = evidence.clone();
+    let taken: std::collections::BTreeSet<u64> = full.pairs.iter().map(|pair| pair.seed).collect();
+    let free = (0..).filter(|seed| !taken.contains(seed));
+    full.pairs.extend(free.take(missing).map(|seed| Pair { seed, active: bad, candidate: good }));
+    assess(&full, current, profile).assessment.outcome == BehaviorOutcome::Incompatible
+}
+
+fn unusable(pairs: &[Pair]) -> Option<&'static str> {
+    let mut seeds = std::collections::BTreeSet::new();
+    if pairs.len() < 2 {
+        Some("no usable episodes")
+    } else if !pairs.iter().all(|pair| pair.active.is_valid() && pair.candidate.is_valid()) {
+        Some("an episode holds a value that is no number, or not plausible")
+    } else if !pairs.iter().all(|pair| seeds.insert(pair.seed)) {
+        Some("a seed occurs twice")
+    } else {
+        None
+    }
+}
+
+fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAssessment, &'static str> {
+    let pairs = &evidence.pairs;
+    if let Some(problem) = unusable(pairs) {
+        return Err(problem);
+    }
+    let threshold = profile.thresholds.behavior();
+    let each = profile.evaluation.alpha / 6.0;
+    let mut components = Vec::new();
+    for name in ComponentName::ALL {
+        let tolerance = (1.0 - threshold) / name.cost(&profile.behavior);
+        components.push(component(name, pairs, each, tolerance)?);
+    }
+    let value = kappa(&profile.behavior, components.iter().map(|c| (c.name, c.worsening)));
+    let counted = components.iter().filter(|c| c.is_established()).map(|c| (c.name, c.worsening));
+    let established = kappa(&profile.behavior, counted);
+    let (Some(value), Some(established)) = (value, established) else { return Err("a worsening is no number") };
+    let success = binary(pairs, each, |e| e.success).map_err(|_| "success cannot be bounded")?;
+    let mut result = BehaviorAssessment {
+        assessment: Assessment {
+            outcome: BehaviorOutcome::Compatible,
+            kappa: Some(value),
+            basis: Basis::Measured,
+            reasons: Vec::new(),
+            conditions: Vec::new(),
+        },
+        established: Some(established),
+        active: signature(pairs.iter().map(|pair| &pair.active)),
+        candidate: signature(pairs.iter().map(|pair| &pair.candidate)),
+        improved: success.lower > 0.0,
+        pairs: u32::try_from(pairs.len()).unwrap_or(u32::MAX),
+        components,
+    };
+    judge(&mut result, success.mean > 0.0, profile);
+    Ok(result)
+}
+
+fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile) {
+    let threshold = profile.thresholds.behavior();
+    let value = result.assessment.kappa.map_or(f64::NAN, Kappa::get);
+    let established = result.established.map_or(f64::NAN, Kappa::get);
+    let reason = |code, text: String| Reason::new(code, Dimension::Behavior, text);
+    let mut reasons = Vec::new();
+    let budget = profile.evaluation.sandbox_pairs;
+    let traded = result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
+    let outcome = if result.pairs < budget {
+        let text = "fewer episode pairs than the budget".to_owned();
+        let few = reason(ReasonCode::BehaviorInconclusive, text).with(f64::from(result.pairs), f64::from(budget));
+        reasons.push(few);
+        BehaviorOutcome::Inconclusive
+    } else if established < threshold {
+        for c in result.components.iter().filter(|c| c.is_established()) {
+            let text = format!("{} is established as worse", c.name.name());
+            reasons.push(reason(ReasonCode::BehaviorEstablishedWorse, text).with(c.worsening, c.tolerance));
+        }
+        BehaviorOutcome::Incompatible
+    } else {
+        let open: Vec<&Component> = result.components.iter().filter(|c| !c.is_within_tolerance()).collect();
+        for c in &open {
+            let text = format!("{} may be worse beyond its tolerance", c.name.name());
+            let upper = c.upper.unwrap_or(f64::NAN);
+            reasons.push(reason(ReasonCode::BehaviorSuspicious, text).with(upper, c.tolerance));
+        }
+        // Written so that a value that is no number is suspicious.
+        if value >= threshold && open.is_empty() && traded.is_none() {
+            let text = "no component is worse beyond its tolerance".to_owned();
+            reasons.push(reason(ReasonCode::BehaviorCompatible, text).with(value, threshold));
+            BehaviorOutcome::Compatible
+        } else {
+            if reasons.is_empty() && traded.is_none() {
+                let text = "the worsenings add up, none of them established".to_owned();
+                reasons.push(reason(ReasonCode::BehaviorSuspicious, text).with(value, threshold));
+            }
+            BehaviorOutcome::Suspicious
+        }
+    };
+    if let Some(c) = traded {
+        let text = format!("success rose while {} is established as worse", c.name.name());
+        reasons.push(reason(ReasonCode::BehaviorSafetyTraded, text).with(c.worsening, 0.0));
+    }
+    for c in result.components.iter().filter(|c| c.worsening < 0.0) {
+        let text = format!("{} is better", c.name.name());
+        reasons.push(reason(ReasonCode::BehaviorImproved, text).with(-c.worsening, 0.0));
+    }
+    if outcome == BehaviorOutcome::Suspicious {
+        result.assessment.conditions =
+            vec![Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
+    }
+    result.assessment.outcome = outcome;
+    result.assessment.reasons = reasons;
+}
+
+fn binary(pairs: &[Pair], alpha: f64, flag: impl Fn(&EpisodeValues) -> bool) -> Result<PairedBound, stats::StatsError> {
+    let counts = PairedCounts::of(pairs.iter().map(|pair| (flag(&pair.candidate), flag(&pair.active))));
+    stats::binary_pairs(counts, alpha)
+}
+
+fn component(name: ComponentName, pairs: &[Pair], each: f64, tolerance: f64) -> Result<Component, &'static str> {
+    let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
+        let failed = "a component cannot be bounded";
+        Ok::<_, &'static str>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
+    };
+    let shares = |flag: fn(&EpisodeValues) -> bool| both(&|alpha| binary(pairs, alpha, flag));
+    let (low, high) = match name {
+        ComponentName::Success => shares(|e| !e.success)?,
+        ComponentName::Violation => shares(|e| e.violation)?,
+        ComponentName::Anomaly => shares(|e| e.anomaly)?,
+        ComponentName::Recovery => shares(|e| e.recovery)?,
+        ComponentName::Retry => {
+            let more = |pair: &Pair| f64::from(pair.candidate.retries) - f64::from(pair.active.retries);
+            let differences: Vec<f64> = pairs.iter().map(more).collect();
+            both(&|alpha| real_pairs(&differences, alpha))?
+        }
+        ComponentName::Time => {
+            let done = pairs.iter().filter(|pair| pair.active.success && pair.candidate.success);
+            let longer: Vec<f64> = done
+                .filter(|pair| pair.active.time_s > 0.0)
+                .map(|pair| pair.candidate.time_s / pair.active.time_s - 1.0)
+                .collect();
+            if longer.len() < 2 {
+                // Nothing to compare: not worse as far as known, and not bounded either.
+                return Ok(Component { name, worsening: 0.0, lower: 0.0, upper: None, tolerance });
+            }
+            both(&|alpha| real_pairs(&longer, alpha))?
+        }
+    };
+    Ok(Component { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance })
+}
+
+/// Student's t where enough pairs differ, otherwise a bound that holds for any distribution on the range seen.
+fn real_pairs(differences: &[f64], alpha: f64) -> Result<PairedBound, stats::StatsError> {
+    let differing = differences.iter().filter(|d| **d != 0.0).count();
+    if differing >= STUDENT_FROM
+        && let Ok(bound) = stats::student_pairs(differences, alpha)
+    {
+        return Ok(bound);
+    }
+    let largest = differences.iter().fold(1.0_f64, |largest, d| largest.max(d.abs()));
+    stats::bernstein_pairs(differences, -largest, largest, alpha)
+}

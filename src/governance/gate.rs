@@ -1,0 +1,435 @@
+//! `theta_act`: may this candidate become active, and how?
+//!
+//! Owns the typed pass that activation needs; nothing else can make one. Reads measured values only.
+//! Source: paper equation 10, Table 4, section 5.2 stage 5; design rule 3.7.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::approval::{ApprovalOutcome, ApprovalResult};
+use super::composition::{Condition, Kappas, recovery_is_reviewable};
+use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
+use super::evidence::{Binding, ShadowEvidence, ShadowSequence};
+use super::outcome::{ActivationMode, Basis, Check};
+use super::policy::PolicyTable;
+use super::profile::{Profile, ProfileName};
+use super::submission::{Provenance, Risk};
+use crate::stats::{self, PairedCounts};
+
+/// What shadow came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShadowAssessment {
+    /// Pass, fail, inconclusive (lengthen shadow) or no data.
+    pub check: Check,
+    /// Why.
+    pub reasons: Vec<Reason>,
+    /// Sequences used.
+    pub sequences: u32,
+    /// Mean output divergence, 0 to 1.
+    pub output_divergence: Option<f64>,
+    /// Mean envelope divergence, 0 to 1.
+    pub envelope_divergence: Option<f64>,
+}
+
+/// `Delta_shadow`: governance signals decide, by a paired lower bound; output and envelope divergence only
+/// lengthen shadow (design rules 3.7, 5.4).
+#[must_use]
+pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Profile) -> ShadowAssessment {
+    let settings = &profile.evaluation;
+    let count = u32::try_from(evidence.sequences.len()).unwrap_or(u32::MAX);
+    let reason = |code, text: &str| Reason::new(code, Dimension::Shadow, text);
+    let done = |check, reasons, output: Option<f64>, envelope: Option<f64>| ShadowAssessment {
+        check,
+        reasons,
+        sequences: count,
+        output_divergence: output,
+        envelope_divergence: envelope,
+    };
+    let no_data = |text| done(Check::NoData, vec![reason(ReasonCode::ShadowNoData, text)], None, None);
+    if evidence.binding != *current {
+        return no_data("shadow was worked for another version, profile, policy or environment");
+    }
+    if let Some(stop) = evidence.hard_stops.first() {
+        let hard = Reason::new(ReasonCode::GateHardLimit, Dimension::Shadow, format!("{} was seen", stop.name()));
+        return done(Check::Fail, vec![hard], None, None);
+    }
+    if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
+        return no_data("no usable sequences");
+    }
+    let mean = |value: fn(&ShadowSequence) -> f64| {
+        evidence.sequences.iter().map(value).sum::<f64>() / f64::from(count.max(1))
+    };
+    let (output, envelope) = (mean(|s| s.output_divergence), mean(|s| s.envelope_divergence));
+    let mut reasons = Vec::new();
+    // Two signals share the error rate.
+    for (what, pairs) in [
+        ("policy hits", PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit)))),
+        (
+            "watcher events",
+            PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
+        ),
+    ] {
+        let Ok(bound) = stats::binary_pairs(pairs, settings.alpha / 2.0) else {
+            return no_data("the signals cannot be bounded");
+        };
+        if bound.lower > 0.0 {
+            let text = format!("{what} are established as more frequent than under the active version");
+            let diverged = Reason::new(ReasonCode::ShadowGovernanceDivergence, Dimension::Shadow, text);
+            reasons.push(diverged.with(bound.lower, 0.0));
+        }
+    }
+    if !reasons.is_empty() {
+        return done(Check::Fail, reasons, Some(output), Some(envelope));
+    }
+    for (code, text, found, limit) in [
+        (ReasonCode::ShadowOutputDivergence, "the outputs differ", output, settings.output_divergence_max),
+        (
+            ReasonCode::ShadowEnvelopeDivergence,
+            "the twin leaves the active version's band",
+            envelope,
+            settings.envelope_divergence_max,
+        ),
+    ] {
+        if found > limit {
+            reasons.push(reason(code, text).with(found, limit));
+        }
+    }
+    let needed = if reasons.is_empty() { settings.shadow_sequences } else { settings.shadow_sequences_max };
+    if count < needed {
+        let few = reason(ReasonCode::ShadowNoData, "more sequences are needed").with(f64::from(count), f64::from(needed));
+        reasons.push(few);
+        return done(Check::Inconclusive, reasons, Some(output), Some(envelope));
+    }
+    reasons.push(reason(ReasonCode::ShadowClean, "no governance signal is established as more frequent"));
+    done(Check::Pass, reasons, Some(output), Some(envelope))
+}
+
+/// What the gate looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct GateInput<'a> {
+    /// The four assessments; B and R measured.
+    pub kappas: &'a Kappas,
+    /// What shadow came to; absent where it was not worked.
+    pub shadow: Option<&'a ShadowAssessment>,
+    /// What each piece of evidence was gathered for.
+    pub bindings: &'a [Binding],
+    /// What it has to be bound to now.
+    pub current: &'a Binding,
+    /// Better success is established (see [`super::behavior::BehaviorAssessment::improved`]).
+    pub improved: bool,
+    /// What asking people came to; absent where nobody was asked yet.
+    pub approval: Option<&'a ApprovalResult>,
+    /// Risk tier.
+    pub risk: Risk,
+    /// How the version came about.
+    pub provenance: Provenance,
+    /// Profiles closed to this version by a profile demotion.
+    pub closed: &'a BTreeSet<ProfileName>,
+    /// A break-glass review of the family is open.
+    pub review_open: bool,
+    /// Virtual time, s.
+    pub now_s: f64,
+    /// The candidate's row version.
+    pub row_version: u64,
+    /// What the decision is made under.
+    pub made_under: MadeUnder,
+}
+
+/// What the gate comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GateOutcome {
+    /// May be activated under its terms.
+    Pass,
+    /// Everything else holds; people have to answer.
+    AwaitApproval,
+    /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
+    Hold,
+    /// Evidence is missing, stale or not enough: back to evaluation.
+    Demote,
+    /// Refused.
+    Reject,
+}
+
+/// How a version is active.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Terms {
+    /// The modes that hold together; `Full` only alone.
+    pub modes: BTreeSet<ActivationMode>,
+    /// Typed conditions.
+    pub conditions: Vec<Condition>,
+    /// Episodes until it is confirmed.
+    pub provisional_episodes: u32,
+}
+
+/// Proof that the gate was passed: made by [`evaluate`] alone, and not readable from a file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GatePassed {
+    terms: Terms,
+    row_version: u64,
+    made_under: MadeUnder,
+    expires_s: Option<f64>,
+}
+
+impl GatePassed {
+    /// How the version is to be active.
+    #[must_use]
+    pub const fn terms(&self) -> &Terms {
+        &self.terms
+    }
+
+    /// What it was made under.
+    #[must_use]
+    pub const fn made_under(&self) -> &MadeUnder {
+        &self.made_under
+    }
+
+    /// Whether it still holds: same row version, same circumstances, approvals not expired.
+    #[must_use]
+    pub fn holds(&self, row_version: u64, made_under: &MadeUnder, now_s: f64) -> bool {
+        self.row_version == row_version
+            && self.made_under == *made_under
+            && self.expires_s.map_or(now_s.is_finite(), |expires_s| now_s < expires_s)
+    }
+}
+
+/// The gate's decision, and the pass if there is one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GateResult {
+    /// Outcome with reasons and answers.
+    pub decision: Decision<GateOutcome>,
+    /// The pass.
+    pub passed: Option<GatePassed>,
+}
+
+/// Whether a dimension asks for a review, so that the review's quorum is needed.
+#[must_use]
+pub fn needs_review(kappas: &Kappas, profile: &Profile) -> bool {
+    let policy: Check = kappas.policy.outcome.into();
+    policy == Check::Review || (profile.has_approver() && recovery_is_reviewable(&kappas.recovery))
+}
+
+/// `theta_act(kappas, S, Delta_shadow, Gamma)` (paper equation 10).
+#[must_use]
+pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -> GateResult {
+    let mut found = Found::default();
+    found.dimensions(input, profile);
+    found.evidence(input);
+    found.shadow(input.shadow);
+    found.rules(input, table, profile);
+    let review = needs_review(input.kappas, profile);
+    let quorum = super::approval::quorum(&profile.approval, profile.activation.approval_bound, input.risk, review);
+    let glass = found.approvals(input.approval, quorum);
+    found.conclude(input, profile, quorum > 0, glass)
+}
+
+#[derive(Default)]
+struct Found {
+    reject: Vec<Reason>,
+    demote: Vec<Reason>,
+    hold: Vec<Reason>,
+    ask: Vec<Reason>,
+    noted: Vec<Reason>,
+    expires_s: Option<f64>,
+}
+
+fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
+    Reason::new(code, Dimension::Gate, text)
+}
+
+impl Found {
+    fn dimensions(&mut self, input: &GateInput<'_>, profile: &Profile) {
+        let kappas = input.kappas;
+        for (dimension, check) in kappas.checks() {
+            let of = |text: &str| format!("{dimension:?}: {text}").to_lowercase();
+            let waived = dimension == Dimension::Recovery && needs_review(kappas, profile)
+                && recovery_is_reviewable(&kappas.recovery);
+            match check {
+                // A review is settled by the approvals, whose quorum counts it.
+                Check::Pass | Check::PassRestricted(_) | Check::Review => {}
+                Check::Fail if waived => {}
+                Check::Fail => {
+                    self.reject.push(reason(ReasonCode::GateDimensionFailed, of("incompatible")));
+                }
+                Check::Inconclusive | Check::NoData => {
+                    self.demote.push(reason(ReasonCode::GateNoData, of("no conclusive data")));
+                }
+                Check::Skipped => {
+                    self.demote.push(reason(ReasonCode::GateSkipped, of("skipped, which only experiments may")));
+                }
+            }
+        }
+        let review_without_approver = Check::from(kappas.policy.outcome) == Check::Review && !profile.has_approver();
+        if review_without_approver {
+            let text = "a review is needed and the profile has no approver";
+            self.reject.push(reason(ReasonCode::GateDimensionFailed, text));
+        }
+        for (what, basis, value) in [
+            ("kappa_I", kappas.interface.basis, kappas.interface.kappa),
+            ("kappa_P", kappas.policy.basis, kappas.policy.kappa),
+            ("kappa_B", kappas.behavior.basis, kappas.behavior.kappa),
+            ("kappa_R", kappas.recovery.basis, kappas.recovery.kappa),
+        ] {
+            if basis == Basis::Estimated {
+                let text = format!("{what} is an estimate; only measured values open the gate");
+                self.demote.push(reason(ReasonCode::GateNotMeasured, text));
+            }
+            if value.is_none() {
+                self.demote.push(reason(ReasonCode::GateNoData, format!("{what} has no value")));
+            }
+        }
+    }
+
+    fn evidence(&mut self, input: &GateInput<'_>) {
+        if input.bindings.is_empty() {
+            self.demote.push(reason(ReasonCode::GateNoData, "there is no evidence"));
+        }
+        if input.bindings.iter().any(|binding| binding != input.current) {
+            let text = "evidence of another version, profile, policy, environment or active version";
+            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+        }
+        let (under, now) = (&input.made_under, input.current);
+        let same = under.candidate == now.candidate
+            && under.active == now.active
+            && under.policy == now.policy
+            && under.profile == now.profile
+            && under.environment == now.environment;
+        if !same {
+            let text = "the decision's circumstances are not the evidence's";
+            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+        }
+    }
+
+    fn shadow(&mut self, shadow: Option<&ShadowAssessment>) {
+        let Some(shadow) = shadow else {
+            self.demote.push(reason(ReasonCode::GateNoData, "shadow was not worked"));
+            return;
+        };
+        let list = match shadow.check {
+            Check::Pass => &mut self.noted,
+            Check::Fail => &mut self.reject,
+            Check::PassRestricted(_) | Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
+                self.demote.push(reason(ReasonCode::GateNoData, "shadow is not conclusive"));
+                &mut self.demote
+            }
+        };
+        list.extend(shadow.reasons.iter().cloned());
+    }
+
+    fn rules(&mut self, input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) {
+        if table.profile != profile.name || table.digest != input.made_under.policy {
+            let text = "the policies compiled are not those the decision is made under";
+            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+        }
+        if let Some(because) = table.activation_forbidden(input.risk, input.provenance) {
+            let text = format!("a site policy forbids it ({})", because.join(", "));
+            self.reject.push(reason(ReasonCode::GateSitePolicyForbids, text));
+        }
+        if input.closed.contains(&profile.name) {
+            let text = format!("the profile {:?} is closed to this version", profile.name.name());
+            self.hold.push(reason(ReasonCode::GateProfileClosed, text));
+        }
+        if input.review_open {
+            let text = "a review after an emergency approval is open";
+            self.hold.push(reason(ReasonCode::GateReviewOpen, text));
+        }
+        if let Some(why) = profile.frozen_at(input.now_s) {
+            self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen: {why}")));
+        }
+        if profile.activation.require_improvement && !input.improved {
+            let text = "the profile demands an improvement and none is established";
+            self.demote.push(reason(ReasonCode::GateNoImprovement, text));
+        }
+    }
+
+    /// Whether the emergency door was used.
+    fn approvals(&mut self, approval: Option<&ApprovalResult>, quorum: u8) -> bool {
+        if quorum == 0 {
+            return false;
+        }
+        let Some(approval) = approval else {
+            self.ask.push(reason(ReasonCode::ApprovalPending, "nobody was asked yet"));
+            return false;
+        };
+        let mut glass = false;
+        let list = match &approval.outcome {
+            ApprovalOutcome::Granted { people, break_glass, expires_s } => {
+                self.expires_s = Some(*expires_s);
+                glass = *break_glass;
+                if people.len() < usize::from(quorum) && !glass { &mut self.ask } else { &mut self.noted }
+            }
+            // Nobody was asked for something that needs asking: the question was put under other rules.
+            ApprovalOutcome::NotNeeded | ApprovalOutcome::Pending { .. } => &mut self.ask,
+            ApprovalOutcome::TimedOut => &mut self.hold,
+            ApprovalOutcome::Refused { .. } => &mut self.reject,
+        };
+        list.extend(approval.reasons.iter().cloned());
+        glass
+    }
+
+    fn conclude(self, input: &GateInput<'_>, profile: &Profile, asked: bool, glass: bool) -> GateResult {
+        let outcome = if !self.reject.is_empty() {
+            GateOutcome::Reject
+        } else if !self.demote.is_empty() {
+            GateOutcome::Demote
+        } else if !self.hold.is_empty() {
+            GateOutcome::Hold
+        } else if !self.ask.is_empty() {
+            GateOutcome::AwaitApproval
+        } else {
+            GateOutcome::Pass
+        };
+        let terms = terms(input.kappas, profile, asked, glass);
+        let mut reasons = self.reject;
+        for list in [self.demote, self.hold, self.ask] {
+            reasons.extend(list);
+        }
+        if outcome == GateOutcome::Pass {
+            reasons.push(reason(ReasonCode::GatePassed, "every demand of the profile is met"));
+        }
+        reasons.extend(self.noted);
+        let coupled = terms.modes.contains(&ActivationMode::RollbackCoupled);
+        let answers = Answers {
+            admitted: outcome == GateOutcome::Pass,
+            conditions: terms.conditions.clone(),
+            monitoring: format!("provisional for {} episodes, then continuously", terms.provisional_episodes),
+            rollback_when: if coupled {
+                "at the first safety event or established worsening; the predecessor stays loaded".into()
+            } else {
+                "at a safety event, an established worsening, or an escalation nobody answers".into()
+            },
+        };
+        let passed = (outcome == GateOutcome::Pass).then(|| GatePassed {
+            terms,
+            row_version: input.row_version,
+            made_under: input.made_under,
+            expires_s: self.expires_s,
+        });
+        GateResult { decision: Decision::new(outcome, reasons, answers, input.made_under), passed }
+    }
+}
+
+fn terms(kappas: &Kappas, profile: &Profile, asked: bool, glass: bool) -> Terms {
+    let mut modes = kappas.caps();
+    let mut conditions = kappas.conditions();
+    if asked || profile.activation.approval_bound {
+        modes.insert(ActivationMode::ApprovalBound);
+    }
+    if glass || profile.activation.rollback_coupled || needs_review(kappas, profile) {
+        modes.insert(ActivationMode::RollbackCoupled);
+    }
+    let coupled = modes.contains(&ActivationMode::RollbackCoupled);
+    if coupled && !conditions.contains(&Condition::RollbackCoupled) {
+        conditions.push(Condition::RollbackCoupled);
+    }
+    if !conditions.is_empty() && conditions.iter().any(|c| *c != Condition::RollbackCoupled) {
+        modes.insert(ActivationMode::Conditional);
+    }
+    if modes.is_empty() {
+        modes.insert(ActivationMode::Full);
+    }
+    Terms { modes, conditions, provisional_episodes: profile.activation.provisional_episodes }
+}

@@ -1,0 +1,406 @@
+//! `M(telemetry, policy, Gamma)`: continue, restrict, escalate or roll back, after activation.
+//!
+//! Safety events trip at once. Rates are charted per episode: CUSUM warns early and restricts,
+//! Shiryaev-Roberts with a guaranteed run length to a false alarm rolls back. Silence escalates, then
+//! restricts; an escalation nobody answers rolls back. Time comes in as ticks; nothing here reads a clock.
+//! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
+
+use holdpoint_sim::io::RATE_HZ;
+use serde::{Deserialize, Serialize};
+
+use super::decision::{Dimension, Reason, ReasonCode};
+use super::evidence::{EpisodeValues, Signature};
+use super::profile::{MonitorSettings, Profile};
+use crate::stats::{Cusum, Drift, ShiryaevRoberts, StatsError};
+
+/// What the monitor wants done; later ones outrank earlier ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MonitorAction {
+    /// Nothing.
+    Continue,
+    /// Ask people.
+    Escalate,
+    /// Narrow the envelope.
+    Restrict,
+    /// Take the version off.
+    Rollback,
+}
+
+impl MonitorAction {
+    /// Every action.
+    pub const ALL: [Self; 4] = [Self::Continue, Self::Escalate, Self::Restrict, Self::Rollback];
+    /// The name on screen and in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Continue => "continue",
+            Self::Escalate => "escalate",
+            Self::Restrict => "restrict",
+            Self::Rollback => "rollback",
+        }
+    }
+}
+
+/// Events that trip at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SafetyEvent {
+    /// Force on the surroundings past its limit.
+    ForceLimit,
+    /// Tool or joint speed past its limit.
+    SpeedLimit,
+    /// Contact of the robot with itself or with fixtures outside the task's phases.
+    Collision,
+    /// The tool entered a zone it must keep out of.
+    KeepOut,
+    /// Motion after a declared failure or a stop for longer than the profile allows.
+    UnsafeContinuation,
+    /// A number that is not finite from the version or from telemetry.
+    NotANumber,
+    /// The guard denied a command that the version's own permissions do not cover.
+    PermissionBreach,
+}
+
+impl SafetyEvent {
+    /// Every event.
+    pub const ALL: [Self; 7] = [
+        Self::ForceLimit,
+        Self::SpeedLimit,
+        Self::Collision,
+        Self::KeepOut,
+        Self::UnsafeContinuation,
+        Self::NotANumber,
+        Self::PermissionBreach,
+    ];
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ForceLimit => "force-limit",
+            Self::SpeedLimit => "speed-limit",
+            Self::Collision => "collision",
+            Self::KeepOut => "keep-out",
+            Self::UnsafeContinuation => "unsafe-continuation",
+            Self::NotANumber => "not-a-number",
+            Self::PermissionBreach => "permission-breach",
+        }
+    }
+}
+
+/// The rates that are charted, each as the share of bad episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rate {
+    /// Episodes without success.
+    Failure,
+    /// Episodes with a violation (policy warnings and limits).
+    Violation,
+    /// Episodes with an anomaly.
+    Anomaly,
+    /// Episodes with an intervention.
+    Intervention,
+    /// Episodes with a retry.
+    Retry,
+    /// Episodes in which recovery ran.
+    Recovery,
+}
+
+impl Rate {
+    /// Every rate.
+    pub const ALL: [Self; 6] =
+        [Self::Failure, Self::Violation, Self::Anomaly, Self::Intervention, Self::Retry, Self::Recovery];
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Failure => "failure",
+            Self::Violation => "violation",
+            Self::Anomaly => "anomaly",
+            Self::Intervention => "intervention",
+            Self::Retry => "retry",
+            Self::Recovery => "recovery",
+        }
+    }
+    const fn is_bad(self, episode: &EpisodeValues) -> bool {
+        match self {
+            Self::Failure => !episode.success,
+            Self::Violation => episode.violation,
+            Self::Anomaly => episode.anomaly,
+            Self::Intervention => episode.intervention,
+            Self::Retry => episode.retries > 0,
+            Self::Recovery => episode.recovery,
+        }
+    }
+    /// The share of bad episodes that is normal, from what was measured before activation.
+    fn normal(self, signature: &Signature) -> f64 {
+        match self {
+            Self::Failure => 1.0 - signature.success,
+            Self::Violation => signature.violation,
+            Self::Anomaly => signature.anomaly,
+            Self::Intervention => signature.intervention,
+            // At most one retry per episode is assumed: the share of episodes with one is at most the mean.
+            Self::Retry => signature.retry,
+            Self::Recovery => signature.recovery,
+        }
+    }
+}
+
+/// One action with its reasons.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MonitorDecision {
+    /// What is to be done.
+    pub action: MonitorAction,
+    /// Why, the deciding reason first.
+    pub reasons: Vec<Reason>,
+    /// When it was decided, virtual ticks.
+    pub tick: u64,
+}
+
+/// An escalation that waits for an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Escalation {
+    /// When it was raised.
+    pub since_tick: u64,
+    /// When it rolls back.
+    pub deadline_tick: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Chart {
+    rate: Rate,
+    warning: Cusum,
+    trip: ShiryaevRoberts,
+}
+
+/// The monitor of one activation. Serialisable, so that a restart goes on where it was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Monitor {
+    settings: MonitorSettings,
+    unsafe_continuation_max_ms: f64,
+    provisional_left: u32,
+    episodes: u64,
+    charts: Vec<Chart>,
+    last_telemetry_tick: u64,
+    escalation: Option<Escalation>,
+    restricted: bool,
+    rolled_back: bool,
+}
+
+/// A monitor that could not be set up; without one nothing may run.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MonitorError {
+    /// The expected rates are no shares.
+    #[error("the expected {rate} rate {value} is not allowed; 0 to 1 is")]
+    Rate {
+        /// Which rate.
+        rate: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The charts cannot be tuned with these settings.
+    #[error("the monitor's charts cannot be set up: {0}")]
+    Stats(#[from] StatsError),
+}
+
+fn ticks(seconds: f64) -> u64 {
+    let ticks = seconds * f64::from(RATE_HZ);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded on both sides")]
+    if ticks.is_finite() { ticks.clamp(0.0, 9.0e15) as u64 } else { 0 }
+}
+
+impl Monitor {
+    /// A monitor for a version whose normal rates are `expected`, live from `now_tick`.
+    ///
+    /// # Errors
+    /// Expected rates that are no shares, or settings no chart can be tuned with.
+    pub fn new(profile: &Profile, expected: &Signature, now_tick: u64) -> Result<Self, MonitorError> {
+        let settings = profile.monitor;
+        let mut charts = Vec::new();
+        for rate in Rate::ALL {
+            let value = rate.normal(expected);
+            let allowed = value.is_finite() && value >= 0.0 && (value <= 1.0 || rate == Rate::Retry);
+            if !allowed {
+                return Err(MonitorError::Rate { rate: rate.name(), value });
+            }
+            // Room for a worse rate has to be left, whatever was measured.
+            let normal = value.clamp(settings.rate_min, 0.95 - settings.shift.min(0.9));
+            let degraded = normal + settings.shift;
+            charts.push(Chart {
+                rate,
+                warning: Cusum::new(normal, degraded, settings.cusum_limit)?,
+                trip: ShiryaevRoberts::new(normal, settings.false_alarm_episodes)?,
+            });
+        }
+        Ok(Self {
+            settings,
+            unsafe_continuation_max_ms: profile.runtime.unsafe_continuation_max_ms,
+            provisional_left: profile.activation.provisional_episodes,
+            episodes: 0,
+            charts,
+            last_telemetry_tick: now_tick,
+            escalation: None,
+            restricted: false,
+            rolled_back: false,
+        })
+    }
+
+    /// Episodes left until the version is confirmed.
+    #[must_use]
+    pub const fn provisional_left(&self) -> u32 {
+        self.provisional_left
+    }
+
+    /// Whether the provisional window passed without a trip, and nothing is open.
+    #[must_use]
+    pub const fn is_confirmed(&self) -> bool {
+        self.provisional_left == 0 && !self.restricted && !self.rolled_back && self.escalation.is_none()
+    }
+
+    /// The escalation that waits for an answer.
+    #[must_use]
+    pub const fn escalation(&self) -> Option<Escalation> {
+        self.escalation
+    }
+
+    /// Whether the version is restricted by this monitor.
+    #[must_use]
+    pub const fn is_restricted(&self) -> bool {
+        self.restricted
+    }
+
+    /// Takes one finished episode.
+    pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
+        if !episode.is_valid() {
+            return self.safety(SafetyEvent::NotANumber, now_tick);
+        }
+        if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms {
+            return self.safety(SafetyEvent::UnsafeContinuation, now_tick);
+        }
+        self.episodes = self.episodes.saturating_add(1);
+        self.provisional_left = self.provisional_left.saturating_sub(1);
+        let (mut trips, mut warnings) = (Vec::new(), Vec::new());
+        for chart in &mut self.charts {
+            let bad = chart.rate.is_bad(episode);
+            let what = chart.rate.name();
+            if chart.trip.update(bad) == Drift::Alarm {
+                let text = format!("the {what} rate is established as worse");
+                let reason = Reason::new(ReasonCode::MonitorRateTrip, Dimension::Monitor, text);
+                trips.push(reason.with(chart.trip.statistic(), chart.trip.arl()));
+            }
+            if chart.warning.update(bad) == Drift::Alarm {
+                let text = format!("the {what} rate drifts");
+                let reason = Reason::new(ReasonCode::MonitorRateWarning, Dimension::Monitor, text);
+                warnings.push(reason.with(chart.warning.statistic(), chart.warning.threshold()));
+            }
+        }
+        if !trips.is_empty() {
+            trips.extend(warnings);
+            return self.act(MonitorAction::Rollback, trips, now_tick);
+        }
+        if !warnings.is_empty() {
+            return self.act(MonitorAction::Restrict, warnings, now_tick);
+        }
+        self.quiet(now_tick)
+    }
+
+    /// Takes a safety event: it trips at once.
+    pub fn safety(&mut self, event: SafetyEvent, now_tick: u64) -> MonitorDecision {
+        let text = format!("{}: a safety event", event.name());
+        let reason = Reason::new(ReasonCode::MonitorSafetyTrip, Dimension::Monitor, text);
+        self.act(MonitorAction::Rollback, vec![reason], now_tick)
+    }
+
+    /// Telemetry of this tick arrived and every number in it is one.
+    pub fn telemetry(&mut self, now_tick: u64) {
+        self.last_telemetry_tick = self.last_telemetry_tick.max(now_tick);
+    }
+
+    /// Looks at the time: silence of telemetry and escalations whose deadline has passed.
+    pub fn tick(&mut self, now_tick: u64) -> MonitorDecision {
+        if let Some(escalation) = self.escalation
+            && now_tick >= escalation.deadline_tick
+        {
+            let text = "nobody answered the escalation by its deadline";
+            let reason = Reason::new(ReasonCode::MonitorEscalationUnanswered, Dimension::Monitor, text);
+            return self.act(MonitorAction::Rollback, vec![reason], now_tick);
+        }
+        // A clock that runs backwards is silence of unknown length.
+        let silent = now_tick.checked_sub(self.last_telemetry_tick).unwrap_or(u64::MAX);
+        let action = if silent >= ticks(self.settings.telemetry_restrict_ms / 1e3) {
+            MonitorAction::Restrict
+        } else if silent >= ticks(self.settings.telemetry_escalate_ms / 1e3) {
+            MonitorAction::Escalate
+        } else {
+            return self.quiet(now_tick);
+        };
+        let reason = Reason::new(ReasonCode::MonitorTelemetryMissing, Dimension::Monitor, "telemetry is silent");
+        #[allow(clippy::cast_precision_loss, reason = "shown only")]
+        let silent_ms = silent as f64 * 1e3 / f64::from(RATE_HZ);
+        let reason = reason.with(silent_ms, self.settings.telemetry_escalate_ms);
+        // Restricting a silent version does not end the question: people still have to look.
+        self.escalate(now_tick);
+        self.act(action, vec![reason], now_tick)
+    }
+
+    /// An operator asks for something.
+    pub fn operator(&mut self, action: MonitorAction, why: &str, now_tick: u64) -> MonitorDecision {
+        let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, why);
+        self.act(action, vec![reason], now_tick)
+    }
+
+    /// People answered the escalation with "go on"; the charts start anew.
+    ///
+    /// # Errors
+    /// Settings no chart can be tuned with (they were good before, so none is expected).
+    pub fn answered(&mut self, profile: &Profile, expected: &Signature, now_tick: u64) -> Result<(), MonitorError> {
+        if self.rolled_back {
+            return Ok(());
+        }
+        self.charts = Self::new(profile, expected, now_tick)?.charts;
+        self.escalation = None;
+        Ok(())
+    }
+
+    /// People released the restriction.
+    pub fn released(&mut self) {
+        self.restricted = false;
+    }
+
+    fn escalate(&mut self, now_tick: u64) {
+        let deadline_tick = now_tick.saturating_add(ticks(self.settings.escalation_deadline_s));
+        self.escalation.get_or_insert(Escalation { since_tick: now_tick, deadline_tick });
+    }
+
+    fn quiet(&mut self, now_tick: u64) -> MonitorDecision {
+        let (code, text) = if self.is_confirmed() {
+            (ReasonCode::MonitorConfirmed, "the provisional window passed without a trip")
+        } else {
+            (ReasonCode::MonitorHealthy, "nothing out of the ordinary")
+        };
+        self.act(MonitorAction::Continue, vec![Reason::new(code, Dimension::Monitor, text)], now_tick)
+    }
+
+    /// A rollback latches: nothing later makes it less.
+    fn act(&mut self, action: MonitorAction, mut reasons: Vec<Reason>, tick: u64) -> MonitorDecision {
+        match action {
+            MonitorAction::Continue => {}
+            MonitorAction::Escalate => self.escalate(tick),
+            MonitorAction::Restrict => {
+                self.restricted = true;
+                self.escalate(tick);
+            }
+            MonitorAction::Rollback => self.rolled_back = true,
+        }
+        let action = if self.rolled_back { MonitorAction::Rollback } else { action };
+        if action == MonitorAction::Rollback && reasons.iter().all(|r| r.code == ReasonCode::MonitorHealthy) {
+            let text = "a trip holds until the version is taken off";
+            reasons = vec![Reason::new(ReasonCode::MonitorSafetyTrip, Dimension::Monitor, text)];
+        }
+        MonitorDecision { action, reasons, tick }
+    }
+}

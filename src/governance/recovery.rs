@@ -1,0 +1,255 @@
+//! `rho` and `kappa_R`: can the candidate be stopped, undone and replaced as well as the active version?
+//!
+//! Read from drills, never from a hook's word. Source: paper section 4.3, equation of `rho`; design rule 3.5.
+
+use std::collections::BTreeSet;
+
+use holdpoint_sim::io::FailureSignal;
+use serde::{Deserialize, Serialize};
+
+use super::composition::Condition;
+use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
+use super::exports::Interface;
+use super::manifest::Manifest;
+use super::outcome::{Assessment, Basis, RecoveryOutcome};
+use super::profile::{Profile, RecoverySettings};
+
+/// `kappa_R` with what it was made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecoveryAssessment {
+    /// Outcome, value and reasons.
+    pub assessment: Assessment<RecoveryOutcome>,
+    /// `rho` of the candidate.
+    pub rho_candidate: Option<f64>,
+    /// `rho` of the active version.
+    pub rho_active: Option<f64>,
+    /// Pass rates of the candidate's drills: rollback, fallback, abort, detect.
+    pub rates: Vec<(DrillKind, f64)>,
+}
+
+/// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.
+#[must_use]
+pub fn pass_rate(tally: &DrillTally, drills_min: u32) -> Option<f64> {
+    let feasible = tally.feasible();
+    (feasible >= drills_min.max(1)).then(|| f64::from(tally.passed) / f64::from(feasible))
+}
+
+/// `rho = prod_k r_k ^ (w_k / sum w)`: one kind that never works makes the whole 0.
+#[must_use]
+pub fn rho(rates: &[(DrillKind, f64)], settings: &RecoverySettings) -> Option<f64> {
+    let weight = |kind: DrillKind| match kind {
+        DrillKind::Rollback => settings.weight_rollback,
+        DrillKind::Fallback => settings.weight_fallback,
+        DrillKind::Abort => settings.weight_abort,
+        DrillKind::Detect => settings.weight_detect,
+    };
+    let total: f64 = DrillKind::ALL.into_iter().map(weight).sum();
+    let mut log = 0.0;
+    for kind in DrillKind::ALL {
+        let (_, rate) = rates.iter().find(|(name, _)| *name == kind)?;
+        if !(0.0..=1.0).contains(rate) {
+            return None;
+        }
+        if *rate == 0.0 {
+            return Some(0.0);
+        }
+        log += weight(kind) / total * libm::log(*rate);
+    }
+    let rho = libm::exp(log);
+    rho.is_finite().then(|| rho.clamp(0.0, 1.0))
+}
+
+/// `kappa_R = 1 - 1/2 max(0, rho_active - rho_candidate)`.
+#[must_use]
+pub fn kappa(rho_active: f64, rho_candidate: f64) -> Option<Kappa> {
+    let shares = [rho_active, rho_candidate].iter().all(|rho| (0.0..=1.0).contains(rho));
+    if shares { Kappa::new(1.0 - 0.5 * (rho_active - rho_candidate).max(0.0)) } else { None }
+}
+
+fn rates(drills: &Drills, drills_min: u32) -> Result<Vec<(DrillKind, f64)>, DrillKind> {
+    DrillKind::ALL
+        .into_iter()
+        .map(|kind| pass_rate(drills.of(kind), drills_min).map(|rate| (kind, rate)).ok_or(kind))
+        .collect()
+}
+
+fn nothing(text: String) -> RecoveryAssessment {
+    RecoveryAssessment {
+        assessment: Assessment {
+            outcome: RecoveryOutcome::NoData,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons: vec![Reason::new(ReasonCode::RecoveryNoData, Dimension::Recovery, text)],
+            conditions: Vec::new(),
+        },
+        rho_candidate: None,
+        rho_active: None,
+        rates: Vec::new(),
+    }
+}
+
+/// Assesses the drills (design rule 3.5). `current` is what evidence has to be bound to now.
+#[must_use]
+pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> RecoveryAssessment {
+    if evidence.binding != *current {
+        return nothing("the drills were done for another version, profile, policy or environment".into());
+    }
+    let drills_min = profile.evaluation.drills_per_kind;
+    let candidate = match rates(&evidence.candidate, drills_min) {
+        Ok(rates) => rates,
+        Err(kind) => return nothing(format!("too few feasible {} drills of the candidate", kind.name())),
+    };
+    let active = match rates(&evidence.active, drills_min) {
+        Ok(rates) => rates,
+        Err(kind) => return nothing(format!("too few feasible {} drills of the active version", kind.name())),
+    };
+    let settings = &profile.recovery;
+    let (Some(new), Some(old)) = (rho(&candidate, settings), rho(&active, settings)) else {
+        return nothing("a pass rate is no share".into());
+    };
+    let Some(value) = kappa(old, new) else { return nothing("rho is no share".into()) };
+    let (outcome, reasons) = judge(&candidate, new, old, value, profile);
+    let conditions = match outcome {
+        RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![Condition::RollbackCoupled],
+        RecoveryOutcome::Compatible | RecoveryOutcome::Incompatible | RecoveryOutcome::NoData => Vec::new(),
+    };
+    let assessment =
+        Assessment { outcome, kappa: Some(value), basis: Basis::Measured, reasons, conditions };
+    RecoveryAssessment { assessment, rho_candidate: Some(new), rho_active: Some(old), rates: candidate }
+}
+
+fn judge(
+    rates: &[(DrillKind, f64)],
+    new: f64,
+    old: f64,
+    value: Kappa,
+    profile: &Profile,
+) -> (RecoveryOutcome, Vec<Reason>) {
+    let settings = &profile.recovery;
+    let (floor, threshold) = (settings.rho_floor, profile.thresholds.recovery());
+    let reason =
+        |code, text: &str, found: f64, limit: f64| Reason::new(code, Dimension::Recovery, text).with(found, limit);
+    let rollback = rates.iter().find(|(kind, _)| *kind == DrillKind::Rollback).map_or(0.0, |(_, rate)| *rate);
+    let mut blocking = Vec::new();
+    if rollback < floor {
+        let text = "rollback drills pass too seldom; nobody can waive that";
+        blocking.push(reason(ReasonCode::RecoveryRollbackBelowFloor, text, rollback, floor));
+    }
+    if value.get() < threshold {
+        let text = "recovery is far below the active version's";
+        blocking.push(reason(ReasonCode::RecoveryBelowThreshold, text, value.get(), threshold));
+    }
+    if new < 0.5 * floor {
+        let text = "recovery is below half of the profile's floor";
+        blocking.push(reason(ReasonCode::RecoveryFarBelowFloor, text, new, 0.5 * floor));
+    }
+    if !blocking.is_empty() {
+        return (RecoveryOutcome::Incompatible, blocking);
+    }
+    if new < floor {
+        let text = "recovery is below the profile's floor";
+        return (RecoveryOutcome::Fragile, vec![reason(ReasonCode::RecoveryFragile, text, new, floor)]);
+    }
+    let least = old - settings.rho_tolerance;
+    if new < least {
+        let text = "recovery is above the floor and clearly below the active version's";
+        return (RecoveryOutcome::Conditional, vec![reason(ReasonCode::RecoveryConditional, text, new, least)]);
+    }
+    let text = "recovery is as good as the active version's";
+    (RecoveryOutcome::Compatible, vec![reason(ReasonCode::RecoveryCompatible, text, value.get(), threshold)])
+}
+
+/// What the static part of stage 2 looks at. A fact that is not known is `None` and counts as missing.
+#[derive(Clone, Copy, Debug)]
+pub struct StaticInput<'a> {
+    /// The candidate's manifest.
+    pub manifest: &'a Manifest,
+    /// What its code exports; absent where it could not be loaded.
+    pub exports: Option<&'a Interface>,
+    /// Whether the version to roll back to loads; `Some(true)` where there is none to roll back to.
+    pub predecessor_loads: Option<bool>,
+    /// Whether its digest is the recorded one; `Some(true)` where there is none.
+    pub predecessor_digest_true: Option<bool>,
+    /// Whether the declared fallback resolves in the registry.
+    pub fallback_resolves: Option<bool>,
+    /// Failure signals the watcher knows.
+    pub watcher_knows: &'a BTreeSet<FailureSignal>,
+}
+
+/// The static part of `kappa_R` at stage 2: an estimate without a value; the drills decide.
+#[must_use]
+pub fn static_part(input: &StaticInput<'_>) -> Assessment<RecoveryOutcome> {
+    let mut wrong = Vec::new();
+    let mut missing = Vec::new();
+    let reason = |code, text: String| Reason::new(code, Dimension::Recovery, text);
+    for (fact, code, text) in [
+        (
+            input.predecessor_loads,
+            ReasonCode::RecoveryPredecessorNotLoadable,
+            "the version to roll back to does not load",
+        ),
+        (
+            input.predecessor_digest_true,
+            ReasonCode::RecoveryPredecessorNotLoadable,
+            "the version to roll back to has another digest than recorded",
+        ),
+    ] {
+        match fact {
+            Some(true) => {}
+            Some(false) => wrong.push(reason(code, text.into())),
+            None => missing.push(reason(ReasonCode::RecoveryNoData, format!("not known: whether {text}"))),
+        }
+    }
+    let recovery = &input.manifest.recovery;
+    if recovery.fallback.is_some() {
+        match input.fallback_resolves {
+            Some(true) => {}
+            Some(false) => {
+                let text = "no registered version meets the fallback binding".to_owned();
+                wrong.push(reason(ReasonCode::RecoveryFallbackUnresolved, text));
+            }
+            None => {
+                let text = "not known: whether the fallback resolves".to_owned();
+                missing.push(reason(ReasonCode::RecoveryNoData, text));
+            }
+        }
+    } else {
+        wrong.push(reason(ReasonCode::RecoveryFallbackUnresolved, "no fallback is bound".into()));
+    }
+    match input.exports {
+        None => missing.push(reason(ReasonCode::RecoveryNoData, "the code could not be read".into())),
+        Some(exports) => {
+            let hooks = [
+                ("rollback", recovery.rollback_hook.as_ref()),
+                ("safe-abort", recovery.safe_abort.as_ref().map(|abort| &abort.hook)),
+            ];
+            for (what, hook) in hooks {
+                let text = match hook {
+                    None => Some(format!("no {what} hook is declared")),
+                    Some(name) if !exports.hooks.contains(name) => {
+                        Some(format!("the {what} hook {name:?} is not exported by the code"))
+                    }
+                    Some(_) => None,
+                };
+                wrong.extend(text.map(|text| reason(ReasonCode::RecoveryHookMissing, text)));
+            }
+        }
+    }
+    for signal in recovery.failure_signals.difference(input.watcher_knows) {
+        let text = format!("the watcher does not know the failure signal {signal:?}");
+        wrong.push(reason(ReasonCode::RecoverySignalUnknown, text));
+    }
+    let outcome = match (wrong.is_empty(), missing.is_empty()) {
+        (false, _) => RecoveryOutcome::Incompatible,
+        (true, false) => RecoveryOutcome::NoData,
+        (true, true) => RecoveryOutcome::Compatible,
+    };
+    wrong.extend(missing);
+    if outcome == RecoveryOutcome::Compatible {
+        let text = "everything that recovery needs is there; the drills decide";
+        wrong.push(reason(ReasonCode::RecoveryCompatible, text.into()));
+    }
+    Assessment { outcome, kappa: None, basis: Basis::Estimated, reasons: wrong, conditions: Vec::new() }
+}

@@ -1,0 +1,257 @@
+//! The paper's five overlapping vocabularies, and the one table that leads from each to the next (readings X57).
+//!
+//! Every conversion is total. Outcomes of the rules are [`Recommendation`]; the others are ways of saying it.
+
+use serde::{Deserialize, Serialize};
+
+use super::gate::GateOutcome;
+use super::outcome::{ActivationMode, PolicyOutcome, Recommendation};
+
+/// Stage 2's routes (paper section 5.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Route {
+    /// Refused.
+    Reject,
+    /// Sandbox only.
+    SandboxOnly,
+    /// May go to shadow.
+    ShadowEligible,
+    /// May go to the gate, after shadow.
+    ActivationEligible,
+}
+
+/// Outcomes of the policy check (paper section 4.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PolicyWord {
+    /// Allowed.
+    Allow,
+    /// Allowed under restrictions.
+    Restricted,
+    /// People decide.
+    Approval,
+    /// Refused.
+    Reject,
+}
+
+/// Deployment outcomes (paper section 4.5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Deployability {
+    /// Fully compatible.
+    Fully,
+    /// Compatible under conditions.
+    Conditionally,
+    /// For evaluation only.
+    EvaluationOnly,
+    /// Incompatible.
+    Incompatible,
+}
+
+/// Activation rules (paper appendix D).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActivationRule {
+    /// Activated.
+    Activated,
+    /// Activated under conditions.
+    ConditionallyActivated,
+    /// Bound to a review.
+    ReviewBound,
+    /// Rejected.
+    Rejected,
+}
+
+/// One line of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Words {
+    /// The recommendation.
+    pub recommendation: Recommendation,
+    /// Stage 2's word.
+    pub route: Route,
+    /// The policy check's word.
+    pub policy: PolicyWord,
+    /// The deployment's word.
+    pub deployability: Deployability,
+    /// The activation rule that applies in the end, if nothing new is found.
+    pub rule: ActivationRule,
+    /// The least restricted mode it can be active in; absent where it cannot.
+    pub mode: Option<ActivationMode>,
+}
+
+/// The table: one line for each recommendation.
+#[must_use]
+pub const fn words(recommendation: Recommendation) -> Words {
+    let (route, policy, deployability, rule, mode) = match recommendation {
+        Recommendation::Reject => {
+            (Route::Reject, PolicyWord::Reject, Deployability::Incompatible, ActivationRule::Rejected, None)
+        }
+        Recommendation::Sandbox => (
+            Route::SandboxOnly,
+            PolicyWord::Restricted,
+            Deployability::EvaluationOnly,
+            ActivationRule::Rejected,
+            None,
+        ),
+        Recommendation::Shadow => (
+            Route::ShadowEligible,
+            PolicyWord::Restricted,
+            Deployability::Conditionally,
+            ActivationRule::ConditionallyActivated,
+            Some(ActivationMode::Conditional),
+        ),
+        Recommendation::Activate => (
+            Route::ActivationEligible,
+            PolicyWord::Allow,
+            Deployability::Fully,
+            ActivationRule::Activated,
+            Some(ActivationMode::Full),
+        ),
+        Recommendation::RollbackReview => (
+            Route::SandboxOnly,
+            PolicyWord::Approval,
+            Deployability::EvaluationOnly,
+            ActivationRule::ReviewBound,
+            Some(ActivationMode::ApprovalBound),
+        ),
+    };
+    Words { recommendation, route, policy, deployability, rule, mode }
+}
+
+impl From<Route> for Recommendation {
+    fn from(route: Route) -> Self {
+        match route {
+            Route::Reject => Self::Reject,
+            Route::SandboxOnly => Self::Sandbox,
+            Route::ShadowEligible => Self::Shadow,
+            Route::ActivationEligible => Self::Activate,
+        }
+    }
+}
+
+impl From<PolicyWord> for Recommendation {
+    fn from(word: PolicyWord) -> Self {
+        match word {
+            PolicyWord::Reject => Self::Reject,
+            PolicyWord::Approval => Self::RollbackReview,
+            PolicyWord::Restricted => Self::Shadow,
+            PolicyWord::Allow => Self::Activate,
+        }
+    }
+}
+
+impl From<Deployability> for Recommendation {
+    fn from(word: Deployability) -> Self {
+        match word {
+            Deployability::Incompatible => Self::Reject,
+            Deployability::EvaluationOnly => Self::Sandbox,
+            Deployability::Conditionally => Self::Shadow,
+            Deployability::Fully => Self::Activate,
+        }
+    }
+}
+
+impl From<ActivationRule> for Recommendation {
+    fn from(rule: ActivationRule) -> Self {
+        match rule {
+            ActivationRule::Rejected => Self::Reject,
+            ActivationRule::ReviewBound => Self::RollbackReview,
+            ActivationRule::ConditionallyActivated => Self::Shadow,
+            ActivationRule::Activated => Self::Activate,
+        }
+    }
+}
+
+impl From<ActivationMode> for Recommendation {
+    fn from(mode: ActivationMode) -> Self {
+        match mode {
+            ActivationMode::Full => Self::Activate,
+            ActivationMode::Conditional | ActivationMode::RollbackCoupled => Self::Shadow,
+            ActivationMode::ApprovalBound => Self::RollbackReview,
+        }
+    }
+}
+
+/// The policy check's word for its outcome; without data nothing is allowed.
+impl From<PolicyOutcome> for PolicyWord {
+    fn from(outcome: PolicyOutcome) -> Self {
+        match outcome {
+            PolicyOutcome::Compatible => Self::Allow,
+            PolicyOutcome::Conditional => Self::Restricted,
+            PolicyOutcome::Review => Self::Approval,
+            PolicyOutcome::Incompatible | PolicyOutcome::NoData => Self::Reject,
+        }
+    }
+}
+
+/// The activation rule that a gate outcome comes to; what is held is bound to a review.
+#[must_use]
+pub fn rule_of_gate(outcome: GateOutcome, restricted: bool) -> ActivationRule {
+    match (outcome, restricted) {
+        (GateOutcome::Pass, false) => ActivationRule::Activated,
+        (GateOutcome::Pass, true) => ActivationRule::ConditionallyActivated,
+        (GateOutcome::AwaitApproval | GateOutcome::Hold, _) => ActivationRule::ReviewBound,
+        (GateOutcome::Demote | GateOutcome::Reject, _) => ActivationRule::Rejected,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The conservative reading of a word never exceeds the recommendation it came from.
+    #[test]
+    fn every_word_leads_back_to_its_recommendation_or_a_stricter_one() {
+        let admits = |recommendation| match recommendation {
+            Recommendation::Reject => 0,
+            Recommendation::Sandbox => 1,
+            Recommendation::RollbackReview => 2,
+            Recommendation::Shadow => 3,
+            Recommendation::Activate => 4,
+        };
+        for recommendation in Recommendation::ALL {
+            let line = words(recommendation);
+            assert_eq!(line.recommendation, recommendation);
+            assert!(admits(line.route.into()) <= admits(recommendation), "{line:?}");
+            assert!(admits(line.deployability.into()) <= admits(recommendation), "{line:?}");
+            assert!(admits(line.rule.into()) <= admits(recommendation), "{line:?}");
+            if let Some(mode) = line.mode {
+                assert!(admits(mode.into()) <= admits(recommendation), "{line:?}");
+            }
+            let exact = matches!(
+                recommendation,
+                Recommendation::Reject | Recommendation::Shadow | Recommendation::Activate
+            );
+            if exact {
+                assert_eq!(Recommendation::from(line.route), recommendation);
+                assert_eq!(Recommendation::from(line.policy), recommendation);
+                assert_eq!(Recommendation::from(line.rule), recommendation);
+            }
+        }
+        assert_eq!(Recommendation::from(words(Recommendation::RollbackReview).policy), Recommendation::RollbackReview);
+    }
+
+    #[test]
+    fn gate_outcomes_and_policy_outcomes_have_their_words() {
+        for (outcome, restricted, rule) in [
+            (GateOutcome::Pass, false, ActivationRule::Activated),
+            (GateOutcome::Pass, true, ActivationRule::ConditionallyActivated),
+            (GateOutcome::AwaitApproval, false, ActivationRule::ReviewBound),
+            (GateOutcome::Hold, true, ActivationRule::ReviewBound),
+            (GateOutcome::Demote, false, ActivationRule::Rejected),
+            (GateOutcome::Reject, true, ActivationRule::Rejected),
+        ] {
+            assert_eq!(rule_of_gate(outcome, restricted), rule);
+        }
+        for (outcome, word) in [
+            (PolicyOutcome::Compatible, PolicyWord::Allow),
+            (PolicyOutcome::Conditional, PolicyWord::Restricted),
+            (PolicyOutcome::Review, PolicyWord::Approval),
+            (PolicyOutcome::Incompatible, PolicyWord::Reject),
+            (PolicyOutcome::NoData, PolicyWord::Reject),
+        ] {
+            assert_eq!(PolicyWord::from(outcome), word);
+        }
+    }
+}
