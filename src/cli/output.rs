@@ -53,7 +53,9 @@ impl Table {
 }
 
 impl Output<'static> {
-    /// The locked standard output; tables fit the terminal, if it is one.
+    /// The standard output, locked for each line; tables fit the terminal, if it is one.
+    ///
+    /// The lock is not kept between lines: the console draws from a thread of its own and would wait for ever.
     #[must_use]
     pub fn stdout(json: bool) -> Self {
         let stdout = io::stdout();
@@ -62,7 +64,7 @@ impl Output<'static> {
         } else {
             None
         };
-        Self { sink: Box::new(stdout.lock()), json, width }
+        Self { sink: Box::new(stdout), json, width }
     }
 }
 
