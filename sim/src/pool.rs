@@ -72,7 +72,9 @@ pub fn run_ordered<W, R: Send>(
     std::thread::scope(|scope| {
         for _ in 0..jobs {
             scope.spawn(|| {
-                let result = catch_unwind(AssertUnwindSafe(|| work(n, ahead, cancel, &shared, &changed, &make_worker, &run)));
+                let result = catch_unwind(AssertUnwindSafe(|| {
+                    work(n, ahead, cancel, &shared, &changed, &make_worker, &run)
+                }));
                 let mut state = lock(&shared);
                 state.workers -= 1;
                 match result {
@@ -118,7 +120,8 @@ fn work<W, R>(
             state.next += 1;
             state.next - 1
         };
-        let result = catch_unwind(AssertUnwindSafe(|| run(&mut worker, item))).map_err(|panic| message(&*panic));
+        let result =
+            catch_unwind(AssertUnwindSafe(|| run(&mut worker, item))).map_err(|panic| message(&*panic));
         let panicked = result.is_err();
         lock(shared).done.insert(item, result);
         changed.notify_all();
@@ -175,7 +178,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn message(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic without a message".to_owned())
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "panic without a message".to_owned())
 }
 
 #[cfg(test)]
@@ -192,10 +196,17 @@ mod tests {
             for jobs in [1, 2, 5] {
                 let cancel = AtomicBool::new(false);
                 let mut log = Vec::new();
-                let end = run_ordered(jobs, n, &cancel, no_worker, |(), item| item * item, |item, value| {
-                    log.push((item, value));
-                    if stop_at == Some(item) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-                });
+                let end = run_ordered(
+                    jobs,
+                    n,
+                    &cancel,
+                    no_worker,
+                    |(), item| item * item,
+                    |item, value| {
+                        log.push((item, value));
+                        if stop_at == Some(item) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                    },
+                );
                 let count = stop_at.map_or(n, |k| k + 1);
                 let expected: Vec<_> = (0..count).map(|i| (i, i * i)).collect();
                 assert_eq!(log, expected, "{jobs} workers");
@@ -233,13 +244,20 @@ mod tests {
     fn a_raised_flag_ends_the_run_between_items() {
         let cancel = AtomicBool::new(false);
         let mut committed = 0;
-        let end = run_ordered(2, 1000, &cancel, no_worker, |(), item| item, |item, _| {
-            committed += 1;
-            if item == 10 {
-                cancel.store(true, Ordering::Release);
-            }
-            ControlFlow::Continue(())
-        });
+        let end = run_ordered(
+            2,
+            1000,
+            &cancel,
+            no_worker,
+            |(), item| item,
+            |item, _| {
+                committed += 1;
+                if item == 10 {
+                    cancel.store(true, Ordering::Release);
+                }
+                ControlFlow::Continue(())
+            },
+        );
         assert_eq!(end, Ok(PoolEnd::Cancelled { committed: 11 }));
         assert_eq!(committed, 11);
     }

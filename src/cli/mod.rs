@@ -1,1 +1,203 @@
-//! Placeholder.
+//! The command line: what can be asked, how answers and errors are printed, and the exit codes.
+//!
+//! Owns argument parsing, output and exit codes, and the verbs that need no engine. What it must not do: decide
+//! anything, or print foreign text that did not pass the sanitiser. Verbs that need the engine are handed to an
+//! [`EngineVerbs`].
+
+pub mod audit;
+pub mod bench;
+pub mod candidate;
+pub mod completions;
+pub mod data;
+pub mod decide;
+pub mod doctor;
+pub mod error;
+pub mod identity;
+pub mod output;
+pub mod profile;
+pub mod registry;
+pub mod run;
+pub mod status;
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand};
+
+pub use error::{CliError, Exit};
+pub use output::Output;
+
+/// Decides whether a new version of a robot's skill may take control of the robot.
+///
+/// Without a command it runs the main demonstration job in the console.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "holdpoint", version, max_term_width = 100, after_help = AFTER_HELP)]
+pub struct Cli {
+    /// The store's folder [default: $XDG_DATA_HOME/holdpoint or ~/.local/share/holdpoint].
+    #[arg(long, global = true, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Prints JSON, one document a line.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Option<Verb>,
+}
+
+const AFTER_HELP: &str = "\
+Exit codes: 0 confirmed or done, 1 rejected, 2 usage or configuration, 3 held or timed out, 4 rolled back,
+70 internal error.
+
+Examples:
+  holdpoint
+  holdpoint run --headless --script tests/scenarios/promote.toml --json
+  holdpoint candidate check manifests/candidates/grasp-improved";
+
+/// What can be asked.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Verb {
+    /// Runs upgrades: in the console, or without a screen from a script.
+    Run(run::RunArgs),
+    /// Shows what versions there are.
+    Registry(registry::RegistryArgs),
+    /// Registers, checks and compares candidates.
+    Candidate(candidate::CandidateArgs),
+    /// Shows or awaits the state of families and candidates.
+    Status(status::StatusArgs),
+    /// Approves a candidate that waits for approval.
+    Approve(decide::ApproveArgs),
+    /// Rejects a candidate.
+    Reject(decide::VersionArgs),
+    /// Rolls a family back to its predecessor.
+    Rollback(decide::FamilyArgs),
+    /// Sends a version back to evaluation.
+    Demote(decide::VersionArgs),
+    /// Pauses the pipeline; reject, demote and rollback still work.
+    Pause(decide::PauseArgs),
+    /// Resumes a paused pipeline.
+    Resume(decide::PauseArgs),
+    /// Makes and lists the identities that sign decisions.
+    Identity(identity::IdentityArgs),
+    /// Shows and checks deployment profiles.
+    Profile(profile::ProfileArgs),
+    /// Reads, verifies and exports the audit log.
+    Audit(audit::AuditArgs),
+    /// Measures the engine on this machine.
+    Bench(bench::BenchArgs),
+    /// Tells whether this machine and terminal have what is needed.
+    Doctor(doctor::DoctorArgs),
+    /// Prints a completion script for a shell.
+    Completions(completions::CompletionsArgs),
+}
+
+/// What every verb is given beside its own arguments.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Context {
+    /// The store's folder; it may not exist yet.
+    pub data: PathBuf,
+    /// Whether answers are JSON.
+    pub json: bool,
+}
+
+/// The verbs that need the engine. Each prints its answer and says how it ended.
+pub trait EngineVerbs {
+    /// Runs upgrades; `args.headless`, `args.plain` or the lack of a terminal choose the front end.
+    ///
+    /// # Errors
+    /// [`CliError`] with the exit code to end with.
+    fn run(&mut self, context: &Context, args: &run::RunArgs, out: &mut Output<'_>)
+    -> Result<Exit, CliError>;
+
+    /// Registers a candidate's folder.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn register(
+        &mut self,
+        context: &Context,
+        args: &candidate::RegisterArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Shows, watches or awaits states.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn status(
+        &mut self,
+        context: &Context,
+        args: &status::StatusArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Takes an operator's decision to the engine, which may refuse it.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn decide(
+        &mut self,
+        context: &Context,
+        asked: &decide::Asked,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Measures.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn bench(
+        &mut self,
+        context: &Context,
+        args: &bench::BenchArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+}
+
+/// The whole program but its engine: parses `arguments`, does what they ask, prints, and says how it ended.
+pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn EngineVerbs) -> Exit {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) => return error::print_usage(&error),
+    };
+    let mut out = Output::stdout(cli.json);
+    let ended = dispatch(&cli, engine, &mut out).and_then(|exit| out.flush().map(|()| exit));
+    match ended {
+        Ok(exit) => exit,
+        Err(error) => {
+            error.print(&mut std::io::stderr().lock());
+            error.exit()
+        }
+    }
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`] with the exit code to end with.
+pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    use decide::Asked;
+    let context =
+        || Ok::<Context, CliError>(Context { data: data::folder(cli.data.as_deref())?, json: cli.json });
+    match &cli.verb {
+        None => engine.run(&context()?, &run::RunArgs::default(), out),
+        Some(Verb::Run(args)) => engine.run(&context()?, args, out),
+        Some(Verb::Registry(args)) => registry::run(&context()?, args, out),
+        Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
+        Some(Verb::Status(args)) => engine.status(&context()?, args, out),
+        Some(Verb::Approve(args)) => engine.decide(&context()?, &Asked::Approve(args.clone()), out),
+        Some(Verb::Reject(args)) => engine.decide(&context()?, &Asked::Reject(args.clone()), out),
+        Some(Verb::Rollback(args)) => engine.decide(&context()?, &Asked::Rollback(args.clone()), out),
+        Some(Verb::Demote(args)) => engine.decide(&context()?, &Asked::Demote(args.clone()), out),
+        Some(Verb::Pause(args)) => engine.decide(&context()?, &Asked::Pause(args.clone()), out),
+        Some(Verb::Resume(args)) => engine.decide(&context()?, &Asked::Resume(args.clone()), out),
+        Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
+        Some(Verb::Profile(args)) => profile::run(args, out),
+        Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
+        Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
+        Some(Verb::Completions(args)) => completions::run(args, out),
+    }
+}
+
+#[cfg(test)]
+mod tests;

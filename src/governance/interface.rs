@@ -64,7 +64,9 @@ impl Deviations {
     #[must_use]
     pub fn kappa(&self) -> Option<Kappa> {
         let Self { signature, schema, conditions, dependencies } = self;
-        Kappa::new(1.0 - (signature.value() + schema.value() + conditions.value() + dependencies.value()) / 4.0)
+        Kappa::new(
+            1.0 - (signature.value() + schema.value() + conditions.value() + dependencies.value()) / 4.0,
+        )
     }
 
     /// The worst of the four.
@@ -207,7 +209,9 @@ impl Found {
                 match real.get(name) {
                     None => self.mismatch(format!("the {what} {name:?} is declared and unknown to the code")),
                     Some(code) if !same_kind(code, spec) => {
-                        self.mismatch(format!("the {what} {name:?} has another type, unit or frame in the code"));
+                        self.mismatch(format!(
+                            "the {what} {name:?} has another type, unit or frame in the code"
+                        ));
                     }
                     Some(_) => {}
                 }
@@ -251,7 +255,9 @@ impl Found {
             let (deviation, text) = match candidate.outputs.get(name) {
                 None => (Deviation::Breaking, "is gone"),
                 Some(new) if !same_kind(old, new) => (Deviation::Breaking, "has another type, unit or frame"),
-                Some(new) if !contains(old, new) => (Deviation::Breaking, "can take values it could not take before"),
+                Some(new) if !contains(old, new) => {
+                    (Deviation::Breaking, "can take values it could not take before")
+                }
                 Some(new) if old.required && !new.required && new.default.is_none() => {
                     (Deviation::Breaking, "is no longer always there")
                 }
@@ -274,15 +280,24 @@ impl Found {
             // A caller can check what it hands over; it cannot assure anything else.
             if candidate.inputs.contains_key(name) {
                 self.adapter.insert(name.clone());
-                let text = format!("the precondition on the input {name:?} is stronger; the caller can check it");
+                let text =
+                    format!("the precondition on the input {name:?} is stronger; the caller can check it");
                 self.add(Part::Conditions, Deviation::Adaptable, text);
             } else {
-                self.add(Part::Conditions, Deviation::Breaking, format!("the precondition on {name:?} is stronger"));
+                self.add(
+                    Part::Conditions,
+                    Deviation::Breaking,
+                    format!("the precondition on {name:?} is stronger"),
+                );
             }
         }
         for (name, before) in &old.postconditions {
             if !new.postconditions.get(name).is_some_and(|bound| within(bound, before)) {
-                self.add(Part::Conditions, Deviation::Breaking, format!("the postcondition on {name:?} is weaker"));
+                self.add(
+                    Part::Conditions,
+                    Deviation::Breaking,
+                    format!("the postcondition on {name:?} is weaker"),
+                );
             }
         }
     }
@@ -296,7 +311,9 @@ impl Found {
             let active = registered.iter().filter(|version| version.active).any(|version| meets(&version));
             let (deviation, text) = match (any, active) {
                 (false, _) => (Deviation::Breaking, "no registered version meets it"),
-                (true, false) => (Deviation::Adaptable, "a registered version meets it, the active one does not"),
+                (true, false) => {
+                    (Deviation::Adaptable, "a registered version meets it, the active one does not")
+                }
                 (true, true) => (Deviation::None, ""),
             };
             self.add(Part::Dependencies, deviation, format!("the dependency {family}@{requirement}: {text}"));
@@ -310,7 +327,8 @@ impl Found {
     /// The version number promises; what was found decides.
     fn label(&mut self, active: &Manifest, candidate: &Manifest) {
         let (old, new) = (&active.version, &candidate.version);
-        let major = if old.major == 0 { new.minor != old.minor || new.major > 0 } else { new.major > old.major };
+        let major =
+            if old.major == 0 { new.minor != old.minor || new.major > 0 } else { new.major > old.major };
         let minor = major || new.minor > old.minor;
         let wrong = new <= old
             || match self.deviations.worst() {
@@ -348,7 +366,9 @@ impl Found {
         let fields: Vec<String> = self.adapter.into_iter().collect();
         let conditions = match outcome {
             InterfaceOutcome::Conditional => vec![Condition::InterfaceAdapter { fields }],
-            InterfaceOutcome::Compatible | InterfaceOutcome::Incompatible | InterfaceOutcome::NoData => Vec::new(),
+            InterfaceOutcome::Compatible | InterfaceOutcome::Incompatible | InterfaceOutcome::NoData => {
+                Vec::new()
+            }
         };
         let assessment =
             Assessment { outcome, kappa, basis: Basis::Measured, reasons: self.reasons, conditions };

@@ -51,8 +51,7 @@ pub struct PolicyAssessment {
 pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -> PolicyAssessment {
     let limits = &profile.runtime;
     let needs = input.exports.map(|exports| exports.needs.clone()).unwrap_or_default();
-    let modes =
-        reachable(input.permissions, &needs, limits.tool_speed_max_m_s, limits.contact_force_max_n);
+    let modes = reachable(input.permissions, &needs, limits.tool_speed_max_m_s, limits.contact_force_max_n);
     let uncovered: Vec<ReachableMode> =
         modes.iter().copied().filter(|mode| table.verdict(&mode.key) == Verdict::Uncovered).collect();
     let active_keys: BTreeSet<_> = input.active.map_or_else(BTreeSet::new, |active| {
@@ -129,8 +128,11 @@ impl Findings {
         let declared = input.permissions;
         for need in needs {
             if !declared.channels.contains(&need.channel) || !declared.commands.contains(&need.command) {
-                let text =
-                    format!("the code needs {}/{}, which P does not declare", need.channel.name(), need.command.name());
+                let text = format!(
+                    "the code needs {}/{}, which P does not declare",
+                    need.channel.name(),
+                    need.command.name()
+                );
                 self.incompatible.push(reason(ReasonCode::PolicyUndeclaredImport, text));
             }
         }
@@ -203,7 +205,8 @@ impl Findings {
         let (declared_speed, declared_force) = (permissions.max_speed_m_s, permissions.max_force_n);
         if declared_speed > narrowest.0 || declared_force > narrowest.1 {
             let (speed, force) = narrowest;
-            let text = format!("some modes are allowed up to {speed} m/s and {force} N only, tighter than declared");
+            let text =
+                format!("some modes are allowed up to {speed} m/s and {force} N only, tighter than declared");
             let tighter = reason(ReasonCode::PolicyTighterEnvelope, text).with(declared_speed, speed);
             self.conditional.push(tighter);
             let (speed_max_m_s, force_max_n) = (declared_speed.min(widest.0), declared_force.min(widest.1));
@@ -244,7 +247,8 @@ impl Findings {
         reasons.extend(self.review);
         reasons.extend(self.conditional);
         if outcome == PolicyOutcome::Compatible {
-            let covered = reason(ReasonCode::PolicyCompatible, "every mode that matters is covered and allowed");
+            let covered =
+                reason(ReasonCode::PolicyCompatible, "every mode that matters is covered and allowed");
             reasons.push(covered.with(kappa.map_or(f64::NAN, Kappa::get), profile.thresholds.policy()));
         }
         reasons.extend(self.noted);

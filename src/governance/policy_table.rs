@@ -234,7 +234,8 @@ fn load(
     rules: &mut BTreeMap<String, Rule>,
 ) -> Result<(), PolicyError> {
     let file = source.file.to_owned();
-    let too_many = |found: String, allowed: String| PolicyError::TooMany { file: file.clone(), found, allowed };
+    let too_many =
+        |found: String, allowed: String| PolicyError::TooMany { file: file.clone(), found, allowed };
     if source.text.len() > POLICY_BYTES_MAX {
         return Err(too_many(format!("{} bytes", source.text.len()), POLICY_BYTES_MAX.to_string()));
     }
@@ -271,11 +272,16 @@ fn load(
 
 fn rule(policy: &Policy) -> Result<Rule, (String, &'static str)> {
     if policy.principal_constraint() != PrincipalConstraint::Any {
-        return Err(("it constrains the principal".into(), "write `principal` alone: a mode is judged for every skill"));
+        return Err((
+            "it constrains the principal".into(),
+            "write `principal` alone: a mode is judged for every skill",
+        ));
     }
     let number = |text: &str, key: &str| match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        Ok(_) | Err(_) => Err((format!("@{key}({text:?}) is no number above 0"), "write e.g. @speed_max_m_s(\"0.25\")")),
+        Ok(_) | Err(_) => {
+            Err((format!("@{key}({text:?}) is no number above 0"), "write e.g. @speed_max_m_s(\"0.25\")"))
+        }
     };
     let mut rule = Rule {
         name: policy.id().to_string(),
@@ -382,7 +388,8 @@ impl Judge<'_> {
         }
         let limits = &self.profile.runtime;
         let least = |caps: &mut dyn Iterator<Item = f64>, limit: f64| caps.fold(limit, f64::min);
-        let speed = least(&mut naming.iter().filter_map(|rule| rule.speed_max_m_s), limits.tool_speed_max_m_s);
+        let speed =
+            least(&mut naming.iter().filter_map(|rule| rule.speed_max_m_s), limits.tool_speed_max_m_s);
         let force = least(&mut naming.iter().filter_map(|rule| rule.force_max_n), limits.contact_force_max_n);
         if speed < limits.tool_speed_max_m_s || force < limits.contact_force_max_n {
             return Verdict::AllowTighter(Cap { speed_max_m_s: speed, force_max_n: force });
@@ -398,8 +405,12 @@ impl Judge<'_> {
             ("provenance", text(provenance.name())),
         ];
         let said = self.ask("activate", ("Cell", "cell"), context)?;
-        let forbids: Vec<String> =
-            said.rules.iter().filter(|rule| rule.effect == Effect::Forbid).map(|rule| rule.name.clone()).collect();
+        let forbids: Vec<String> = said
+            .rules
+            .iter()
+            .filter(|rule| rule.effect == Effect::Forbid)
+            .map(|rule| rule.name.clone())
+            .collect();
         let forbidden = said.error.is_some() || !forbids.is_empty();
         let because = said.error.map_or(forbids, |error| vec![error]);
         Ok(ActivationEntry { risk, provenance, forbidden, because })

@@ -48,7 +48,10 @@ impl ProfileName {
 impl std::str::FromStr for ProfileName {
     type Err = ProfileNameError;
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|name| name.name() == text).ok_or_else(|| ProfileNameError(text.to_owned()))
+        Self::ALL
+            .into_iter()
+            .find(|name| name.name() == text)
+            .ok_or_else(|| ProfileNameError(text.to_owned()))
     }
 }
 

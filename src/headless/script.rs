@@ -149,12 +149,20 @@ impl Script {
             }
             if let Some(wait) = &step.wait {
                 if wait.state.is_some() == wait.prompt.is_some() {
-                    return problem(&format!("{at}.wait"), "both or neither", "exactly one of state and prompt");
+                    return problem(
+                        &format!("{at}.wait"),
+                        "both or neither",
+                        "exactly one of state and prompt",
+                    );
                 }
                 if let Some(state) = &wait.state
                     && !is_waitable(state)
                 {
-                    return problem(&format!("{at}.wait.state"), state, "a state's name, confirmed or settled");
+                    return problem(
+                        &format!("{at}.wait.state"),
+                        state,
+                        "a state's name, confirmed or settled",
+                    );
                 }
                 if let Some(prompt) = &wait.prompt
                     && prompt != "any"
@@ -170,7 +178,11 @@ impl Script {
             if let Some(expect) = &step.expect
                 && !is_waitable(&expect.state)
             {
-                return problem(&format!("{at}.expect.state"), &expect.state, "a state's name, confirmed or settled");
+                return problem(
+                    &format!("{at}.expect.state"),
+                    &expect.state,
+                    "a state's name, confirmed or settled",
+                );
             }
         }
         Ok(script)
@@ -210,7 +222,10 @@ mod tests {
     fn refuses_what_it_does_not_know() {
         for (text, names) in [
             ("profile = \"sim\"\n[[step]]\nregsiter = \"x\"", "regsiter"),
-            ("profile = \"sim\"\n[[step]]\nregister = \"x\"\nwait = { state = \"active\", timeout_s = 1 }", "exactly one"),
+            (
+                "profile = \"sim\"\n[[step]]\nregister = \"x\"\nwait = { state = \"active\", timeout_s = 1 }",
+                "exactly one",
+            ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"activ\", timeout_s = 1 }", "activ"),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),

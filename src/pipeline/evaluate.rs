@@ -11,10 +11,10 @@ use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::pool::run_ordered;
 use holdpoint_sim::world::World;
 
-use crate::runtime::capability::Capability;
 use super::cell::{Cell, Conditions};
 use crate::governance::ids::Digest;
 use crate::runtime::arm::Arm;
+use crate::runtime::capability::Capability;
 use crate::runtime::task::{self, Supervision, TaskRecord};
 use crate::runtime::terms::Terms;
 
@@ -67,7 +67,9 @@ pub fn episode(
         let mut guard = terms.guard(capability.manifest.permissions.authority);
         let mut skill = capability.bundle.start(seed);
         let task_terms = terms.task(task, seed, capability.abort_secs());
-        task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| Supervision::Continue)
+        task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
+            Supervision::Continue
+        })
     };
     run().unwrap_or_else(|_| {
         // A world that diverged is not used again.
@@ -121,7 +123,13 @@ pub fn batch(
 
 /// What a cached episode is stored under.
 #[must_use]
-pub fn cache_key(cell: &Cell, terms: &Terms, capability: &Capability, conditions: Conditions, seed: u64) -> Digest {
+pub fn cache_key(
+    cell: &Cell,
+    terms: &Terms,
+    capability: &Capability,
+    conditions: Conditions,
+    seed: u64,
+) -> Digest {
     let under = format!("{:?}|{:?}|{}|{}", terms.envelope(), terms.watch(), conditions.name(), seed);
     Digest::of_parts(
         "holdpoint.episode.v1",

@@ -10,11 +10,11 @@ use holdpoint_sim::io::TaskKind;
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use crate::runtime::capability::Capability;
 use super::cell::Cell;
 use crate::runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use crate::runtime::agent::{ActiveView, Agent, Goal};
 use crate::runtime::arm::Arm;
+use crate::runtime::capability::Capability;
 use crate::runtime::task::{Supervision, Tick};
 use crate::runtime::terms::Terms;
 

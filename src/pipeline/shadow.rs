@@ -9,10 +9,10 @@ use holdpoint_sim::io::{Command, GuardVerdict, Pose, TaskKind};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use crate::runtime::capability::Capability;
 use super::live::Listener;
 use crate::governance::evidence::ShadowSequence;
 use crate::runtime::arm::{Arm, Recorder};
+use crate::runtime::capability::Capability;
 use crate::runtime::skill::Skill;
 use crate::runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
 use crate::runtime::terms::Terms;
@@ -38,7 +38,8 @@ impl Setpoints {
         match command {
             Command::ToolPose { pose, .. } => self.pose = Some(*pose),
             Command::Gripper { width_m, .. } => self.width_m = Some(*width_m),
-            Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {}
+            Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {
+            }
         }
     }
 
@@ -176,7 +177,8 @@ pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint]) -> f64 {
     let radius2 = TUBE_RADIUS_M * TUBE_RADIUS_M;
     let near = |point: &PathPoint| {
         live.iter().any(|other| {
-            let d: f32 = (0..3).map(|i| (point.tool[i] - other.tool[i]) * (point.tool[i] - other.tool[i])).sum();
+            let d: f32 =
+                (0..3).map(|i| (point.tool[i] - other.tool[i]) * (point.tool[i] - other.tool[i])).sum();
             d <= radius2
         })
     };

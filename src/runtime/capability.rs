@@ -32,7 +32,9 @@ pub struct Package {
 #[derive(Debug, thiserror::Error)]
 pub enum PackageError {
     /// A file of the package cannot be read.
-    #[error("cannot read {file}: {source}. Hint: a candidate is a folder with manifest.toml, submission.toml and the files they name")]
+    #[error(
+        "cannot read {file}: {source}. Hint: a candidate is a folder with manifest.toml, submission.toml and the files they name"
+    )]
     Read {
         /// Which file, already made safe to print.
         file: String,
@@ -62,7 +64,9 @@ pub enum PackageError {
     #[error(transparent)]
     Native(#[from] NativeError),
     /// The kind of bundle is not supported by this build.
-    #[error("{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run. Hint: use native:<controller>")]
+    #[error(
+        "{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run. Hint: use native:<controller>"
+    )]
     NoWasm {
         /// The manifest.
         file: String,
@@ -70,7 +74,9 @@ pub enum PackageError {
         bundle: String,
     },
     /// A native bundle without parameters.
-    #[error("{file}: deployment.params is missing. Hint: a native bundle needs a parameter file, e.g. params = \"params.toml\"")]
+    #[error(
+        "{file}: deployment.params is missing. Hint: a native bundle needs a parameter file, e.g. params = \"params.toml\""
+    )]
     NoParams {
         /// The manifest.
         file: String,
@@ -102,7 +108,10 @@ pub struct Capability {
 
 impl std::fmt::Debug for Capability {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Capability").field("id", &self.id().to_string()).field("digest", &self.digest).finish()
+        f.debug_struct("Capability")
+            .field("id", &self.id().to_string())
+            .field("digest", &self.digest)
+            .finish()
     }
 }
 
@@ -117,11 +126,14 @@ impl Package {
             .map_err(|source| PackageError::Read { file: shown.clone(), source })?;
         let manifest_file = format!("{shown}/manifest.toml");
         let manifest = read_text(&dir, "manifest.toml", &manifest_file, MANIFEST_BYTES_MAX)?;
-        let submission = read_text(&dir, "submission.toml", &format!("{shown}/submission.toml"), MANIFEST_BYTES_MAX)?;
+        let submission =
+            read_text(&dir, "submission.toml", &format!("{shown}/submission.toml"), MANIFEST_BYTES_MAX)?;
         let parsed = Manifest::parse(&manifest_file, &manifest)?;
         let params = match &parsed.deployment.params {
             None => String::new(),
-            Some(path) => read_text(&dir, path.as_str(), &format!("{shown}/{}", path.as_str()), MANIFEST_BYTES_MAX)?,
+            Some(path) => {
+                read_text(&dir, path.as_str(), &format!("{shown}/{}", path.as_str()), MANIFEST_BYTES_MAX)?
+            }
         };
         Ok(Self { manifest, submission, params })
     }

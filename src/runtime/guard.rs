@@ -145,7 +145,8 @@ impl Guard {
                 Ok((Command::ToolPose { pose: *pose, max_speed_m_s: speed }, hit))
             }
             Command::Joints { q, max_speed_rad_s } => {
-                let finite = q.iter().all(|v| v.is_finite()) && *max_speed_rad_s > 0.0 && max_speed_rad_s.is_finite();
+                let finite =
+                    q.iter().all(|v| v.is_finite()) && *max_speed_rad_s > 0.0 && max_speed_rad_s.is_finite();
                 if !finite || q.len() != self.model.joint_count() {
                     return Err(PolicyHit::NotFinite);
                 }
@@ -164,7 +165,9 @@ impl Guard {
                 let hit = (*force_n > limit).then_some(PolicyHit::ForceClamped);
                 Ok((Command::Gripper { width_m: *width_m, speed_m_s: *speed_m_s, force_n: force }, hit))
             }
-            Command::Stop | Command::Hold | Command::Done | Command::Fail { .. } => Ok((command.clone(), None)),
+            Command::Stop | Command::Hold | Command::Done | Command::Fail { .. } => {
+                Ok((command.clone(), None))
+            }
         }
     }
 
@@ -183,7 +186,9 @@ impl Guard {
     fn target_of(&self, command: &Command, seen: &Telemetry) -> Result<[f64; 3], PolicyHit> {
         let target = match command {
             Command::ToolPose { pose, .. } => pose.position,
-            Command::Joints { q, .. } if q.len() == self.model.joint_count() && q.iter().all(|v| v.is_finite()) => {
+            Command::Joints { q, .. }
+                if q.len() == self.model.joint_count() && q.iter().all(|v| v.is_finite()) =>
+            {
                 self.model.tool_pose(q).translation.vector.into()
             }
             Command::Joints { .. } => return Err(PolicyHit::NotFinite),

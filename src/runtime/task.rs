@@ -15,8 +15,8 @@ use super::guard::{Checked, Guard, PolicyHit};
 use super::limits::WatchLimits;
 use super::recovery::{self, RecoveryReport, StoppedBy};
 use super::skill::Skill;
-use crate::governance::evidence::{EpisodeValues, HardStop};
 use super::watcher::{Raised, Watcher, WatcherSignal};
+use crate::governance::evidence::{EpisodeValues, HardStop};
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -147,7 +147,9 @@ impl AttemptCounter {
 
     fn note(&mut self, command: &Command, seen: &Telemetry) {
         let engages = match (self.task, command) {
-            (TaskKind::Grasp, Command::Gripper { width_m, .. }) => Some(*width_m < seen.gripper_width_m - 0.002),
+            (TaskKind::Grasp, Command::Gripper { width_m, .. }) => {
+                Some(*width_m < seen.gripper_width_m - 0.002)
+            }
             (TaskKind::Align | TaskKind::Place, Command::ToolPose { pose, .. }) => {
                 let rise_m = pose.position[2] - seen.tool.position[2];
                 // Small corrections at one height are part of one attempt.

@@ -29,7 +29,12 @@ pub struct Terms {
 impl Terms {
     /// The terms of a profile.
     #[must_use]
-    pub fn new(profile: &Profile, table: Arc<PolicyTable>, model: Arc<RobotModel>, scene: Arc<Scene>) -> Self {
+    pub fn new(
+        profile: &Profile,
+        table: Arc<PolicyTable>,
+        model: Arc<RobotModel>,
+        scene: Arc<Scene>,
+    ) -> Self {
         let runtime = &profile.runtime;
         let watcher = &profile.watcher;
         let ticks = |secs: f64| {
@@ -55,7 +60,8 @@ impl Terms {
         let watch = WatchLimits {
             slip_max_m: watcher.slip_max_m,
             tracking_max_rad: watcher.tracking_error_max_rad,
-            picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0)).unwrap_or(u32::MAX),
+            picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0))
+                .unwrap_or(u32::MAX),
             overrun_ticks: limit_ticks,
             ..WatchLimits::default()
         };

@@ -51,9 +51,11 @@ impl WatcherSignal {
     #[must_use]
     pub const fn needs_recovery(self) -> bool {
         match self {
-            Self::TrackingError | Self::UnexpectedContact | Self::StaleInput | Self::Overrun | Self::TelemetryInvalid => {
-                true
-            }
+            Self::TrackingError
+            | Self::UnexpectedContact
+            | Self::StaleInput
+            | Self::Overrun
+            | Self::TelemetryInvalid => true,
             // The skill may mend these itself (a new attempt, a wait).
             Self::ObjectSlip | Self::ObjectLost | Self::ToolLost | Self::GripFault => false,
         }

@@ -143,7 +143,11 @@ pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     let weights = &profile.composite;
     let sum = weights.interface + weights.policy + weights.behavior + weights.recovery;
     if (sum - 1.0).abs() > 1e-9 {
-        return Some(("composite".into(), format!("weights summing to {sum}"), "weights summing to 1".into()));
+        return Some((
+            "composite".into(),
+            format!("weights summing to {sum}"),
+            "weights summing to 1".into(),
+        ));
     }
     let limits = &profile.runtime;
     if (0..3).any(|axis| limits.workspace_min_m[axis] >= limits.workspace_max_m[axis]) {
@@ -158,21 +162,33 @@ pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     let monitor = &profile.monitor;
     if monitor.telemetry_restrict_ms < monitor.telemetry_escalate_ms {
         let value = monitor.telemetry_restrict_ms.to_string();
-        return Some(("monitor.telemetry_restrict_ms".into(), value, "at least telemetry_escalate_ms".into()));
+        return Some((
+            "monitor.telemetry_restrict_ms".into(),
+            value,
+            "at least telemetry_escalate_ms".into(),
+        ));
     }
     freeze_problem(profile)
 }
 
 fn freeze_problem(profile: &Profile) -> Option<(String, String, String)> {
     if profile.freeze.len() > 64 {
-        return Some(("freeze".into(), format!("{} windows", profile.freeze.len()), "up to 64 windows".into()));
+        return Some((
+            "freeze".into(),
+            format!("{} windows", profile.freeze.len()),
+            "up to 64 windows".into(),
+        ));
     }
     let bad = profile.freeze.iter().find(|window| {
         let ends = [window.from_s, window.until_s];
         !ends.iter().all(|v| (0.0..=1.0e12).contains(v)) || ends[0] >= ends[1] || window.reason.len() > 200
     })?;
     let value = format!("{} to {}", bad.from_s, bad.until_s);
-    Some(("freeze".into(), value, "from_s below until_s, both 0 to 1e12, and a reason of up to 200 bytes".into()))
+    Some((
+        "freeze".into(),
+        value,
+        "from_s below until_s, both 0 to 1e12, and a reason of up to 200 bytes".into(),
+    ))
 }
 
 #[cfg(test)]
@@ -194,7 +210,8 @@ mod tests {
     fn human_is_tighter_than_real_and_real_than_sim() {
         let profiles = ProfileName::ALL.map(|name| numbers(&Profile::builtin(name).unwrap()));
         for Field { path, tighter, strict, .. } in FIELDS {
-            let values = profiles.each_ref().map(|numbers| numbers.iter().find(|(p, _)| p == path).unwrap().1);
+            let values =
+                profiles.each_ref().map(|numbers| numbers.iter().find(|(p, _)| p == path).unwrap().1);
             for pair in values.windows(2) {
                 let (loose, tight) = (pair[0], pair[1]);
                 let ok = match (tighter, strict) {

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::{ActiveView, Agent};
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::manifest::{Bound, Manifest};
-use crate::runtime::capability::Capability;
 use crate::runtime::arm::{Arm, Body};
+use crate::runtime::capability::Capability;
 use crate::runtime::task::{self, Supervisor, TaskRecord};
 use crate::runtime::terms::Terms;
 

@@ -11,8 +11,8 @@ pub mod native;
 
 use holdpoint_sim::io::{Command, Observation, TaskKind};
 
-use crate::governance::ids::Digest;
 use crate::governance::exports::Interface;
+use crate::governance::ids::Digest;
 
 /// An entry point beside the ordinary tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

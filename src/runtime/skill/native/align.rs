@@ -6,7 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks, wrap_quarter, yaw_of,
+    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something,
+    ticks, wrap_quarter, yaw_of,
 };
 use crate::runtime::skill::{Hook, Skill};
 
@@ -221,7 +222,8 @@ impl Align {
         if self.tray.count() < p.measure_pictures || self.object.count() < p.measure_pictures {
             return Command::Hold;
         }
-        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean()) else {
+        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean())
+        else {
             return self.finish(Some(FailureSignal::TargetNotFound));
         };
         let error = [seat[0] - object[0], seat[1] - object[1]];
@@ -276,7 +278,8 @@ impl Skill for Align {
 /// The signals this controller's code can raise with these parameters.
 #[must_use]
 pub fn signals(params: &AlignParams) -> Vec<FailureSignal> {
-    let mut signals = vec![FailureSignal::TargetNotFound, FailureSignal::ObjectSlipped, FailureSignal::TimedOut];
+    let mut signals =
+        vec![FailureSignal::TargetNotFound, FailureSignal::ObjectSlipped, FailureSignal::TimedOut];
     if params.measure_pictures > 0 {
         signals.push(FailureSignal::AlignmentLost);
     }

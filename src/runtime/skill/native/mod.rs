@@ -191,7 +191,8 @@ impl Controller {
     fn outputs() -> BTreeMap<String, FieldSpec> {
         let mut outcome = FieldSpec::plain(Kind::Enum);
         outcome.values = vec!["done".to_owned(), "failed".to_owned()];
-        [("outcome".to_owned(), outcome), ("duration".to_owned(), FieldSpec::real(Unit::Second, 0.0, 60.0))].into()
+        [("outcome".to_owned(), outcome), ("duration".to_owned(), FieldSpec::real(Unit::Second, 0.0, 60.0))]
+            .into()
     }
 }
 

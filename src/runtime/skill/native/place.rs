@@ -5,7 +5,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks, wrap_quarter, yaw_of,
+    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something,
+    ticks, wrap_quarter, yaw_of,
 };
 use crate::runtime::skill::{Hook, Skill};
 
@@ -208,7 +209,8 @@ impl Place {
             }
             return Command::Hold;
         }
-        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean()) else {
+        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean())
+        else {
             return self.finish(Some(FailureSignal::TargetNotFound));
         };
         self.hang_m = seen.tool.position[2] - object[2];

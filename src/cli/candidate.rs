@@ -1,0 +1,319 @@
+//! `holdpoint candidate register | show | check | diff`.
+//!
+//! Reading a candidate's folder: the manifest and the submission, opened beneath the folder and never through a
+//! link that leads out of it, with a limit on their size before they are parsed.
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use cap_std::ambient_authority;
+use cap_std::fs::Dir;
+use clap::{Args, Subcommand};
+use serde::Serialize;
+use serde_json::Value;
+
+use super::output::Table;
+use super::{CliError, Context, EngineVerbs, Exit, Output};
+use crate::governance::ids::Digest;
+use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest, RelativePath};
+use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
+use crate::text::Untrusted;
+
+/// The most differences `diff` prints.
+pub const DIFFERENCES_MAX: usize = 1_000;
+
+/// The arguments of `candidate`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint candidate check manifests/candidates/grasp-improved
+  holdpoint candidate diff manifests/grasp/1.0.0 manifests/candidates/grasp-improved")]
+pub struct CandidateArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: CandidateVerb,
+}
+
+/// What can be done with candidates.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum CandidateVerb {
+    /// Registers a candidate's folder with the engine.
+    Register(RegisterArgs),
+    /// Prints a candidate's manifest in its canonical form.
+    Show(FolderArgs),
+    /// Checks a candidate's folder without registering it; says nothing about its compatibility.
+    Check(FolderArgs),
+    /// Compares two candidates' manifests field by field.
+    Diff(DiffArgs),
+}
+
+/// The arguments of `candidate register`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
+  holdpoint candidate register manifests/candidates/grasp-improved --as otto")]
+pub struct RegisterArgs {
+    /// The folder with manifest.toml and submission.toml.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// The identity that asks for it; it cannot approve it later.
+    #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
+    pub identity: Option<String>,
+}
+
+/// The arguments of `candidate show` and `candidate check`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint candidate check manifests/candidates/grasp-improved --json
+  holdpoint candidate show manifests/candidates/grasp-improved")]
+pub struct FolderArgs {
+    /// The folder with manifest.toml and submission.toml.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+}
+
+/// The arguments of `candidate diff`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
+  holdpoint candidate diff manifests/grasp/1.0.0 manifests/candidates/grasp-improved")]
+pub struct DiffArgs {
+    /// The folder to compare with, e.g. of the active version.
+    #[arg(value_name = "OLD")]
+    pub old: PathBuf,
+    /// The folder to compare.
+    #[arg(value_name = "NEW")]
+    pub new: PathBuf,
+}
+
+/// A candidate's folder as read; its parts are well formed and nothing more is known of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Folder {
+    /// The manifest.
+    pub manifest: Manifest,
+    /// The submission.
+    pub submission: Submission,
+}
+
+impl Folder {
+    /// Reads and parses a candidate's folder.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] that names the file, what is wrong and what is allowed.
+    pub fn read(path: &Path) -> Result<Self, CliError> {
+        let dir = Dir::open_ambient_dir(path, ambient_authority()).map_err(|error| {
+            CliError::usage(format!(
+                "cannot open the candidate's folder {path:?}: {error}\nHint: name a folder with manifest.toml and \
+                 submission.toml"
+            ))
+        })?;
+        let manifest =
+            Manifest::parse("manifest.toml", &read(&dir, path, "manifest.toml", MANIFEST_BYTES_MAX)?)?;
+        let submission = Submission::parse(
+            "submission.toml",
+            &read(&dir, path, "submission.toml", SUBMISSION_BYTES_MAX)?,
+        )?;
+        let folder = Self { manifest, submission };
+        for file in folder.files() {
+            let metadata =
+                dir.metadata(file.as_str()).map_err(|error| unreadable(path, file.as_str(), &error))?;
+            if !metadata.is_file() {
+                return Err(unreadable(path, file.as_str(), &"it is not a file"));
+            }
+        }
+        Ok(folder)
+    }
+
+    /// The files beside the manifest that it names.
+    fn files(&self) -> Vec<&RelativePath> {
+        let component = match &self.manifest.deployment.bundle {
+            Bundle::Native(_) => None,
+            Bundle::Wasm(path) => Some(path),
+        };
+        component.into_iter().chain(&self.manifest.deployment.params).collect()
+    }
+}
+
+/// Reads a text file beneath `dir`, of at most `bytes_max` and one byte more, so that its parser sees the excess.
+fn read(dir: &Dir, path: &Path, file: &str, bytes_max: usize) -> Result<String, CliError> {
+    let mut text = String::new();
+    dir.open(file)
+        .and_then(|file| file.take(bytes_max as u64 + 1).read_to_string(&mut text))
+        .map_err(|error| unreadable(path, file, &error))?;
+    Ok(text)
+}
+
+fn unreadable(folder: &Path, file: &str, problem: &dyn std::fmt::Display) -> CliError {
+    CliError::usage(format!("cannot read {:?}: {problem}", folder.join(file)))
+}
+
+/// One field that differs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Path of the field, e.g. `permissions.max_force_n`.
+    pub field: String,
+    /// Its old value; `None` where it is new.
+    pub old: Option<Value>,
+    /// Its new value; `None` where it is gone.
+    pub new: Option<Value>,
+}
+
+/// The fields in which two values differ, by path. Lists of words compare as sets, member by member.
+#[must_use]
+pub fn differences(old: &Value, new: &Value) -> Vec<Difference> {
+    let mut found = Vec::new();
+    compare("", Some(old), Some(new), &mut found);
+    found
+}
+
+fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec<Difference>) {
+    if old == new || found.len() >= DIFFERENCES_MAX {
+        return;
+    }
+    let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match (old, new) {
+        (Some(Value::Object(old)), Some(Value::Object(new))) => {
+            let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
+            for key in keys {
+                compare(&join(key), old.get(key), new.get(key), found);
+            }
+        }
+        (Some(Value::Array(old)), Some(Value::Array(new))) if words(old) && words(new) => {
+            for gone in old.iter().filter(|word| !new.contains(word)) {
+                found.push(Difference { field: path.to_owned(), old: Some(gone.clone()), new: None });
+            }
+            for added in new.iter().filter(|word| !old.contains(word)) {
+                found.push(Difference { field: path.to_owned(), old: None, new: Some(added.clone()) });
+            }
+        }
+        (old, new) => found.push(Difference { field: path.to_owned(), old: old.cloned(), new: new.cloned() }),
+    }
+}
+
+fn words(values: &[Value]) -> bool {
+    values.iter().all(Value::is_string)
+}
+
+#[derive(Serialize)]
+struct Checked {
+    id: String,
+    digest: Digest,
+    bundle: String,
+    author: String,
+    provenance: &'static str,
+    estimated_risk: &'static str,
+    summary: Untrusted,
+}
+
+/// Does what was asked for; `register` goes to the engine.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(
+    context: &Context,
+    args: &CandidateArgs,
+    engine: &mut dyn EngineVerbs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    match &args.verb {
+        CandidateVerb::Register(args) => return engine.register(context, args, out),
+        CandidateVerb::Show(args) => show(&Folder::read(&args.folder)?, out)?,
+        CandidateVerb::Check(args) => check(&Folder::read(&args.folder)?, out)?,
+        CandidateVerb::Diff(args) => diff(&Folder::read(&args.old)?, &Folder::read(&args.new)?, out)?,
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn show(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.answer(&folder.manifest, |out| {
+        let value = serde_json::to_value(&folder.manifest).map_err(CliError::internal)?;
+        super::profile::print_fields(&value, out)
+    })
+}
+
+fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
+    let Folder { manifest, submission } = folder;
+    let checked = Checked {
+        id: manifest.id().to_string(),
+        digest: manifest.digest().map_err(CliError::internal)?,
+        bundle: manifest.deployment.bundle.clone().into(),
+        author: submission.author.clone(),
+        provenance: submission.provenance.name(),
+        estimated_risk: submission.estimated_risk.name(),
+        summary: submission.summary.as_str().into(),
+    };
+    out.answer(&checked, |out| {
+        out.line(&format!("{} is well formed", checked.id))?;
+        out.line(&format!("digest     {}", checked.digest))?;
+        out.line(&format!("bundle     {}", checked.bundle))?;
+        out.line(&format!("submitted  by {} ({})", checked.author, checked.provenance))?;
+        out.line(&format!("risk       {} (the author's estimate)", checked.estimated_risk))?;
+        if checked.summary.is_blank() {
+            Ok(())
+        } else {
+            out.line(&format!("summary    {}", checked.summary.line()))
+        }
+    })
+}
+
+fn diff(old: &Folder, new: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
+    let value = |folder: &Folder| serde_json::to_value(&folder.manifest).map_err(CliError::internal);
+    let differences = differences(&value(old)?, &value(new)?);
+    out.answer(&differences, |out| {
+        if differences.is_empty() {
+            return out.line("no differences");
+        }
+        let mut table = Table::new(&["field", "old", "new"]);
+        let text =
+            |value: &Option<Value>| value.as_ref().map_or_else(|| "-".to_owned(), super::profile::plain);
+        for difference in &differences {
+            table.row([difference.field.clone(), text(&difference.old), text(&difference.new)]);
+        }
+        out.table(&table)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_name_the_field() {
+        let old =
+            serde_json::json!({"p": {"force_n": 30.0, "zones": ["bin", "tray"], "gone": 1}, "same": [1]});
+        let new = serde_json::json!({"p": {"force_n": 42.0, "zones": ["human", "tray"]}, "same": [1]});
+        let shown: Vec<(String, Option<Value>, Option<Value>)> =
+            differences(&old, &new).into_iter().map(|d| (d.field, d.old, d.new)).collect();
+        let word = |text: &str| Some(Value::from(text));
+        assert_eq!(
+            shown,
+            [
+                ("p.force_n".to_owned(), Some(30.0.into()), Some(42.0.into())),
+                ("p.gone".to_owned(), Some(1.into()), None),
+                ("p.zones".to_owned(), word("bin"), None),
+                ("p.zones".to_owned(), None, word("human")),
+            ]
+        );
+        assert!(differences(&old, &old).is_empty());
+    }
+
+    #[test]
+    fn folders_are_read_beneath_and_bounded() {
+        let root = tempfile::tempdir().unwrap();
+        let error = |path: &Path| Folder::read(path).unwrap_err().to_string();
+        assert!(error(&root.path().join("none")).contains("cannot open the candidate's folder"));
+        let candidate = root.path().join("candidate");
+        std::fs::create_dir(&candidate).unwrap();
+        assert!(error(&candidate).contains("manifest.toml"));
+        // A link that leads out of the folder is not followed.
+        std::fs::write(root.path().join("outside.toml"), "").unwrap();
+        std::os::unix::fs::symlink("../outside.toml", candidate.join("manifest.toml")).unwrap();
+        assert!(error(&candidate).contains("manifest.toml"), "{}", error(&candidate));
+        std::fs::remove_file(candidate.join("manifest.toml")).unwrap();
+        std::fs::write(candidate.join("manifest.toml"), "#".repeat(MANIFEST_BYTES_MAX + 1)).unwrap();
+        assert!(error(&candidate).contains("too many"), "{}", error(&candidate));
+        std::fs::write(candidate.join("manifest.toml"), "name = \"grasp\"\nsurprise = 1\n").unwrap();
+        assert!(error(&candidate).contains("manifest.toml:2"), "{}", error(&candidate));
+    }
+}

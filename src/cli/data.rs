@@ -1,0 +1,45 @@
+//! Where the store is.
+
+use std::path::{Path, PathBuf};
+
+use super::CliError;
+
+/// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
+///
+/// # Errors
+/// Where none is given and the environment names no home.
+pub fn folder(given: Option<&Path>) -> Result<PathBuf, CliError> {
+    let variable = |name| std::env::var_os(name).map(PathBuf::from);
+    folder_from(given, variable("XDG_DATA_HOME"), variable("HOME")).ok_or_else(|| {
+        CliError::usage("there is no place for the store: neither XDG_DATA_HOME nor HOME is set\nHint: name one with --data DIR")
+    })
+}
+
+/// Relative paths in the environment are ignored, as the XDG base directory specification demands.
+fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>) -> Option<PathBuf> {
+    let absolute = |path: Option<PathBuf>| path.filter(|path| path.is_absolute());
+    given.map(Path::to_owned).or_else(|| {
+        let base = absolute(xdg).or_else(|| absolute(home).map(|home| home.join(".local/share")))?;
+        Some(base.join("holdpoint"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places() {
+        for (given, xdg, home, expected) in [
+            (Some("here"), Some("/x"), Some("/h"), Some("here")),
+            (None, Some("/x"), Some("/h"), Some("/x/holdpoint")),
+            (None, Some("x"), Some("/h"), Some("/h/.local/share/holdpoint")),
+            (None, Some(""), Some("/h"), Some("/h/.local/share/holdpoint")),
+            (None, None, Some("h"), None),
+            (None, None, None, None),
+        ] {
+            let got = folder_from(given.map(Path::new), xdg.map(Into::into), home.map(Into::into));
+            assert_eq!(got, expected.map(PathBuf::from), "{given:?} {xdg:?} {home:?}");
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! `holdpoint doctor`: whether this machine and terminal have what is needed. Looks only; installs nothing.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::output::Table;
+use super::{CliError, Context, Exit, Output};
+use crate::registry::Layout;
+
+/// The oldest SQLite without the WAL-reset defect.
+const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
+
+/// The smallest terminal with more than alarms and approvals on it, columns and rows.
+const TERMINAL_MIN: (u16, u16) = (60, 16);
+
+/// The terminal that shows everything, columns and rows.
+const TERMINAL_FULL: (u16, u16) = (100, 30);
+
+/// The libraries whose versions are named.
+const LIBRARIES: [&str; 7] =
+    ["rapier3d", "nalgebra", "rusqlite", "cedar-policy", "ed25519-dalek", "sha2", "tokio"];
+
+/// The arguments of `doctor`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Ends with 2 where something needed is missing.
+
+Examples:
+  holdpoint doctor
+  holdpoint doctor --data /tmp/try --json")]
+pub struct DoctorArgs {}
+
+/// How a finding stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Standing {
+    /// As it should be, or for information.
+    Ok,
+    /// Works, but less than all.
+    Limited,
+    /// Does not work.
+    Missing,
+}
+
+impl Standing {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Limited => "limited",
+            Self::Missing => "MISSING",
+        }
+    }
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What.
+    pub item: String,
+    /// How it stands.
+    pub standing: Standing,
+    /// What was found, and what to do.
+    pub detail: String,
+}
+
+fn finding(item: &str, standing: Standing, detail: impl Into<String>) -> Finding {
+    Finding { item: item.to_owned(), standing, detail: detail.into() }
+}
+
+/// Looks and prints.
+///
+/// # Errors
+/// Where the output cannot be written.
+pub fn run(context: &Context, _args: &DoctorArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let variable = |name: &str| std::env::var(name).ok();
+    let size = terminal_size::terminal_size().map(|(width, height)| (width.0, height.0));
+    let mut findings = vec![finding("holdpoint", Standing::Ok, env!("CARGO_PKG_VERSION"))];
+    findings.extend(terminal(std::io::stdout().is_terminal(), size, variable));
+    findings.push(store(&context.data));
+    findings.push(sqlite(rusqlite::version()));
+    findings.push(viewer(std::env::var_os("PATH").as_deref()));
+    findings.extend(libraries(include_str!("../../Cargo.lock")));
+    out.answer(&findings, |out| {
+        let mut table = Table::new(&["item", "standing", "detail"]);
+        for finding in &findings {
+            table.row([finding.item.as_str(), finding.standing.word(), &finding.detail]);
+        }
+        out.table(&table)
+    })?;
+    let missing = findings.iter().any(|finding| finding.standing == Standing::Missing);
+    Ok(if missing { Exit::Usage } else { Exit::Confirmed })
+}
+
+fn terminal(
+    is_terminal: bool,
+    size: Option<(u16, u16)>,
+    variable: impl Fn(&str) -> Option<String>,
+) -> Vec<Finding> {
+    let set = |name: &str| variable(name).filter(|value| !value.is_empty());
+    let term = set("TERM").unwrap_or_else(|| "not set".to_owned());
+    let screen = match (is_terminal, size) {
+        _ if term == "dumb" => {
+            (Standing::Limited, "TERM is dumb: output is plain, without the console".to_owned())
+        }
+        (false, _) | (true, None) => {
+            (Standing::Limited, "the output is no terminal: it is plain, without the console".to_owned())
+        }
+        (true, Some((width, height))) => {
+            let fits = |(w, h): (u16, u16)| width >= w && height >= h;
+            let what = match (fits(TERMINAL_FULL), fits(TERMINAL_MIN)) {
+                (true, _) => "shows everything",
+                (false, true) => "shows one or two panes; 100x30 shows everything",
+                (false, false) => "shows alarms and approvals only; 60x16 is the least for more",
+            };
+            let standing = if fits(TERMINAL_MIN) { Standing::Ok } else { Standing::Limited };
+            (standing, format!("{width}x{height} {what}"))
+        }
+    };
+    let color = if set("NO_COLOR").is_some() {
+        "none: NO_COLOR is set"
+    } else if set("COLORTERM").is_some_and(|value| value == "truecolor" || value == "24bit") {
+        "16 million"
+    } else if term.contains("256color") {
+        "256"
+    } else if term == "dumb" || term == "not set" {
+        "none"
+    } else {
+        "16"
+    };
+    let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(set).unwrap_or_default();
+    let unicode = locale.to_lowercase().replace('-', "").contains("utf8");
+    vec![
+        finding("terminal", screen.0, screen.1),
+        finding("colours", Standing::Ok, format!("{color} (TERM {term})")),
+        finding(
+            "characters",
+            if unicode { Standing::Ok } else { Standing::Limited },
+            if unicode { "UTF-8" } else { "the locale is not UTF-8: Greek letters and borders may be wrong" },
+        ),
+    ]
+}
+
+/// Whether the store's folder, or the nearest one above it that exists, may be written to.
+fn store(data: &Path) -> Finding {
+    let exists = data.exists();
+    let Some(nearest) = data.ancestors().find(|path| path.is_dir() || path.as_os_str().is_empty()) else {
+        return finding("store", Standing::Missing, format!("{} has no folder above it", data.display()));
+    };
+    let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
+    let shown = data.display();
+    if exists && !data.is_dir() {
+        return finding(
+            "store",
+            Standing::Missing,
+            format!("{shown} is not a folder; name one with --data DIR"),
+        );
+    }
+    match rustix::fs::access(nearest, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK) {
+        Err(error) => {
+            let detail =
+                format!("{} cannot be written to: {error}; name another with --data DIR", nearest.display());
+            finding("store", Standing::Missing, detail)
+        }
+        Ok(()) if Layout::new(data).database().is_file() => {
+            finding("store", Standing::Ok, format!("in {shown}"))
+        }
+        Ok(()) => finding("store", Standing::Ok, format!("will be made in {shown}")),
+    }
+}
+
+fn sqlite(version: &str) -> Finding {
+    let mut parts = version.split('.').map(|part| part.parse::<u32>().ok());
+    let mut next = || parts.next().flatten();
+    let (major, minor, patch) = SQLITE_MIN;
+    match (next(), next(), next()) {
+        (Some(a), Some(b), Some(c)) if (a, b, c) >= SQLITE_MIN => finding("sqlite", Standing::Ok, version),
+        _ => finding(
+            "sqlite",
+            Standing::Missing,
+            format!("{version}; {major}.{minor}.{patch} or newer is needed"),
+        ),
+    }
+}
+
+/// Whether the scene viewer can be started.
+fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
+    let executable = |path: &PathBuf| {
+        path.is_file() && rustix::fs::access(path.as_path(), rustix::fs::Access::EXEC_OK).is_ok()
+    };
+    let found =
+        std::env::split_paths(path.unwrap_or_default()).map(|folder| folder.join("rerun")).find(executable);
+    match found {
+        Some(path) => finding("viewer", Standing::Ok, path.display().to_string()),
+        None => finding(
+            "viewer",
+            Standing::Limited,
+            "`rerun` is not on PATH: recordings are written but cannot be opened from here",
+        ),
+    }
+}
+
+/// The versions this program was built with, from its lock file.
+fn libraries(lock: &str) -> Vec<Finding> {
+    let version_of = |library: &str| {
+        let mut lines = lock.lines();
+        lines.find(|line| {
+            line.strip_prefix("name = \"").and_then(|rest| rest.strip_suffix('"')) == Some(library)
+        })?;
+        lines.next()?.strip_prefix("version = \"")?.strip_suffix('"')
+    };
+    LIBRARIES
+        .into_iter()
+        .filter_map(|library| version_of(library).map(|version| finding(library, Standing::Ok, version)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terminals() {
+        for (tty, size, term, expected) in [
+            (true, Some((120, 40)), "xterm-256color", Standing::Ok),
+            (true, Some((80, 24)), "xterm", Standing::Ok),
+            (true, Some((59, 24)), "xterm", Standing::Limited),
+            (true, Some((120, 40)), "dumb", Standing::Limited),
+            (true, None, "xterm", Standing::Limited),
+            (false, Some((120, 40)), "xterm", Standing::Limited),
+        ] {
+            let findings = terminal(tty, size, |name| (name == "TERM").then(|| term.to_owned()));
+            assert_eq!(findings[0].standing, expected, "{tty} {size:?} {term}");
+        }
+        for (name, value, expected) in [
+            ("COLORTERM", "truecolor", "16 million"),
+            ("NO_COLOR", "1", "none: NO_COLOR"),
+            ("TERM", "screen-256color", "256 "),
+            ("TERM", "linux", "16 "),
+        ] {
+            let findings = terminal(true, None, |asked| (asked == name).then(|| value.to_owned()));
+            assert!(findings[1].detail.starts_with(expected), "{name}: {}", findings[1].detail);
+        }
+    }
+
+    #[test]
+    fn stores_and_versions() {
+        let root = tempfile::tempdir().unwrap();
+        std::fs::write(root.path().join("file"), "").unwrap();
+        for (path, expected) in
+            [("", Standing::Ok), ("deep/below", Standing::Ok), ("file", Standing::Missing)]
+        {
+            assert_eq!(store(&root.path().join(path)).standing, expected, "{path}");
+        }
+        assert!(!root.path().join("deep").exists(), "looking must not make folders");
+        for (version, expected) in [
+            ("3.51.3", Standing::Ok),
+            ("4.0.0", Standing::Ok),
+            ("3.51.2", Standing::Missing),
+            ("x", Standing::Missing),
+        ] {
+            assert_eq!(sqlite(version).standing, expected, "{version}");
+        }
+        assert_eq!(sqlite(rusqlite::version()).standing, Standing::Ok);
+    }
+
+    #[test]
+    fn every_library_is_in_the_lock_file() {
+        let found = libraries(include_str!("../../Cargo.lock"));
+        assert_eq!(found.iter().map(|finding| finding.item.as_str()).collect::<Vec<_>>(), LIBRARIES);
+    }
+
+    #[test]
+    fn the_viewer_must_be_executable() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("rerun");
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(viewer(Some(root.path().as_os_str())).standing, Standing::Limited);
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        std::fs::set_permissions(&path, mode).unwrap();
+        assert_eq!(viewer(Some(root.path().as_os_str())).standing, Standing::Ok);
+        assert_eq!(viewer(None).standing, Standing::Limited);
+    }
+}

@@ -1,0 +1,102 @@
+//! `holdpoint identity new | list`.
+
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+use super::output::Table;
+use super::{CliError, Context, Exit, Output};
+use crate::approvals::{Identity, IdentityInfo, Role, keyfile};
+use crate::registry::Layout;
+
+/// The arguments of `identity`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint identity new mara --role operator
+  holdpoint identity list")]
+pub struct IdentityArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: IdentityVerb,
+}
+
+/// What can be done with identities.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum IdentityVerb {
+    /// Makes an identity with a fresh key; keys are never replaced.
+    #[command(after_help = "\
+Example:
+  holdpoint identity new mara --role safety-officer")]
+    New {
+        /// Its name.
+        #[arg(value_parser = super::decide::parse_identity)]
+        name: String,
+        /// What this person does; profiles say which roles may approve.
+        #[arg(long, default_value = "operator", value_parser = parse_role)]
+        role: Role,
+    },
+    /// Lists the identities of the store.
+    #[command(after_help = "\
+Example:
+  holdpoint identity list --json")]
+    List,
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    name: &'a str,
+    role: &'a str,
+    public_key: String,
+}
+
+impl<'a> Shown<'a> {
+    fn of(info: &'a IdentityInfo) -> Self {
+        Self {
+            name: &info.name,
+            role: info.role.as_str(),
+            public_key: keyfile::hex(info.public_key.as_bytes()),
+        }
+    }
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let layout = Layout::new(&context.data);
+    let folder = layout.identities();
+    match &args.verb {
+        IdentityVerb::New { name, role } => {
+            layout.create().map_err(CliError::usage)?;
+            let identity = Identity::create(&folder, name, role.clone()).map_err(CliError::usage)?;
+            let shown = Shown::of(identity.info());
+            out.answer(&shown, |out| {
+                out.line(&format!(
+                    "made the identity {} ({}), public key {}",
+                    shown.name, shown.role, shown.public_key
+                ))
+            })?;
+        }
+        IdentityVerb::List => {
+            let known =
+                if folder.is_dir() { Identity::list(&folder).map_err(CliError::usage)? } else { Vec::new() };
+            let shown: Vec<Shown<'_>> = known.iter().map(Shown::of).collect();
+            out.answer(&shown, |out| {
+                if shown.is_empty() {
+                    return out.line(&format!("no identities in {}", folder.display()));
+                }
+                let mut table = Table::new(&["name", "role", "public key"]);
+                for identity in &shown {
+                    table.row([identity.name, identity.role, &identity.public_key]);
+                }
+                out.table(&table)
+            })?;
+        }
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn parse_role(text: &str) -> Result<Role, String> {
+    Role::new(text).map_err(|error| error.to_string())
+}

@@ -1,0 +1,202 @@
+//! Printing: tables and lines for people, JSON lines for programs.
+//!
+//! Everything passes the sanitiser here, so a caller may hand foreign text over as it is. A reader that goes
+//! away (`| head`) ends the program cleanly through [`CliError::ReaderGone`].
+
+use std::io::{self, IsTerminal, Write};
+
+use comfy_table::{ContentArrangement, presets};
+use serde::Serialize;
+
+use super::CliError;
+use crate::text::{WIDTH_MAX, escape_json, sanitise};
+
+/// The widest cell of a table, in columns.
+const CELL_WIDTH_MAX: usize = 160;
+
+/// The narrowest terminal a table is fitted into; below it lines are left to wrap.
+const TABLE_WIDTH_MIN: u16 = 40;
+
+/// Where answers go.
+pub struct Output<'a> {
+    sink: Box<dyn Write + 'a>,
+    json: bool,
+    width: Option<u16>,
+}
+
+/// Rows under a header, all of the same length.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Table {
+    header: Vec<&'static str>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// A table without rows.
+    #[must_use]
+    pub fn new(header: &[&'static str]) -> Self {
+        Self { header: header.to_vec(), rows: Vec::new() }
+    }
+
+    /// Adds a row; missing cells are empty, and cells beyond the header are left off.
+    pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        let mut row: Vec<String> = cells.into_iter().map(Into::into).take(self.header.len()).collect();
+        row.resize(self.header.len(), String::new());
+        self.rows.push(row);
+    }
+
+    /// Whether there are no rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+}
+
+impl Output<'static> {
+    /// The standard output, locked for each line; tables fit the terminal, if it is one.
+    ///
+    /// The lock is not kept between lines: the console draws from a thread of its own and would wait for ever.
+    #[must_use]
+    pub fn stdout(json: bool) -> Self {
+        let stdout = io::stdout();
+        let width = if stdout.is_terminal() {
+            terminal_size::terminal_size_of(&stdout).map(|(terminal_size::Width(width), _)| width)
+        } else {
+            None
+        };
+        Self { sink: Box::new(stdout), json, width }
+    }
+}
+
+impl<'a> Output<'a> {
+    /// Any other place, without a width.
+    #[must_use]
+    pub fn to(sink: impl Write + 'a, json: bool) -> Self {
+        Self { sink: Box::new(sink), json, width: None }
+    }
+
+    /// Whether answers are JSON.
+    #[must_use]
+    pub const fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// One line for people.
+    ///
+    /// # Errors
+    /// [`CliError::ReaderGone`] or [`CliError::Output`].
+    pub fn line(&mut self, text: &str) -> Result<(), CliError> {
+        Ok(writeln!(self.sink, "{}", sanitise(text, WIDTH_MAX))?)
+    }
+
+    /// One JSON document on one line, with nothing in it that a terminal would act on.
+    ///
+    /// # Errors
+    /// As [`Output::line`], or [`CliError::Internal`] where the value has no JSON form.
+    pub fn json<T: Serialize>(&mut self, value: &T) -> Result<(), CliError> {
+        let json = serde_json::to_string(value).map_err(CliError::internal)?;
+        Ok(writeln!(self.sink, "{}", escape_json(&json))?)
+    }
+
+    /// A table for people.
+    ///
+    /// # Errors
+    /// As [`Output::line`].
+    pub fn table(&mut self, table: &Table) -> Result<(), CliError> {
+        let mut drawn = comfy_table::Table::new();
+        drawn.load_preset(presets::NOTHING);
+        match self.width {
+            Some(width) if width >= TABLE_WIDTH_MIN => {
+                drawn.set_content_arrangement(ContentArrangement::Dynamic).set_width(width);
+            }
+            Some(_) | None => {
+                drawn.set_content_arrangement(ContentArrangement::Disabled);
+            }
+        }
+        drawn.set_header(table.header.iter().map(|title| title.to_uppercase()));
+        for row in &table.rows {
+            drawn.add_row(row.iter().map(|cell| sanitise(cell, CELL_WIDTH_MAX).into_string()));
+        }
+        for column in drawn.column_iter_mut() {
+            column.set_padding((0, 2));
+        }
+        for line in drawn.lines() {
+            writeln!(self.sink, "{}", line.trim_end())?;
+        }
+        Ok(())
+    }
+
+    /// Either of both: JSON where it was asked for, else what `show` prints.
+    ///
+    /// # Errors
+    /// As [`Output::json`].
+    pub fn answer<T: Serialize>(
+        &mut self,
+        value: &T,
+        show: impl FnOnce(&mut Self) -> Result<(), CliError>,
+    ) -> Result<(), CliError> {
+        if self.json { self.json(value) } else { show(self) }
+    }
+
+    /// The place itself, for writers that make their own safe text (completion scripts, exports).
+    pub fn sink(&mut self) -> &mut dyn Write {
+        &mut self.sink
+    }
+
+    /// Writes out what is buffered.
+    ///
+    /// # Errors
+    /// As [`Output::line`].
+    pub fn flush(&mut self) -> Result<(), CliError> {
+        Ok(self.sink.flush()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(json: bool, print: impl FnOnce(&mut Output<'_>) -> Result<(), CliError>) -> String {
+        let mut bytes = Vec::new();
+        print(&mut Output::to(&mut bytes, json)).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn tables_are_aligned_and_sanitised() {
+        let mut table = Table::new(&["name", "state"]);
+        table.row(["grasp@1.0.0", "active"]);
+        table.row(["漢字\u{202e}\u{1b}[2J", "hidden\nline", "left off"]);
+        table.row(["short"]);
+        let text = printed(false, |out| out.table(&table));
+        assert_eq!(
+            text,
+            "NAME                   STATE\n\
+             grasp@1.0.0            active\n\
+             漢字\\u{202e}\\u{1b}[2J  hidden\\u{a}line\n\
+             short\n"
+        );
+    }
+
+    #[test]
+    fn json_is_one_safe_line() {
+        let value = serde_json::json!({"reason": "\u{9b}2J\u{202e}"});
+        let text = printed(true, |out| out.answer(&value, |out| out.line("never")));
+        assert_eq!(text, "{\"reason\":\"\\u009b2J\\u202e\"}\n");
+    }
+
+    #[test]
+    fn a_reader_that_leaves_is_a_clean_end() {
+        struct Gone;
+        impl Write for Gone {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::BrokenPipe.into())
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let error = Output::to(Gone, false).line("text").unwrap_err();
+        assert_eq!(error.exit(), super::super::Exit::Confirmed);
+    }
+}

@@ -1,0 +1,321 @@
+//! `holdpoint registry list | show | history`. Reads the store; an engine may have it open meanwhile.
+
+use clap::{Args, Subcommand, ValueEnum};
+use serde_json::{Value, json};
+
+use super::output::Table;
+use super::{CliError, Context, Exit, Output};
+use crate::governance::ids::{CapabilityId, Family};
+use crate::registry::{VersionDetail, VersionFilter, VersionGroup, VersionSummary, Views};
+use crate::text::sanitise;
+
+/// The most versions `list` prints.
+pub const LIST_MAX: u32 = 10_000;
+
+/// The arguments of `registry`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint registry list --view candidates
+  holdpoint registry show grasp@1.3.0
+  holdpoint registry history grasp --json")]
+pub struct RegistryArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: RegistryVerb,
+}
+
+/// What can be asked of the registry.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum RegistryVerb {
+    /// Lists versions.
+    #[command(after_help = "\
+Example:
+  holdpoint registry list --family grasp --view candidates")]
+    List {
+        /// Of one family only.
+        #[arg(long, value_parser = super::decide::parse_family)]
+        family: Option<Family>,
+        /// Which versions.
+        #[arg(long, value_enum, default_value_t = ViewArg::All)]
+        view: ViewArg,
+        /// How many at most.
+        #[arg(long, value_name = "N", default_value_t = 1_000,
+              value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
+        limit: u32,
+    },
+    /// Shows one version in full.
+    #[command(after_help = "\
+Example:
+  holdpoint registry show grasp@1.3.0")]
+    Show {
+        /// The version, e.g. grasp@1.3.0.
+        #[arg(value_name = "FAMILY@VERSION")]
+        version: CapabilityId,
+    },
+    /// Shows how a family's active version changed.
+    #[command(after_help = "\
+Example:
+  holdpoint registry history grasp")]
+    History {
+        /// The family.
+        #[arg(value_parser = super::decide::parse_family)]
+        family: Family,
+    },
+}
+
+/// The three views of the registry, and all of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ViewArg {
+    /// Every version.
+    All,
+    /// In control.
+    Active,
+    /// On the way.
+    Candidates,
+    /// Superseded, rolled back, rejected.
+    History,
+}
+
+impl From<ViewArg> for VersionGroup {
+    fn from(argument: ViewArg) -> Self {
+        match argument {
+            ViewArg::All => Self::All,
+            ViewArg::Active => Self::Active,
+            ViewArg::Candidates => Self::Candidate,
+            ViewArg::History => Self::History,
+        }
+    }
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(context: &Context, args: &RegistryArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = super::audit::open(&context.data)?;
+    match &args.verb {
+        RegistryVerb::List { family, view, limit } => {
+            let filter = VersionFilter {
+                group: (*view).into(),
+                family: family.as_ref().map(ToString::to_string),
+                limit: *limit as usize,
+                ..VersionFilter::default()
+            };
+            list(&views, &filter, out)?;
+        }
+        RegistryVerb::Show { version } => {
+            let detail = views.version(version).map_err(CliError::usage)?.ok_or_else(|| {
+                CliError::usage(format!(
+                    "there is no version {:?}\nHint: `holdpoint registry list` names all",
+                    version.to_string()
+                ))
+            })?;
+            out.answer(&detail_json(&detail), |out| show(&detail, out))?;
+        }
+        RegistryVerb::History { family } => history(&views, family, out)?,
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(), CliError> {
+    let (versions, total) = views.versions(filter).map_err(CliError::usage)?;
+    let answer = json!({ "total": total, "versions": versions.iter().map(summary_json).collect::<Vec<_>>() });
+    out.answer(&answer, |out| {
+        if versions.is_empty() {
+            return out.line("no versions");
+        }
+        let mut table =
+            Table::new(&["version", "state", "flags", "κI", "κP", "κB", "κR", "author", "changed"]);
+        for version in &versions {
+            let [interface, policy, behavior, recovery] = version.kappas.map(kappa);
+            table.row([
+                version.id.to_string(),
+                version.state.to_string(),
+                flags(version),
+                interface,
+                policy,
+                behavior,
+                recovery,
+                version.author.clone(),
+                seconds(version.changed_ms),
+            ]);
+        }
+        out.table(&table)?;
+        let left = total.saturating_sub(versions.len());
+        if left > 0 { out.line(&format!("{left} more; see --limit")) } else { Ok(()) }
+    })
+}
+
+fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
+    let summary = &detail.summary;
+    out.line(&format!("{}  {}  {}", summary.id, summary.state, flags(summary)))?;
+    let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
+    out.line(&format!("κI {interface}  κP {policy}  κB {behavior}  κR {recovery}"))?;
+    let parent = detail.parent.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+    out.line(&format!(
+        "submitted by {} ({}), parent {parent}, estimated risk {}",
+        summary.author, summary.provenance, summary.risk
+    ))?;
+    for (name, digest) in [
+        ("candidate", detail.candidate_digest),
+        ("manifest ", detail.manifest_digest),
+        ("bundle   ", detail.bundle_digest),
+    ] {
+        out.line(&format!("{name}  {digest}"))?;
+    }
+    if !detail.evidence.is_empty() {
+        let mut table = Table::new(&["record", "evidence", "profile", "digest", "time", "current"]);
+        for entry in &detail.evidence {
+            table.row([
+                entry.seq.to_string(),
+                entry.kind.to_string(),
+                entry.profile.clone(),
+                entry.digest.short(),
+                seconds(entry.at_ms),
+                if entry.current { "yes".to_owned() } else { "no: voided since".to_owned() },
+            ]);
+        }
+        out.table(&table)?;
+    }
+    for activation in &detail.activations {
+        let cause = sanitise(&activation.cause, 40);
+        out.line(&format!(
+            "record {}: active pointer moved ({cause}) at {}",
+            activation.seq,
+            seconds(activation.at_ms)
+        ))?;
+    }
+    out.line(&format!("audit records: {}", detail.audit_links.len()))
+}
+
+/// Every version of the family that ever was active, with each move of the pointer, oldest first.
+fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), CliError> {
+    let status =
+        views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
+    let Some(status) = status else {
+        return Err(CliError::usage(format!(
+            "there is no family {:?}\nHint: `holdpoint registry list` names all",
+            family.as_str()
+        )));
+    };
+    let filter = VersionFilter { family: Some(family.to_string()), ..VersionFilter::default() };
+    let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
+    let mut moves = std::collections::BTreeMap::new();
+    for version in &versions {
+        let detail = views.version(&version.id).map_err(CliError::usage)?;
+        // A move that replaces one version by another is listed with both of them.
+        moves
+            .extend(detail.into_iter().flat_map(|detail| detail.activations).map(|entry| (entry.seq, entry)));
+    }
+    let name = |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string);
+    let answer = json!({
+        "family": status.name,
+        "active": status.active.as_ref().map(ToString::to_string),
+        "pinned": status.pinned.as_ref().map(ToString::to_string),
+        "safe_stopped": status.safe_stopped,
+        "reason": status.reason,
+        "activations": moves.values().map(|entry| json!({
+            "record": entry.seq, "active": entry.active.as_ref().map(ToString::to_string),
+            "pinned": entry.pinned.as_ref().map(ToString::to_string), "cause": entry.cause, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+    });
+    out.answer(&answer, |out| {
+        let stopped =
+            if status.safe_stopped { format!(", safe-stopped: {}", status.reason) } else { String::new() };
+        out.line(&format!(
+            "{}: active {}, rollback target {}{stopped}",
+            status.name,
+            name(&status.active),
+            name(&status.pinned)
+        ))?;
+        if moves.is_empty() {
+            return out.line("no version was active yet");
+        }
+        let mut table = Table::new(&["record", "time", "cause", "active", "rollback target"]);
+        for entry in moves.values() {
+            table.row([
+                entry.seq.to_string(),
+                seconds(entry.at_ms),
+                entry.cause.clone(),
+                name(&entry.active),
+                name(&entry.pinned),
+            ]);
+        }
+        out.table(&table)
+    })
+}
+
+fn kappa(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+}
+
+fn seconds(at_ms: u64) -> String {
+    format!("{:.3} s", at_ms as f64 / 1_000.0)
+}
+
+fn flags(version: &VersionSummary) -> String {
+    let flags = &version.flags;
+    let words = [
+        (flags.paused, "paused"),
+        (flags.awaiting_approval, "awaiting-approval"),
+        (flags.provisional, "provisional"),
+        (flags.restricted, "restricted"),
+        (flags.rollback_pending, "rollback-pending"),
+    ];
+    let running = flags.running.map(|stage| format!("running:{stage}"));
+    let set = words.into_iter().filter(|(set, _)| *set).map(|(_, word)| word.to_owned());
+    running.into_iter().chain(set).collect::<Vec<_>>().join(" ")
+}
+
+fn summary_json(version: &VersionSummary) -> Value {
+    let [interface, policy, behavior, recovery] = version.kappas;
+    json!({
+        "version": version.id,
+        "state": version.state,
+        "row_version": version.row_version,
+        "running": version.flags.running,
+        "paused": version.flags.paused,
+        "awaiting_approval": version.flags.awaiting_approval,
+        "provisional": version.flags.provisional,
+        "restricted": version.flags.restricted,
+        "rollback_pending": version.flags.rollback_pending,
+        "kappa": { "interface": interface, "policy": policy, "behavior": behavior, "recovery": recovery },
+        "baseline": version.baseline,
+        "author": version.author,
+        "provenance": version.provenance,
+        "risk": version.risk,
+        "changed_ms": version.changed_ms,
+    })
+}
+
+fn detail_json(detail: &VersionDetail) -> Value {
+    // The store keeps bodies as JSON text; text that is none is shown as the text it is.
+    let body = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text));
+    json!({
+        "summary": summary_json(&detail.summary),
+        "parent": detail.parent,
+        "candidate_digest": detail.candidate_digest,
+        "manifest_digest": detail.manifest_digest,
+        "bundle_digest": detail.bundle_digest,
+        "manifest": body(&detail.manifest),
+        "submission": body(&detail.submission),
+        "permissions": body(&detail.permissions),
+        "environments": body(&detail.environments),
+        "signature": detail.signature.as_deref().map(body),
+        "registered_ms": detail.registered_ms,
+        "evidence": detail.evidence.iter().map(|entry| json!({
+            "record": entry.seq, "kind": entry.kind, "row_version": entry.row_version, "profile": entry.profile,
+            "policy_digest": entry.policy_digest, "digest": entry.digest, "body": body(&entry.json),
+            "at_ms": entry.at_ms, "current": entry.current,
+        })).collect::<Vec<_>>(),
+        "activations": detail.activations.iter().map(|entry| json!({
+            "record": entry.seq, "active": entry.active, "pinned": entry.pinned, "cause": entry.cause,
+            "gate_digest": entry.gate_digest, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+        "approvals": detail.approvals.iter().map(|entry| json!({
+            "signed": entry.signed, "consumed_record": entry.consumed_seq, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+        "audit_records": detail.audit_links,
+    })
+}

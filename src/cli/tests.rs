@@ -1,0 +1,204 @@
+//! The command line as a whole: every verb has an example that parses, and verbs reach who answers for them.
+
+use clap::CommandFactory;
+
+use super::*;
+
+/// Remembers what reached the engine.
+#[derive(Default)]
+struct Recorder(Vec<String>);
+
+impl EngineVerbs for Recorder {
+    fn run(&mut self, _: &Context, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        self.0.push(format!("run {:?} {:?}", args.profile, args.seed));
+        Ok(Exit::RolledBack)
+    }
+    fn register(
+        &mut self,
+        _: &Context,
+        args: &candidate::RegisterArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        self.0.push(format!("register {}", args.folder.display()));
+        Ok(Exit::Confirmed)
+    }
+    fn status(
+        &mut self,
+        _: &Context,
+        args: &status::StatusArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        self.0.push(format!("status {:?} {}", args.until, args.timeout));
+        Ok(Exit::Held)
+    }
+    fn decide(&mut self, _: &Context, asked: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        use decide::Asked;
+        self.0.push(match asked {
+            Asked::Approve(args) => format!("approve {} {}", args.version, args.digest),
+            Asked::Reject(args) => format!("reject {}", args.version),
+            Asked::Rollback(args) => format!("rollback {}", args.family),
+            Asked::Demote(args) => format!("demote {}", args.version),
+            Asked::Pause(args) => format!("pause {:?}", args.family),
+            Asked::Resume(args) => format!("resume {}", args.signature.identity),
+        });
+        Ok(Exit::Rejected)
+    }
+    fn bench(&mut self, _: &Context, args: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        self.0.push(format!("bench {}", args.quick));
+        Ok(Exit::Confirmed)
+    }
+}
+
+/// Runs a command line; answers how it ended, what was printed and what reached the engine.
+fn ask(line: &[&str]) -> (Result<Exit, CliError>, String, Vec<String>) {
+    let cli = Cli::try_parse_from(std::iter::once("holdpoint").chain(line.iter().copied())).unwrap();
+    let (mut engine, mut printed) = (Recorder::default(), Vec::new());
+    let ended = dispatch(&cli, &mut engine, &mut Output::to(&mut printed, cli.json));
+    (ended, String::from_utf8(printed).unwrap(), engine.0)
+}
+
+#[test]
+fn definitions_are_consistent() {
+    Cli::command().debug_assert();
+}
+
+/// Splits as a shell would, as far as the examples need: single quotes, and nothing after `>`.
+fn shell_words(line: &str) -> Vec<String> {
+    let line = line.split(" > ").next().unwrap_or(line);
+    line.split('\'')
+        .enumerate()
+        .flat_map(|(index, part)| match index % 2 {
+            0 => part.split_whitespace().map(str::to_owned).collect::<Vec<_>>(),
+            _ => vec![part.to_owned()],
+        })
+        .collect()
+}
+
+#[test]
+fn every_verb_has_examples_that_parse() {
+    fn walk(command: &clap::Command, path: &str, seen: &mut usize) {
+        let help = command.get_after_help().unwrap_or_else(|| panic!("{path}: no example")).to_string();
+        let examples: Vec<&str> = help.lines().filter_map(|line| line.strip_prefix("  holdpoint")).collect();
+        assert!(!examples.is_empty(), "{path}: no example");
+        for example in examples {
+            let words = shell_words(&format!("holdpoint{example}"));
+            Cli::try_parse_from(&words).unwrap_or_else(|error| panic!("{path}: {words:?}: {error}"));
+            *seen += 1;
+        }
+        for verb in command.get_subcommands() {
+            walk(verb, &format!("{path} {}", verb.get_name()), seen);
+        }
+    }
+    let mut seen = 0;
+    walk(&Cli::command(), "holdpoint", &mut seen);
+    assert!(seen >= 30, "{seen}");
+}
+
+#[test]
+fn verbs_reach_the_engine() {
+    let signed = ["--as", "mara", "--reason", "because"];
+    for (line, reached, code) in [
+        (vec![], "run Sim 0", 4),
+        (vec!["run", "--profile", "human", "--seed", "7"], "run Human 7", 4),
+        (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
+        (vec!["status"], "status None 600", 3),
+        (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
+        (
+            ["approve", "grasp@1.3.0", "--digest", "0123abcd"].into_iter().chain(signed).collect(),
+            "approve grasp@1.3.0 0123abcd",
+            1,
+        ),
+        (["reject", "grasp@1.3.0"].into_iter().chain(signed).collect(), "reject grasp@1.3.0", 1),
+        (["rollback", "grasp"].into_iter().chain(signed).collect(), "rollback grasp", 1),
+        (["demote", "grasp@1.3.0"].into_iter().chain(signed).collect(), "demote grasp@1.3.0", 1),
+        (["pause"].into_iter().chain(signed).collect(), "pause None", 1),
+        (["resume"].into_iter().chain(signed).collect(), "resume mara", 1),
+        (vec!["bench", "--quick"], "bench true", 0),
+    ] {
+        let line: Vec<&str> = ["--data", "/nowhere"].into_iter().chain(line).collect();
+        let (ended, _, engine) = ask(&line);
+        assert_eq!(engine, [reached], "{line:?}");
+        assert_eq!(ended.unwrap().code(), code, "{line:?}");
+    }
+}
+
+#[test]
+fn bad_lines_are_refused() {
+    for line in [
+        "run --jobs 0",
+        "run --jobs 65",
+        "run --script x",
+        "run --plain --headless",
+        "run --profile live",
+        "status --until active",
+        "status grasp --until active --timeout 0",
+        "approve grasp@1.3.0 --as mara --reason because",
+        "approve grasp --digest 0123abcd --as mara --reason because",
+        "approve grasp@1.3.0 --digest 0123ABCD --as mara --reason because",
+        "reject grasp@1.3.0 --as Mara --reason because",
+        "reject grasp@1.3.0 --as mara --reason ''",
+        "reject grasp@1.3.0 --as mara",
+        "rollback ../grasp --as mara --reason because",
+        "audit list --limit 0",
+        "identity new ../../x",
+        "frobnicate",
+    ] {
+        assert!(Cli::try_parse_from(shell_words(&format!("holdpoint {line}"))).is_err(), "{line}");
+    }
+    let long = "x".repeat(decide::REASON_BYTES_MAX + 1);
+    assert!(Cli::try_parse_from(["holdpoint", "pause", "--as", "mara", "--reason", &long]).is_err());
+}
+
+#[test]
+fn verbs_without_an_engine_answer_in_both_forms() {
+    let root = tempfile::tempdir().unwrap();
+    let data = root.path().to_str().unwrap();
+    let (ended, text, _) = ask(&["--data", data, "identity", "list"]);
+    assert!(ended.is_ok() && text.starts_with("no identities"), "{text}");
+    ask(&["--data", data, "identity", "new", "mara", "--role", "safety-officer"]).0.unwrap();
+    assert!(ask(&["--data", data, "identity", "new", "mara"]).0.is_err());
+    let (_, text, _) = ask(&["--data", data, "identity", "list", "--json"]);
+    let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(listed[0]["role"], "safety-officer");
+    // There is no store yet, and reading makes none.
+    for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
+        let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
+        let error = ask(&line).0.unwrap_err();
+        assert_eq!(error.exit(), Exit::Usage, "{line:?}");
+        assert!(!root.path().join("holdpoint.db").exists());
+    }
+    let (_, text, _) = ask(&["--data", data, "doctor", "--json"]);
+    assert!(serde_json::from_str::<serde_json::Value>(&text).unwrap().as_array().unwrap().len() > 6);
+    let (_, text, _) = ask(&["--data", data, "completions", "bash"]);
+    assert!(text.contains("_holdpoint()"), "{text}");
+}
+
+#[test]
+fn a_fresh_store_can_be_read_and_verified() {
+    let root = tempfile::tempdir().unwrap();
+    let data = root.path().to_str().unwrap();
+    drop(crate::registry::Store::open(root.path()).unwrap());
+    for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
+        for json in [&[][..], &["--json"]] {
+            let line: Vec<&str> = ["--data", data]
+                .into_iter()
+                .chain(line.iter().copied())
+                .chain(json.iter().copied())
+                .collect();
+            let (ended, text, _) = ask(&line);
+            assert_eq!(ended.unwrap(), Exit::Confirmed, "{line:?}: {text}");
+        }
+    }
+    for line in [&["registry", "show", "grasp@1.0.0"][..], &["registry", "history", "grasp"]] {
+        let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
+        assert_eq!(ask(&line).0.unwrap_err().exit(), Exit::Usage, "{line:?}");
+    }
+    // A single changed byte is found, and is a rejection.
+    let out = root.path().join("audit.jsonl");
+    let (ended, ..) = ask(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]);
+    assert_eq!(ended.unwrap(), Exit::Confirmed);
+    assert!(
+        ask(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]).0.is_err(),
+        "not replaced"
+    );
+}

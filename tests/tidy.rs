@@ -1,0 +1,432 @@
+//! The shape of the tree, checked as text: direction of dependency, size of files, what must not be written.
+//!
+//! Works on code with comments, strings and test modules blanked out, so that a rule is about what the program
+//! names and not about what it says.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The longest source file, lines.
+const LINES_MAX: usize = 600;
+
+/// Files that are still to be split, with the length they may not pass meanwhile.
+const LONGER: &[(&str, usize)] =
+    &[("sim/src/world.rs", 760), ("src/registry/apply.rs", 810), ("src/registry/views.rs", 625)];
+
+/// Shorter files need no module comment.
+const UNCOMMENTED_LINES_MAX: usize = 5;
+
+/// A folder, and the words its code must not contain (whole words; `::` and `!` are matched as written).
+struct Rule {
+    folder: &'static str,
+    never: &'static [&'static str],
+    why: &'static str,
+}
+
+const RULES: &[Rule] = &[
+    Rule {
+        folder: "src/governance",
+        never: &[
+            "crate::alarms",
+            "crate::approvals",
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::registry",
+            "crate::runtime",
+            "crate::scene",
+            "std::fs",
+            "std::time",
+            "std::net",
+            "std::env",
+            "std::thread",
+            "std::process",
+            "std::io",
+            "rand",
+            "getrandom",
+            "tokio",
+            "rusqlite",
+            "async",
+            "Referee",
+        ],
+        why: "governance is pure: no I/O, no clock, no randomness, nothing above it",
+    },
+    Rule {
+        folder: "src/stats",
+        never: &[
+            "crate::alarms",
+            "crate::approvals",
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::registry",
+            "crate::runtime",
+            "crate::scene",
+            "std::fs",
+            "std::time",
+            "rand",
+        ],
+        why: "statistics are pure mathematics",
+    },
+    Rule {
+        folder: "src/alarms",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::registry",
+            "crate::runtime",
+            "crate::scene",
+            "std::fs",
+            "std::time",
+        ],
+        why: "the alarm book is pure and tells; it acts on nothing",
+    },
+    Rule {
+        folder: "src/runtime",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::registry",
+            "crate::scene",
+            "Referee",
+        ],
+        why: "the runtime sees what a robot's controller sees: never the referee, never what is above it",
+    },
+    Rule {
+        folder: "src/registry",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::runtime",
+            "crate::scene",
+        ],
+        why: "the store keeps what it is given and knows nothing of who gives it",
+    },
+    Rule {
+        folder: "src/approvals",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::runtime",
+        ],
+        why: "who may decide is known without those who ask",
+    },
+    Rule {
+        folder: "src/pipeline",
+        never: &["crate::cli", "crate::console", "crate::headless"],
+        why: "front ends stand on the pipeline",
+    },
+    Rule {
+        folder: "src/engine",
+        never: &["crate::cli", "crate::console", "crate::headless"],
+        why: "front ends stand on the engine",
+    },
+    Rule {
+        folder: "src/console",
+        never: &[
+            "crate::cli",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::registry",
+            "crate::runtime",
+            "Referee",
+        ],
+        why: "the console knows the engine's Command, Event and Snapshot, and no insides",
+    },
+    Rule {
+        folder: "sim/src",
+        never: &["holdpoint"],
+        why: "the simulator knows nothing of the program that uses it",
+    },
+];
+
+/// A call with a string for its message: the string is blanked out.
+const EXPECT: &str = ".expect( ";
+
+/// What no code outside tests may contain.
+const NEVER: &[&str] = &["todo!", "dbg!", "unimplemented!", "println!", "eprintln!", "print!", "eprint!"];
+
+/// All `.rs` files beneath a folder of the workspace; none where there is no such folder.
+fn sources(folder: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut open = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];
+    while let Some(folder) = open.pop() {
+        let Ok(entries) = fs::read_dir(&folder) else { continue };
+        for entry in entries {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn is_test_file(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    name == "tests.rs" || name == "reference.rs" || path.components().any(|part| part.as_os_str() == "tests")
+}
+
+/// The code of a file outside its tests; `#[cfg(test)] mod tests { .. }` ends a file by custom.
+fn program(path: &Path) -> String {
+    let code = blank(&fs::read_to_string(path).unwrap());
+    match code.find("#[cfg(test)]\nmod ") {
+        Some(start) => code[..start].to_owned(),
+        None => code,
+    }
+}
+
+/// The text with comments, strings and character literals replaced by spaces; lines stay where they are.
+fn blank(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let end = if rest.starts_with("//") {
+            rest.find('\n').unwrap_or(rest.len())
+        } else if rest.starts_with("/*") {
+            rest.find("*/").map_or(rest.len(), |end| end + 2)
+        } else if let Some(end) = raw_string_end(rest, out.chars().next_back()) {
+            end
+        } else if first == '"' {
+            quoted_end(rest, '"')
+        } else if first == '\'' && is_char_literal(rest) {
+            quoted_end(rest, '\'')
+        } else {
+            out.push(first);
+            rest = &rest[first.len_utf8()..];
+            continue;
+        };
+        out.extend(rest[..end].chars().map(|ch| if ch == '\n' { '\n' } else { ' ' }));
+        rest = &rest[end..];
+    }
+    out
+}
+
+fn raw_string_end(rest: &str, before: Option<char>) -> Option<usize> {
+    if before.is_some_and(is_word) {
+        return None;
+    }
+    let hashes = rest.strip_prefix('r')?;
+    let count = hashes.len() - hashes.trim_start_matches('#').len();
+    let body = hashes[count..].strip_prefix('"')?;
+    let close = format!("\"{}", "#".repeat(count));
+    let start = rest.len() - body.len();
+    Some(body.find(&close).map_or(rest.len(), |end| start + end + close.len()))
+}
+
+fn quoted_end(rest: &str, quote: char) -> usize {
+    let mut escaped = false;
+    for (at, ch) in rest.char_indices().skip(1) {
+        match ch {
+            _ if escaped => escaped = false,
+            '\\' => escaped = true,
+            ch if ch == quote => return at + ch.len_utf8(),
+            _ => {}
+        }
+    }
+    rest.len()
+}
+
+/// A lifetime (`'a`) is none: a literal has its closing quote after one character or escape.
+fn is_char_literal(rest: &str) -> bool {
+    let mut chars = rest.chars().skip(1);
+    match (chars.next(), chars.next()) {
+        (Some('\\'), _) => true,
+        (_, second) => second == Some('\''),
+    }
+}
+
+fn is_word(ch: char) -> bool {
+    ch.is_alphanumeric() || ch == '_'
+}
+
+/// The lines (from 1) on which `word` stands as a whole word.
+fn lines_with(code: &str, word: &str) -> Vec<usize> {
+    let names = |line: &str| {
+        line.match_indices(word).any(|(at, _)| {
+            let before = word.starts_with(is_word) && line[..at].chars().next_back().is_some_and(is_word);
+            let after = line[at + word.len()..].chars().next().is_some_and(is_word);
+            !before && !(after && word.ends_with(is_word))
+        })
+    };
+    code.lines().enumerate().filter(|(_, line)| names(line)).map(|(index, _)| index + 1).collect()
+}
+
+/// `use crate::{a, b::c};` names `crate::a` and `crate::b`; rustfmt may put it on several lines.
+fn expand_groups(code: &str) -> String {
+    let mut out = code.to_owned();
+    for root in ["crate", "std"] {
+        let open = format!("{root}::{{");
+        let mut from = 0;
+        while let Some(found) = code[from..].find(&open) {
+            let start = from + found + open.len();
+            let (mut depth, mut item) = (1, String::new());
+            for ch in code[start..].chars() {
+                match ch {
+                    '{' => depth += 1,
+                    '}' => depth -= 1,
+                    _ => {}
+                }
+                if depth == 0 || (depth == 1 && ch == ',') {
+                    out.push_str(&format!("\n{root}::{}", item.trim()));
+                    item.clear();
+                } else {
+                    item.push(ch);
+                }
+                if depth == 0 {
+                    break;
+                }
+            }
+            from = start;
+        }
+    }
+    out
+}
+
+fn report(problems: &[String]) {
+    assert!(problems.is_empty(), "\n{}", problems.join("\n"));
+}
+
+#[test]
+fn dependencies_point_down() {
+    let mut problems = Vec::new();
+    for Rule { folder, never, why } in RULES {
+        for path in sources(folder).into_iter().filter(|path| !is_test_file(path)) {
+            let code = expand_groups(&program(&path));
+            for word in *never {
+                for line in lines_with(&code, word) {
+                    problems.push(format!("{}:{line}: names `{word}`: {why}", path.display()));
+                }
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn files_are_short_and_say_what_they_own() {
+    let mut problems = Vec::new();
+    for path in ["src", "sim/src", "tests"].into_iter().flat_map(sources) {
+        let text = fs::read_to_string(&path).unwrap();
+        let lines = text.lines().count();
+        let allowed =
+            LONGER.iter().find(|(file, _)| path.ends_with(file)).map_or(LINES_MAX, |(_, lines)| *lines);
+        if lines > allowed {
+            problems.push(format!("{}: {lines} lines; up to {allowed} are allowed", path.display()));
+        }
+        let comment = text.starts_with("//!") || text.starts_with("#![doc");
+        if !comment && lines > UNCOMMENTED_LINES_MAX {
+            problems.push(format!("{}: does not begin with a module comment", path.display()));
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn nothing_is_left_to_do() {
+    let mut problems = Vec::new();
+    for path in ["src", "sim/src"].into_iter().flat_map(sources).filter(|path| !is_test_file(path)) {
+        let code = program(&path);
+        for word in NEVER {
+            for line in lines_with(&code, word) {
+                problems.push(format!("{}:{line}: `{word}`", path.display()));
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn nothing_panics_on_purpose() {
+    let mut problems = Vec::new();
+    for path in ["src", "sim/src"].into_iter().flat_map(sources).filter(|path| !is_test_file(path)) {
+        let code = program(&path);
+        for word in ["unwrap()", EXPECT, "panic!", "unreachable!"] {
+            for line in lines_with(&code, word) {
+                problems.push(format!("{}:{line}: `{word}` outside tests", path.display()));
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn no_test_is_ignored() {
+    let mut problems = Vec::new();
+    for path in ["src", "sim", "tests"].into_iter().flat_map(sources) {
+        let code = blank(&fs::read_to_string(&path).unwrap());
+        for word in ["#[ignore", "thread::sleep"] {
+            for line in lines_with(&code, word) {
+                problems.push(format!("{}:{line}: `{word}`", path.display()));
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn colours_are_named_in_the_theme_alone() {
+    let mut problems = Vec::new();
+    for path in sources("src").into_iter().filter(|path| !is_test_file(path)) {
+        let in_theme =
+            path.components().any(|part| part.as_os_str() == "theme" || part.as_os_str() == "theme.rs");
+        for line in if in_theme { Vec::new() } else { lines_with(&program(&path), "Color::") } {
+            problems.push(format!("{}:{line}: names a colour", path.display()));
+        }
+    }
+    report(&problems);
+}
+
+/// The detectors themselves: what they must see and what they must not.
+#[test]
+fn detectors_work() {
+    for (code, word, expected) in [
+        ("use crate::pipeline::x;", "crate::pipeline", true),
+        ("use crate::{governance, pipeline::x};", "crate::pipeline", true),
+        ("use crate::{a::{b, c}, pipeline};", "crate::pipeline", true),
+        ("use crate::{\n    a::{b, pipeline},\n};", "crate::pipeline", false),
+        ("use std::{fmt, fs};", "std::fs", true),
+        ("// use crate::pipeline::x;", "crate::pipeline", false),
+        ("let a = \"crate::pipeline\";", "crate::pipeline", false),
+        ("let a = r#\"crate::pipeline \" \"#; todo!()", "crate::pipeline", false),
+        ("let a = r#\"a\"#; todo!()", "todo!", true),
+        ("let a = '\"'; todo!()", "todo!", true),
+        ("fn f<'a>(x: &'a str) { todo!() }", "todo!", true),
+        ("let a = '\\''; dbg!(a)", "dbg!", true),
+        ("/* todo!() */", "todo!", false),
+        ("operand", "rand", false),
+        ("use rand::Rng;", "rand", true),
+        ("x.unwrap()", "unwrap()", true),
+        ("x.unwrap_or(1)", "unwrap()", false),
+        ("x.expect(\"y\")", EXPECT, true),
+        ("self.expect(&here)", EXPECT, false),
+        ("#[expect(clippy::all, reason = \"x\")]", EXPECT, false),
+        ("writeln!(f, \"\")", "println!", false),
+        ("println!(\"\")", "print!", false),
+        ("Referees", "Referee", false),
+    ] {
+        let found = !lines_with(&expand_groups(&blank(code)), word).is_empty();
+        assert_eq!(found, expected, "{word} in {code}");
+    }
+    let folders: Vec<&str> = RULES.iter().map(|rule| rule.folder).collect();
+    assert!(!sources("src/governance").is_empty() && !sources("sim/src").is_empty(), "{folders:?}");
+}
