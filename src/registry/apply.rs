@@ -2,6 +2,7 @@
 //! throws it away on any error.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Serialize;
@@ -41,12 +42,21 @@ pub(crate) const OWN_KINDS: [&str; 15] = [
     "alarm-changed",
 ];
 
+/// What an approval is checked against beside the database.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place<'a> {
+    /// The store's id.
+    pub(crate) store_id: &'a str,
+    /// The folder of people's keys.
+    pub(crate) identities: &'a Path,
+}
+
 /// A transaction being applied.
 pub(super) struct Applier<'a> {
     pub(super) connection: &'a Connection,
     pub(super) at_ms: u64,
     wall_ms: i64,
-    pub(super) store_id: &'a str,
+    pub(super) place: Place<'a>,
     first_seq: u64,
     head: Head,
     pub(super) row_versions: Vec<(CapabilityId, u64)>,
@@ -81,7 +91,7 @@ pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreE
 pub(crate) fn apply(
     connection: &Connection,
     transaction: &Transaction,
-    store_id: &str,
+    place: Place<'_>,
 ) -> Result<(Receipt, Head), StoreError> {
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
@@ -96,7 +106,7 @@ pub(crate) fn apply(
         connection,
         at_ms: transaction.at_ms,
         wall_ms: transaction.wall_ms,
-        store_id,
+        place,
         first_seq: before.seq + 1,
         head: before,
         row_versions: Vec::new(),

@@ -7,7 +7,7 @@ use super::change::ApprovalRequest;
 use super::error::StoreError;
 use super::names::ApprovalDecision;
 use super::rows::Table;
-use crate::approvals::SignedApproval;
+use crate::approvals::{Identity, SignedApproval};
 use crate::governance::ids::{Digest, canonical_json};
 
 impl Applier<'_> {
@@ -51,8 +51,10 @@ impl Applier<'_> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
         let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        signed.verify_signature().map_err(|error| refuse(error.to_string()))?;
-        if approval.store_id != self.store_id {
+        let who = Identity::find(self.place.identities, &approval.who)
+            .map_err(|error| refuse(error.to_string()))?;
+        signed.verify(&who).map_err(|error| refuse(error.to_string()))?;
+        if approval.store_id != self.place.store_id {
             return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
         }
         check_int("expiry", approval.not_after_ms)?;

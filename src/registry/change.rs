@@ -214,7 +214,7 @@ pub enum Change {
     },
     /// Asks people for approval, or changes how a request stands.
     PutApprovalRequest(Box<ApprovalRequest>),
-    /// Keeps a signed decision. Its signature is checked, and that it was made for this store.
+    /// Keeps a signed decision. Checked: that this store knows who made it, in that role, with that key, for this store.
     PutApproval(Box<SignedApproval>),
     /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
     ConsumeApproval {

@@ -133,11 +133,13 @@ impl Views {
         let count = format!("SELECT count(*) FROM version INDEXED BY version_list WHERE {conditions}");
         let total =
             one(&self.connection, &count, params_from_iter(values.clone()), |row| row.get(0))?.unwrap_or(0);
+        values.push(Value::Integer(limit(filter.limit)));
+        values.push(Value::Integer(i64::try_from(filter.offset).unwrap_or(i64::MAX)));
         let page = format!(
             "SELECT {SUMMARY_COLUMNS} FROM version INDEXED BY version_list WHERE {conditions}
-             ORDER BY family, sort_key LIMIT {} OFFSET {}",
-            limit(filter.limit),
-            filter.offset
+             ORDER BY family, sort_key LIMIT ?{} OFFSET ?{}",
+            values.len() - 1,
+            values.len()
         );
         Ok((many(&self.connection, &page, params_from_iter(values), read_summary)?, total))
     }
@@ -315,7 +317,8 @@ impl Views {
                 sql.push_str(&format!(" AND {column} = ?{}", values.len()));
             }
         }
-        sql.push_str(&format!(" ORDER BY seq {order} LIMIT {}", limit(filter.limit)));
+        values.push(Value::Integer(limit(filter.limit)));
+        sql.push_str(&format!(" ORDER BY seq {order} LIMIT ?{}", values.len()));
         many(&self.connection, &sql, params_from_iter(values), AuditRecord::read)
     }
 
@@ -337,8 +340,10 @@ impl Views {
     }
 }
 
-const fn limit(asked: usize) -> usize {
-    if asked == 0 || asked > PAGE_ROWS_MAX { PAGE_ROWS_MAX } else { asked }
+/// Rows to return, as SQLite takes it.
+fn limit(asked: usize) -> i64 {
+    let rows = if asked == 0 { PAGE_ROWS_MAX } else { asked.min(PAGE_ROWS_MAX) };
+    i64::try_from(rows).unwrap_or(i64::MAX)
 }
 
 fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {

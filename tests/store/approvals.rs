@@ -2,7 +2,7 @@
 
 use std::sync::Barrier;
 
-use holdpoint::approvals::{Approval, Nonce};
+use holdpoint::approvals::{Approval, Identity, Nonce, Role};
 use holdpoint::registry::names::{ApprovalDecision, EvidenceKind, RequestState, StateName};
 use holdpoint::registry::{ApprovalRequest, Change, verify};
 
@@ -95,7 +95,8 @@ fn an_approval_of_something_else_is_refused() {
 
 #[test]
 fn what_happens_later_voids_it() {
-    let events: [(&str, fn() -> Vec<Change>); 4] = [
+    type Event = fn() -> Vec<Change>;
+    let events: [(&str, Event); 4] = [
         ("profile", || vec![context("human"), context("sim")]),
         ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
         ("state", || vec![set_state(NEW, 4, StateName::Shadowed, StateName::Demoted)]),
@@ -126,6 +127,19 @@ fn forged_and_unknown_ones_are_refused() {
     let mut json = serde_json::to_value(&signed).unwrap();
     json["approval"]["reason"] = "edited".into();
     let forged = serde_json::from_value(json).unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    for (name, role, message) in [
+        ("ada", "operator", "another key"),
+        ("eve", "operator", "no identity"),
+        ("ada", "chief", "another key"),
+    ] {
+        let folder = elsewhere.path().join(format!("{name} {role}"));
+        std::fs::create_dir(&folder).unwrap();
+        let stranger = Identity::create(&folder, name, Role::new(role).unwrap()).unwrap();
+        let signed = Box::new(approve(&store, &stranger, NEW, 2));
+        let error = commit(&store, &format!("{name} {role}"), vec![Change::PutApproval(signed)]).unwrap_err();
+        assert!(error.to_string().contains(message), "{name} {role}: {error}");
+    }
     assert!(commit(&store, "forged", vec![Change::PutApproval(Box::new(forged))]).is_err());
     assert!(
         commit(&store, "unknown", vec![consume(NEW, 9)]).unwrap_err().to_string().contains("no approval")

@@ -64,7 +64,8 @@ fn rewrite(folder: &Path, edit: &str) {
 
 #[test]
 fn every_tampering_is_found() {
-    let table: [(&str, &str, fn(&VerifyError) -> bool); 17] = [
+    type Expected = fn(&VerifyError) -> bool;
+    let table: [(&str, &str, Expected); 17] = [
         ("body", "UPDATE audit SET body = '[]' WHERE seq = 5", |e| {
             matches!(e, VerifyError::Record { seq: 5, .. })
         }),
