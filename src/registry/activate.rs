@@ -2,7 +2,7 @@
 
 use rusqlite::params;
 
-use super::apply::{Applier, Touched, check_text};
+use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::ActiveCause;
 use super::error::StoreError;
 use super::rows::Table;
@@ -106,7 +106,8 @@ impl Applier<'_> {
         Ok(Touched::new("active-set", subject, rows))
     }
 
-    fn is_baseline(&self, version: &CapabilityId) -> Result<bool, StoreError> {
+    /// Whether a version was registered as its family's first.
+    pub(super) fn is_baseline(&self, version: &CapabilityId) -> Result<bool, StoreError> {
         let name = version.to_string();
         self.find("find a version", "SELECT baseline FROM version WHERE name = ?1", [&name], |row| {
             row.get(0)
@@ -175,6 +176,15 @@ impl Applier<'_> {
             params![family.as_str(), safe_stopped, reason],
         )?;
         Ok(Touched::new("family-set", family, vec![(Table::Family, family.to_string())]))
+    }
+
+    /// Keeps the lifecycle model's view of a family.
+    pub(super) fn set_standing(&mut self, family: &Family, json: &str) -> Result<Touched, StoreError> {
+        check_json("standing", json)?;
+        self.family(family)?;
+        let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";
+        self.execute("keep a family's standing", sql, params![family.as_str(), json])?;
+        Ok(Touched::new("standing-set", family, vec![(Table::Family, family.to_string())]))
     }
 
     /// Everything recorded for the family up to now no longer counts.

@@ -2,6 +2,7 @@
 //! throws it away on any error.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Serialize;
@@ -9,25 +10,21 @@ use serde_json::{Value, json};
 
 use super::audit::{self, Head};
 use super::change::{
-    AUDIT_MAX, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion, Receipt,
-    TEXT_BYTES_MAX, Transaction, VersionFlags,
+    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
 };
 use super::error::StoreError;
 use super::invariants;
 use super::names::{ApprovalDecision, EvidenceKind, StateName};
 use super::rows::{Table, row_digest};
-use crate::approvals::SignedApproval;
 use crate::governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 
-/// The most versions a store holds.
-const VERSIONS_MAX: u64 = 100_000;
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
 /// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
 
 /// Kinds of record that only the store writes; callers may not use them.
-pub(crate) const OWN_KINDS: [&str; 14] = [
+pub(crate) const OWN_KINDS: [&str; 15] = [
     "version-registered",
     "state-set",
     "flags-set",
@@ -35,6 +32,7 @@ pub(crate) const OWN_KINDS: [&str; 14] = [
     "active-set",
     "family-set",
     "family-voided",
+    "standing-set",
     "evidence-put",
     "approval-requested",
     "approval-put",
@@ -44,21 +42,30 @@ pub(crate) const OWN_KINDS: [&str; 14] = [
     "alarm-changed",
 ];
 
+/// What an approval is checked against beside the database.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place<'a> {
+    /// The store's id.
+    pub(crate) store_id: &'a str,
+    /// The folder of people's keys.
+    pub(crate) identities: &'a Path,
+}
+
 /// A transaction being applied.
 pub(super) struct Applier<'a> {
     pub(super) connection: &'a Connection,
     pub(super) at_ms: u64,
     wall_ms: i64,
-    store_id: &'a str,
+    pub(super) place: Place<'a>,
     first_seq: u64,
     head: Head,
-    row_versions: Vec<(CapabilityId, u64)>,
+    pub(super) row_versions: Vec<(CapabilityId, u64)>,
     /// Row version of each version whose state was set, as it was before this transaction.
-    row_versions_before: BTreeMap<String, u64>,
+    pub(super) row_versions_before: BTreeMap<String, u64>,
     /// Who approved what, by approvals consumed in this transaction.
-    approved: BTreeMap<String, BTreeSet<String>>,
+    pub(super) approved: BTreeMap<String, BTreeSet<String>>,
     /// Families whose invariants are checked before the commit.
-    families: BTreeSet<String>,
+    pub(super) families: BTreeSet<String>,
 }
 
 /// What a change touched: its record's kind and subject, and the rows whose digests enter it.
@@ -84,7 +91,7 @@ pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreE
 pub(crate) fn apply(
     connection: &Connection,
     transaction: &Transaction,
-    store_id: &str,
+    place: Place<'_>,
 ) -> Result<(Receipt, Head), StoreError> {
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
@@ -99,7 +106,7 @@ pub(crate) fn apply(
         connection,
         at_ms: transaction.at_ms,
         wall_ms: transaction.wall_ms,
-        store_id,
+        place,
         first_seq: before.seq + 1,
         head: before,
         row_versions: Vec::new(),
@@ -213,23 +220,6 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), StoreErro
     }
 }
 
-/// Sorts semantic versions as text (precedence by semver.org, item 11).
-pub(super) fn sort_key(version: &semver::Version) -> String {
-    let mut key = format!("{:020}.{:020}.{:020}", version.major, version.minor, version.patch);
-    if version.pre.is_empty() {
-        key.push('~');
-    } else {
-        for part in version.pre.split('.') {
-            match part.parse::<u64>() {
-                Ok(number) => key.push_str(&format!("!{number:020}")),
-                Err(_) => key.push_str(&format!("!{part}")),
-            }
-        }
-    }
-    key.push_str(&format!("+{}", version.build));
-    key
-}
-
 impl Applier<'_> {
     /// Sequence number of the record of the change being applied.
     pub(super) const fn next_seq(&self) -> u64 {
@@ -324,6 +314,7 @@ impl Applier<'_> {
                 self.families.insert(family.to_string());
                 self.set_family(family, *safe_stopped, reason)
             }
+            Change::SetStanding { family, json } => self.set_standing(family, json),
             Change::VoidFamily { family, reason } => self.void_family(family, reason),
             Change::PutEvidence { version, kind, json, digest } => {
                 self.put_evidence(version, *kind, json, *digest)
@@ -348,74 +339,6 @@ impl Applier<'_> {
         }
     }
 
-    fn register(&mut self, new: &NewVersion) -> Result<Touched, StoreError> {
-        for (what, text) in [
-            ("manifest", &new.manifest),
-            ("submission", &new.submission),
-            ("permission profile", &new.permissions),
-            ("environment scope", &new.environments),
-        ] {
-            check_json(what, text)?;
-        }
-        for (what, text) in [("author", &new.author), ("provenance", &new.provenance), ("risk", &new.risk)] {
-            check_text(what, text)?;
-        }
-        let (name, family) = (new.id.to_string(), new.id.family.to_string());
-        check_text("version", &name)?;
-        let count: Option<u64> =
-            self.find("count versions", "SELECT count(*) FROM version", [], |row| row.get(0))?;
-        if count.unwrap_or(0) >= VERSIONS_MAX {
-            return Err(StoreError::invalid(
-                "number of versions",
-                VERSIONS_MAX,
-                "no more than that in one store",
-            ));
-        }
-        if self
-            .find("find a version", "SELECT 1 FROM version WHERE name = ?1", [&name], |_| Ok(()))?
-            .is_some()
-        {
-            return Err(StoreError::Exists { what: "version", name });
-        }
-        self.execute(
-            "register a version",
-            "INSERT INTO version (name, family, version, sort_key, parent, state, row_version, baseline,
-               candidate_digest, manifest_digest, bundle_digest, author, provenance, risk, permissions, environments,
-               manifest, submission, registered_ms, changed_ms)
-             VALUES (?1, ?2, ?3, ?4, ?5, 'registered', 1, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?17)",
-            params![
-                name,
-                family,
-                new.id.version.to_string(),
-                sort_key(&new.id.version),
-                new.parent.as_ref().map(ToString::to_string),
-                new.baseline,
-                new.candidate_digest.to_string(),
-                new.manifest_digest.to_string(),
-                new.bundle_digest.to_string(),
-                new.author,
-                new.provenance,
-                new.risk,
-                new.permissions,
-                new.environments,
-                new.manifest,
-                new.submission,
-                self.at_ms,
-            ],
-        )?;
-        self.execute(
-            "add a family",
-            "INSERT INTO family (name, bootstrapped, safe_stopped, reason, void_seq) VALUES (?1, 0, 0, '', 0)
-             ON CONFLICT (name) DO NOTHING",
-            [&family],
-        )?;
-        Ok(Touched::new(
-            "version-registered",
-            &name,
-            vec![(Table::Version, name.clone()), (Table::Family, family)],
-        ))
-    }
-
     /// State and row version of a version that must be there.
     pub(super) fn version(&self, version: &CapabilityId) -> Result<(StateName, u64), StoreError> {
         let name = version.to_string();
@@ -426,90 +349,6 @@ impl Applier<'_> {
             |row| Ok((row.get(0)?, row.get(1)?)),
         )?
         .ok_or(StoreError::NotFound { what: "version", name })
-    }
-
-    fn set_state(
-        &mut self,
-        version: &CapabilityId,
-        expected: (u64, StateName),
-        to: StateName,
-        reason: &str,
-    ) -> Result<Touched, StoreError> {
-        check_text("reason", reason)?;
-        let (state, row_version) = self.version(version)?;
-        if (row_version, state) != expected {
-            return Err(StoreError::Stale {
-                version: version.clone(),
-                expected: format!("{} (row version {})", expected.1, expected.0),
-                found: format!("{state} (row version {row_version})"),
-            });
-        }
-        let name = version.to_string();
-        let terminal = matches!(to, StateName::Rejected | StateName::RolledBack);
-        self.execute(
-            "set a state",
-            "UPDATE version SET state = ?2, row_version = row_version + 1, changed_ms = ?3,
-               running = CASE WHEN ?4 THEN NULL ELSE running END,
-               paused = CASE WHEN ?4 THEN 0 ELSE paused END,
-               awaiting_approval = CASE WHEN ?4 THEN 0 ELSE awaiting_approval END,
-               provisional = CASE WHEN ?2 = 'active' THEN provisional ELSE 0 END,
-               restricted = CASE WHEN ?2 = 'active' THEN restricted ELSE 0 END,
-               rollback_pending = CASE WHEN ?2 = 'active' THEN rollback_pending ELSE 0 END
-             WHERE name = ?1",
-            params![name, to, self.at_ms, terminal],
-        )?;
-        if to == StateName::Superseded {
-            crate::fp!("old-superseded");
-        }
-        crate::fp!("state-set");
-        self.row_versions_before.entry(name.clone()).or_insert(row_version);
-        self.row_versions.push((version.clone(), row_version + 1));
-        self.families.insert(version.family.to_string());
-        Ok(Touched::new("state-set", version, vec![(Table::Version, name)]))
-    }
-
-    fn set_flags(&mut self, version: &CapabilityId, flags: VersionFlags) -> Result<Touched, StoreError> {
-        self.version(version)?;
-        let name = version.to_string();
-        self.execute(
-            "set flags",
-            "UPDATE version SET running = ?2, paused = ?3, awaiting_approval = ?4, provisional = ?5, restricted = ?6,
-               rollback_pending = ?7, changed_ms = ?8 WHERE name = ?1",
-            params![
-                name,
-                flags.running,
-                flags.paused,
-                flags.awaiting_approval,
-                flags.provisional,
-                flags.restricted,
-                flags.rollback_pending,
-                self.at_ms
-            ],
-        )?;
-        self.families.insert(version.family.to_string());
-        Ok(Touched::new("flags-set", version, vec![(Table::Version, name)]))
-    }
-
-    fn set_scores(
-        &mut self,
-        version: &CapabilityId,
-        kappas: &[Option<f64>; 4],
-        signature: Option<&str>,
-    ) -> Result<Touched, StoreError> {
-        self.version(version)?;
-        if let Some(kappa) = kappas.iter().flatten().find(|kappa| !(0.0..=1.0).contains(*kappa)) {
-            return Err(StoreError::invalid("kappa", kappa, "a number from 0 to 1, or none"));
-        }
-        signature.map_or(Ok(()), |text| check_json("behavioural signature", text))?;
-        let name = version.to_string();
-        let [i, p, b, r] = kappas;
-        self.execute(
-            "set scores",
-            "UPDATE version SET kappa_i = ?2, kappa_p = ?3, kappa_b = ?4, kappa_r = ?5, signature = ?6,
-               changed_ms = ?7 WHERE name = ?1",
-            params![name, i, p, b, r, signature, self.at_ms],
-        )?;
-        Ok(Touched::new("scores-set", version, vec![(Table::Version, name)]))
     }
 
     fn put_evidence(
@@ -568,144 +407,6 @@ impl Applier<'_> {
             params![profile, policy_digest.to_string(), json, self.next_seq()],
         )?;
         Ok(Touched::new("context-set", "", vec![(Table::Context, "1".to_owned())]))
-    }
-
-    fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
-        check_name("approval request", &request.id)?;
-        check_json("approval request", &request.json)?;
-        check_int("deadline", request.deadline_ms)?;
-        check_int("row version", request.row_version)?;
-        self.version(&request.version)?;
-        self.execute(
-            "keep an approval request",
-            "INSERT INTO approval_request (id, version, row_version, evidence_digest, policy_digest, profile, needed,
-               asked_ms, deadline_ms, state, json)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)
-             ON CONFLICT (id) DO UPDATE SET state = ?10, json = ?11
-               WHERE version = ?2 AND row_version = ?3 AND evidence_digest = ?4 AND policy_digest = ?5
-                 AND profile = ?6 AND needed = ?7 AND deadline_ms = ?9",
-            params![
-                request.id,
-                request.version.to_string(),
-                request.row_version,
-                request.evidence_digest.to_string(),
-                request.policy_digest.to_string(),
-                request.profile,
-                request.needed,
-                self.at_ms,
-                request.deadline_ms,
-                request.state,
-                request.json
-            ],
-        )
-        .and_then(|changed| match changed {
-            0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
-            _ => Ok(()),
-        })?;
-        let rows = vec![(Table::ApprovalRequest, request.id.clone())];
-        Ok(Touched::new("approval-requested", &request.version, rows))
-    }
-
-    fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
-        let approval = signed.approval();
-        let nonce = approval.nonce.to_string();
-        let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        signed.verify_signature().map_err(|error| refuse(error.to_string()))?;
-        if approval.store_id != self.store_id {
-            return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
-        }
-        check_int("expiry", approval.not_after_ms)?;
-        check_int("row version", approval.row_version)?;
-        self.version(&approval.version)?;
-        if self
-            .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
-            .is_some()
-        {
-            return Err(refuse("its nonce was seen before".to_owned()));
-        }
-        let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
-        self.execute(
-            "keep an approval",
-            "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
-            params![
-                nonce,
-                self.next_seq(),
-                approval.version.to_string(),
-                approval.who,
-                approval.decision,
-                approval.row_version,
-                approval.not_after_ms,
-                approval.claim_digest().to_string(),
-                self.at_ms,
-                text
-            ],
-        )?;
-        Ok(Touched::new("approval-put", &approval.version, vec![(Table::Approval, nonce)]))
-    }
-
-    fn consume_approval(&mut self, nonce: &str, evidence_digest: Digest) -> Result<Touched, StoreError> {
-        let refuse =
-            |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
-        let (text, seq, consumed): (String, u64, Option<u64>) = self
-            .find(
-                "find an approval",
-                "SELECT signed, seq, consumed_seq FROM approval WHERE nonce = ?1",
-                [nonce],
-                |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
-            )?
-            .ok_or_else(|| StoreError::NotFound { what: "approval", name: nonce.to_owned() })?;
-        let signed: SignedApproval =
-            serde_json::from_str(&text).map_err(|error| refuse(&format!("it is damaged: {error}")))?;
-        let approval = signed.approval();
-        let name = approval.version.to_string();
-        let (_, row_version) = self.version(&approval.version)?;
-        let (profile, policy_digest, context_seq) = self.context()?;
-        let (candidate_digest, void_seq): (String, u64) = self
-            .find(
-                "find a version",
-                "SELECT v.candidate_digest, f.void_seq FROM version v JOIN family f ON f.name = v.family
-                 WHERE v.name = ?1",
-                [&name],
-                |row| Ok((row.get(0)?, row.get(1)?)),
-            )?
-            .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
-        // The first that applies is the answer; the order is from the plainest to the subtlest.
-        let problem = if consumed.is_some() {
-            Some("it was used already")
-        } else if approval.decision != ApprovalDecision::Approve {
-            Some("it is a refusal")
-        } else if self.at_ms >= approval.not_after_ms {
-            Some("it has expired")
-        } else if approval.row_version != self.row_version_before(&name, row_version) {
-            Some("the version has changed since")
-        } else if approval.candidate_digest.to_string() != candidate_digest {
-            Some("it is for another candidate")
-        } else if approval.evidence_digest != evidence_digest {
-            Some("the evidence has changed since")
-        } else if approval.profile != profile || approval.policy_digest.to_string() != policy_digest {
-            Some("profile or policy have changed since")
-        } else if seq <= void_seq || seq <= context_seq {
-            Some("it was voided by a change of the family's active version, profile, policy or thresholds")
-        } else {
-            None
-        };
-        if let Some(problem) = problem {
-            return Err(refuse(problem));
-        }
-        signed.verify_signature().map_err(|error| refuse(&error.to_string()))?;
-        let next_seq = self.next_seq();
-        self.execute(
-            "use an approval",
-            "UPDATE approval SET consumed_seq = ?2 WHERE nonce = ?1 AND consumed_seq IS NULL",
-            params![nonce, next_seq],
-        )
-        .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
-        crate::fp!("approval-consumed");
-        let rows = vec![(Table::Approval, nonce.to_owned())];
-        let touched = Touched::new("approval-consumed", &approval.version, rows);
-        self.approved.entry(name).or_default().insert(approval.who.clone());
-        Ok(touched)
     }
 
     fn alarm(
@@ -783,28 +484,4 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
         }
     }
     Ok(value)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::sort_key;
-
-    #[test]
-    fn versions_sort_as_semver_says() {
-        let versions = [
-            "0.9.0",
-            "1.0.0-alpha",
-            "1.0.0-alpha.1",
-            "1.0.0-alpha.2",
-            "1.0.0-alpha.10",
-            "1.0.0",
-            "1.2.0",
-            "1.10.0",
-            "2.0.0",
-        ];
-        let keys: Vec<_> = versions.iter().map(|text| sort_key(&text.parse().unwrap())).collect();
-        let mut sorted = keys.clone();
-        sorted.sort();
-        assert_eq!(keys, sorted);
-    }
 }

@@ -1,7 +1,7 @@
 //! The audit chain: append-only records, each holding the hash of the one before.
 //!
 //! Owns what a record's bytes are and how one is appended and read. It hashes virtual time and never wall time, so
-//! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify).
+//! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify()).
 
 use std::io::{ErrorKind, Write};
 

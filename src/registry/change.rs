@@ -136,7 +136,9 @@ pub enum ActiveCause {
 pub enum Change {
     /// A new version enters as `registered`, row version 1.
     RegisterVersion(Box<NewVersion>),
-    /// The lifecycle state moves; the row version goes up by one.
+    /// The lifecycle state moves as the lifecycle allows; the row version goes up by one. A baseline may go from
+    /// registered to active at once. Leaving `active` clears provisional, restricted and rollback-pending; a final
+    /// state clears all flags.
     SetState {
         /// The version.
         version: CapabilityId,
@@ -185,6 +187,13 @@ pub enum Change {
         /// Why, in a sentence.
         reason: String,
     },
+    /// Keeps the lifecycle model's own view of a family, so that it can go on from there after a restart.
+    SetStanding {
+        /// The family.
+        family: Family,
+        /// The model, JSON text.
+        json: String,
+    },
     /// Voids all of a family's earlier gate passes, approvals and comparative evidence.
     VoidFamily {
         /// The family.
@@ -205,7 +214,7 @@ pub enum Change {
     },
     /// Asks people for approval, or changes how a request stands.
     PutApprovalRequest(Box<ApprovalRequest>),
-    /// Keeps a signed decision. Its signature is checked, and that it was made for this store.
+    /// Keeps a signed decision. Checked: that this store knows who made it, in that role, with that key, for this store.
     PutApproval(Box<SignedApproval>),
     /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
     ConsumeApproval {

@@ -166,7 +166,7 @@ fn check_gates(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
 }
 
 /// I5: every kept receipt points at a record that is there.
-fn check_acknowledged(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
+pub(crate) fn check_acknowledged(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     let mut select = connection
         .prepare("SELECT id, last_seq FROM command WHERE last_seq > (SELECT seq FROM audit_head)")?;
     let rows = select.query_map([], |row| Ok((row.get::<_, String>(0)?, row.get::<_, u64>(1)?)))?;

@@ -7,9 +7,11 @@
 
 mod activate;
 mod apply;
+mod approve;
 mod audit;
 mod change;
 mod checkpoint;
+mod entries;
 mod error;
 pub mod failpoint;
 mod fold;
@@ -23,6 +25,7 @@ mod rows;
 mod store;
 mod telemetry;
 mod verify;
+mod version;
 mod views;
 
 pub use audit::{AuditRecord, ExportError, Head};
@@ -31,6 +34,10 @@ pub use change::{
     Receipt, TEXT_BYTES_MAX, Transaction, VersionFlags,
 };
 pub use checkpoint::Checkpoint;
+pub use entries::{
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
+    VersionFilter, VersionGroup, VersionSummary,
+};
 pub use error::StoreError;
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use layout::Layout;
@@ -38,7 +45,4 @@ pub use recovery::Interrupted;
 pub use store::{Opening, Store};
 pub use telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryLimits};
 pub use verify::{VerifyError, VerifyReport, verify};
-pub use views::{
-    ActivationEntry, ActiveVersion, ActiveView, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry,
-    FamilyStatus, VersionDetail, VersionFilter, VersionGroup, VersionSummary, Views,
-};
+pub use views::{ActiveVersion, ActiveView, PAGE_ROWS_MAX, Views};

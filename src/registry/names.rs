@@ -88,17 +88,37 @@ words! {
     /// The stage that is running on a version, if any.
     StageName, "stage", {
         /// Compatibility validation.
-        Validate = "validate",
+        Validation = "validation",
         /// Sandbox evaluation.
         Sandbox = "sandbox",
         /// Shadow evaluation.
         Shadow = "shadow",
-        /// Gate and swap of the binding.
-        Activate = "activate",
-        /// Rollback ladder.
-        Rollback = "rollback",
+        /// The gate, approvals included.
+        Activation = "activation",
     }
 }
+
+macro_rules! same_as {
+    ($ours:ident, $theirs:path, { $($variant:ident),+ }) => {
+        impl From<$theirs> for $ours {
+            fn from(word: $theirs) -> Self {
+                use $theirs as Theirs;
+                match word { $(Theirs::$variant => Self::$variant),+ }
+            }
+        }
+
+        impl From<$ours> for $theirs {
+            fn from(word: $ours) -> Self {
+                match word { $($ours::$variant => Self::$variant),+ }
+            }
+        }
+    };
+}
+
+same_as!(StateName, crate::governance::lifecycle::State, {
+    Registered, Validated, Sandboxed, Shadowed, Active, Demoted, Rejected, RolledBack, Superseded
+});
+same_as!(StageName, crate::governance::lifecycle::Stage, { Validation, Sandbox, Shadow, Activation });
 
 words! {
     /// What a piece of evidence is about.
@@ -145,5 +165,33 @@ words! {
         Expired = "expired",
         /// What it was about has changed.
         Void = "void",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::governance::lifecycle::{Stage, State};
+
+    #[test]
+    fn the_words_are_those_of_the_lifecycle_and_of_the_schema() {
+        let schema = include_str!("schema/store-1.sql");
+        for state in State::ALL {
+            let word = StateName::from(state);
+            assert_eq!((word.as_str(), State::from(word)), (state.name(), state));
+        }
+        for stage in Stage::ALL {
+            let word = StageName::from(stage);
+            assert_eq!((word.as_str(), Stage::from(word)), (stage.name(), stage));
+        }
+        let all = (StateName::ALL.iter().map(|w| w.as_str()))
+            .chain(StageName::ALL.iter().map(|w| w.as_str()))
+            .chain(EvidenceKind::ALL.iter().map(|w| w.as_str()))
+            .chain(ApprovalDecision::ALL.iter().map(|w| w.as_str()))
+            .chain(RequestState::ALL.iter().map(|w| w.as_str()));
+        for word in all {
+            assert!(schema.contains(&format!("'{word}'")), "{word}");
+        }
+        assert!("Active".parse::<StateName>().is_err());
     }
 }

@@ -66,7 +66,7 @@ impl Table {
                  candidate_digest, manifest_digest, bundle_digest, author, provenance, risk, permissions, \
                  environments, manifest, submission, registered_ms, changed_ms"
             }
-            Self::Family => "name, active, pinned, bootstrapped, safe_stopped, reason, void_seq",
+            Self::Family => "name, active, pinned, bootstrapped, safe_stopped, reason, void_seq, standing",
             Self::Activation => "seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms",
             Self::Evidence => "seq, version, kind, row_version, profile, policy_digest, digest, json, at_ms",
             Self::ApprovalRequest => {

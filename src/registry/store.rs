@@ -11,7 +11,7 @@ use std::thread::{self, JoinHandle};
 use ed25519_dalek::{SigningKey, VerifyingKey};
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
 
-use super::apply::apply;
+use super::apply::{Place, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{Change, Receipt, Transaction};
 use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
@@ -102,6 +102,7 @@ impl Store {
             store_id: store_id.clone(),
             key,
             checkpoints: layout.checkpoints(),
+            identities: layout.identities(),
             checkpointed_seq: head.seq,
             checkpoint_problem: Arc::clone(&checkpoint_problem),
         };
@@ -256,6 +257,7 @@ struct Writer {
     store_id: String,
     key: SigningKey,
     checkpoints: PathBuf,
+    identities: PathBuf,
     checkpointed_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
 }
@@ -288,7 +290,8 @@ impl Writer {
             .connection
             .transaction_with_behavior(TransactionBehavior::Immediate)
             .map_err(StoreError::sql("begin a transaction"))?;
-        let answer = apply(&tx, transaction, &self.store_id)?;
+        let place = Place { store_id: &self.store_id, identities: &self.identities };
+        let answer = apply(&tx, transaction, place)?;
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
         crate::fp!("after-commit-before-ack");
         Ok(answer)

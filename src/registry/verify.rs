@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::checkpoint::{Checkpoint, names};
 use super::error::StoreError;
 use super::fold::{Fault, Fold, FoldError};
-use super::invariants::check_invariants;
+use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
 use super::telemetry::{BatchState, check_batch};
@@ -123,7 +123,9 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     if let Some(fault) = fold.compare(&connection).map_err(unreadable)? {
         return Err(of_fault(fault));
     }
-    if let Some(violation) = check_invariants(&connection).map_err(unreadable)?.first() {
+    let mut broken = check_registry(&connection).map_err(unreadable)?;
+    broken.extend(check_acknowledged(&connection).map_err(unreadable)?);
+    if let Some(violation) = broken.first() {
         return Err(VerifyError::Invariant(violation.to_string()));
     }
     let store_id: String = connection

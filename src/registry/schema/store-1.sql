@@ -25,7 +25,7 @@ CREATE TABLE version (
   state             TEXT NOT NULL CHECK (state IN ('registered', 'validated', 'sandboxed', 'shadowed', 'active',
                       'demoted', 'rejected', 'rolled-back', 'superseded')),
   row_version       INTEGER NOT NULL CHECK (row_version >= 1),
-  running           TEXT CHECK (running IN ('validate', 'sandbox', 'shadow', 'activate', 'rollback')),
+  running           TEXT CHECK (running IN ('validation', 'sandbox', 'shadow', 'activation')),
   paused            INTEGER NOT NULL DEFAULT 0 CHECK (paused IN (0, 1)),
   awaiting_approval INTEGER NOT NULL DEFAULT 0 CHECK (awaiting_approval IN (0, 1)),
   provisional       INTEGER NOT NULL DEFAULT 0 CHECK (provisional IN (0, 1)),
@@ -78,6 +78,7 @@ CREATE TABLE family (
   safe_stopped INTEGER NOT NULL CHECK (safe_stopped IN (0, 1)),
   reason       TEXT NOT NULL,
   void_seq     INTEGER NOT NULL,
+  standing     TEXT CHECK (standing IS NULL OR json_valid(standing)),
   CHECK (pinned IS NULL OR pinned <> active)
 ) STRICT, WITHOUT ROWID;
 

@@ -1,0 +1,157 @@
+//! Changes about approvals: requests, signed decisions, and the one use of each.
+
+use rusqlite::params;
+
+use super::apply::{Applier, Touched, check_int, check_json, check_name};
+use super::change::ApprovalRequest;
+use super::error::StoreError;
+use super::names::ApprovalDecision;
+use super::rows::Table;
+use crate::approvals::{Identity, SignedApproval};
+use crate::governance::ids::{Digest, canonical_json};
+
+impl Applier<'_> {
+    pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
+        check_name("approval request", &request.id)?;
+        check_json("approval request", &request.json)?;
+        check_int("deadline", request.deadline_ms)?;
+        check_int("row version", request.row_version)?;
+        self.version(&request.version)?;
+        self.execute(
+            "keep an approval request",
+            "INSERT INTO approval_request (id, version, row_version, evidence_digest, policy_digest, profile, needed,
+               asked_ms, deadline_ms, state, json)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)
+             ON CONFLICT (id) DO UPDATE SET state = ?10, json = ?11
+               WHERE version = ?2 AND row_version = ?3 AND evidence_digest = ?4 AND policy_digest = ?5
+                 AND profile = ?6 AND needed = ?7 AND deadline_ms = ?9",
+            params![
+                request.id,
+                request.version.to_string(),
+                request.row_version,
+                request.evidence_digest.to_string(),
+                request.policy_digest.to_string(),
+                request.profile,
+                request.needed,
+                self.at_ms,
+                request.deadline_ms,
+                request.state,
+                request.json
+            ],
+        )
+        .and_then(|changed| match changed {
+            0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
+            _ => Ok(()),
+        })?;
+        let rows = vec![(Table::ApprovalRequest, request.id.clone())];
+        Ok(Touched::new("approval-requested", &request.version, rows))
+    }
+
+    pub(super) fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
+        let approval = signed.approval();
+        let nonce = approval.nonce.to_string();
+        let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
+        let who = Identity::find(self.place.identities, &approval.who)
+            .map_err(|error| refuse(error.to_string()))?;
+        signed.verify(&who).map_err(|error| refuse(error.to_string()))?;
+        if approval.store_id != self.place.store_id {
+            return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
+        }
+        check_int("expiry", approval.not_after_ms)?;
+        check_int("row version", approval.row_version)?;
+        self.version(&approval.version)?;
+        if self
+            .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
+            .is_some()
+        {
+            return Err(refuse("its nonce was seen before".to_owned()));
+        }
+        let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
+        self.execute(
+            "keep an approval",
+            "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+            params![
+                nonce,
+                self.next_seq(),
+                approval.version.to_string(),
+                approval.who,
+                approval.decision,
+                approval.row_version,
+                approval.not_after_ms,
+                approval.claim_digest().to_string(),
+                self.at_ms,
+                text
+            ],
+        )?;
+        Ok(Touched::new("approval-put", &approval.version, vec![(Table::Approval, nonce)]))
+    }
+
+    pub(super) fn consume_approval(
+        &mut self,
+        nonce: &str,
+        evidence_digest: Digest,
+    ) -> Result<Touched, StoreError> {
+        let refuse =
+            |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
+        let (text, seq, consumed): (String, u64, Option<u64>) = self
+            .find(
+                "find an approval",
+                "SELECT signed, seq, consumed_seq FROM approval WHERE nonce = ?1",
+                [nonce],
+                |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "approval", name: nonce.to_owned() })?;
+        let signed: SignedApproval =
+            serde_json::from_str(&text).map_err(|error| refuse(&format!("it is damaged: {error}")))?;
+        let approval = signed.approval();
+        let name = approval.version.to_string();
+        let (_, row_version) = self.version(&approval.version)?;
+        let (profile, policy_digest, context_seq) = self.context()?;
+        let (candidate_digest, void_seq): (String, u64) = self
+            .find(
+                "find a version",
+                "SELECT v.candidate_digest, f.void_seq FROM version v JOIN family f ON f.name = v.family
+                 WHERE v.name = ?1",
+                [&name],
+                |row| Ok((row.get(0)?, row.get(1)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
+        // The first that applies is the answer; the order is from the plainest to the subtlest.
+        let problem = if consumed.is_some() {
+            Some("it was used already")
+        } else if approval.decision != ApprovalDecision::Approve {
+            Some("it is a refusal")
+        } else if self.at_ms >= approval.not_after_ms {
+            Some("it has expired")
+        } else if approval.row_version != self.row_version_before(&name, row_version) {
+            Some("the version has changed since")
+        } else if approval.candidate_digest.to_string() != candidate_digest {
+            Some("it is for another candidate")
+        } else if approval.evidence_digest != evidence_digest {
+            Some("the evidence has changed since")
+        } else if approval.profile != profile || approval.policy_digest.to_string() != policy_digest {
+            Some("profile or policy have changed since")
+        } else if seq <= void_seq || seq <= context_seq {
+            Some("it was voided by a change of the family's active version, profile, policy or thresholds")
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            return Err(refuse(problem));
+        }
+        signed.verify_signature().map_err(|error| refuse(&error.to_string()))?;
+        let next_seq = self.next_seq();
+        self.execute(
+            "use an approval",
+            "UPDATE approval SET consumed_seq = ?2 WHERE nonce = ?1 AND consumed_seq IS NULL",
+            params![nonce, next_seq],
+        )
+        .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
+        crate::fp!("approval-consumed");
+        let rows = vec![(Table::Approval, nonce.to_owned())];
+        let touched = Touched::new("approval-consumed", &approval.version, rows);
+        self.approved.entry(name).or_default().insert(approval.who.clone());
+        Ok(touched)
+    }
+}

@@ -1,0 +1,216 @@
+//! What the views return: plain data, as the registry keeps it.
+
+use super::change::VersionFlags;
+use super::names::{EvidenceKind, StateName};
+use crate::approvals::SignedApproval;
+use crate::governance::ids::{CapabilityId, Digest};
+
+#[cfg(doc)]
+use super::views::PAGE_ROWS_MAX;
+
+/// Which versions a list is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum VersionGroup {
+    /// Every version.
+    #[default]
+    All,
+    /// In control.
+    Active,
+    /// On the way: registered, validated, sandboxed, shadowed, demoted.
+    Candidate,
+    /// Done: superseded, rolled back, rejected.
+    History,
+}
+
+impl VersionGroup {
+    /// The states of the group.
+    #[must_use]
+    pub const fn states(self) -> &'static [StateName] {
+        use StateName as S;
+        match self {
+            Self::All => S::ALL,
+            Self::Active => &[S::Active],
+            Self::Candidate => &[S::Registered, S::Validated, S::Sandboxed, S::Shadowed, S::Demoted],
+            Self::History => &[S::Superseded, S::RolledBack, S::Rejected],
+        }
+    }
+}
+
+/// What to list.
+#[derive(Clone, Debug, Default)]
+pub struct VersionFilter {
+    /// Which versions.
+    pub group: VersionGroup,
+    /// Of one family only.
+    pub family: Option<String>,
+    /// In one state only.
+    pub state: Option<StateName>,
+    /// Whose name contains this text.
+    pub text: Option<String>,
+    /// How many to skip.
+    pub offset: usize,
+    /// How many at most; 0 for [`PAGE_ROWS_MAX`].
+    pub limit: usize,
+}
+
+/// A version as a list shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionSummary {
+    /// Family and version.
+    pub id: CapabilityId,
+    /// Lifecycle state.
+    pub state: StateName,
+    /// Row version.
+    pub row_version: u64,
+    /// What is going on with it.
+    pub flags: VersionFlags,
+    /// kappa I, P, B, R.
+    pub kappas: [Option<f64>; 4],
+    /// Whether it was a family's first version.
+    pub baseline: bool,
+    /// Who submitted it.
+    pub author: String,
+    /// How it came about.
+    pub provenance: String,
+    /// Estimated risk as submitted.
+    pub risk: String,
+    /// Virtual time of the last change, ms.
+    pub changed_ms: u64,
+}
+
+/// One piece of evidence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EvidenceEntry {
+    /// The record that brought it.
+    pub seq: u64,
+    /// What it is about.
+    pub kind: EvidenceKind,
+    /// Row version it was made at.
+    pub row_version: u64,
+    /// Profile it was made under.
+    pub profile: String,
+    /// Policy it was made under.
+    pub policy_digest: Digest,
+    /// Its digest.
+    pub digest: Digest,
+    /// The evidence, JSON text.
+    pub json: String,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// Whether nothing since (family, profile, policy, thresholds) voided it.
+    pub current: bool,
+}
+
+/// One move of a family's active pointer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ActivationEntry {
+    /// The record.
+    pub seq: u64,
+    /// Who became active.
+    pub active: Option<CapabilityId>,
+    /// The rollback target from then on.
+    pub pinned: Option<CapabilityId>,
+    /// bootstrap, gate, restore, vacate or rearm.
+    pub cause: String,
+    /// The gate record it rests on.
+    pub gate_digest: Option<Digest>,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+}
+
+/// An approval as it was kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ApprovalEntry {
+    /// The signed decision.
+    pub signed: SignedApproval,
+    /// The record that used it.
+    pub consumed_seq: Option<u64>,
+    /// Virtual time it came, ms.
+    pub at_ms: u64,
+}
+
+/// A version in full: the registry entry of the paper's appendix F.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionDetail {
+    /// As in a list.
+    pub summary: VersionSummary,
+    /// The version it was made from.
+    pub parent: Option<CapabilityId>,
+    /// Digest of everything submitted.
+    pub candidate_digest: Digest,
+    /// Digest of the manifest.
+    pub manifest_digest: Digest,
+    /// Digest of what runs.
+    pub bundle_digest: Digest,
+    /// Canonical manifest, JSON text.
+    pub manifest: String,
+    /// Submission, JSON text.
+    pub submission: String,
+    /// Permission profile, JSON text.
+    pub permissions: String,
+    /// Environment scope, JSON text.
+    pub environments: String,
+    /// Behavioural signature, JSON text.
+    pub signature: Option<String>,
+    /// Virtual time of registration, ms.
+    pub registered_ms: u64,
+    /// Compatibility, sandbox, shadow, gate, activation, monitor, rollback and drill evidence, oldest first.
+    pub evidence: Vec<EvidenceEntry>,
+    /// When it became active or the way back, oldest first.
+    pub activations: Vec<ActivationEntry>,
+    /// Decisions about it, oldest first.
+    pub approvals: Vec<ApprovalEntry>,
+    /// Audit records about it, oldest first.
+    pub audit_links: Vec<u64>,
+}
+
+/// How a family stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FamilyStatus {
+    /// Its name.
+    pub name: String,
+    /// The active version.
+    pub active: Option<CapabilityId>,
+    /// The rollback target.
+    pub pinned: Option<CapabilityId>,
+    /// Whether it ever had an active version.
+    pub bootstrapped: bool,
+    /// Whether it is stopped.
+    pub safe_stopped: bool,
+    /// Why it is, or was last.
+    pub reason: String,
+    /// The lifecycle model's own view of it, JSON text.
+    pub standing: Option<String>,
+}
+
+/// An alarm as it stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AlarmEntry {
+    /// Which.
+    pub alarm: String,
+    /// What it is about.
+    pub subject: String,
+    /// Its state.
+    pub state: String,
+    /// Its priority.
+    pub priority: String,
+    /// All of it, JSON text.
+    pub json: String,
+    /// Virtual time of the last change, ms.
+    pub changed_ms: u64,
+}
+
+/// Which audit records to list.
+#[derive(Clone, Debug, Default)]
+pub struct AuditFilter {
+    /// From this record on.
+    pub from_seq: u64,
+    /// Of this kind only.
+    pub kind: Option<String>,
+    /// About exactly this subject only.
+    pub subject: Option<String>,
+    /// How many at most; 0 for [`PAGE_ROWS_MAX`].
+    pub limit: usize,
+    /// Newest first.
+    pub newest_first: bool,
+}

@@ -1,0 +1,17 @@
+//! The store from outside: what it keeps, what it refuses, what survives.
+
+#[path = "support/store.rs"]
+mod support;
+
+#[path = "store/approvals.rs"]
+mod approvals;
+#[path = "store/damage.rs"]
+mod damage;
+#[path = "store/kill.rs"]
+mod kill;
+#[path = "store/opening.rs"]
+mod opening;
+#[path = "store/registry.rs"]
+mod registry;
+#[path = "store/telemetry.rs"]
+mod telemetry;
