@@ -127,8 +127,8 @@ pub struct PushRange {
     pub probability: Range,
     /// When, s.
     pub time_s: Range,
-    /// How hard, N s, horizontal, in any direction.
-    pub impulse_n_s: Range,
+    /// Speed it gives the object, m/s, horizontal, in any direction (impulse = mass x speed).
+    pub speed_m_s: Range,
 }
 
 /// Windows in which the gripper does not answer.
@@ -336,7 +336,7 @@ impl Distribution {
             ("action.latency_ms", &self.action.latency_ms, 0.0, 500.0),
             ("action.jitter_ms", &self.action.jitter_ms, 0.0, 500.0),
             ("push.probability", &self.push.probability, 0.0, 1.0),
-            ("push.impulse_n_s", &self.push.impulse_n_s, 0.0, 5.0),
+            ("push.speed_m_s", &self.push.speed_m_s, 0.0, 5.0),
             ("tool.probability", &self.tool.probability, 0.0, 1.0),
             ("tool.length_s", &self.tool.length_s, 0.0, 60.0),
             ("clutter.probability", &self.clutter.probability, 0.0, 1.0),

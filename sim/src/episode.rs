@@ -233,7 +233,7 @@ impl EpisodeSetup {
             camera: camera(d, seed),
             sensors: sensors(d, seed),
             action: action(d, seed),
-            pushes: pushes(d, seed),
+            pushes: pushes(d, seed, mass_kg),
             tool_windows: tool_windows(d, seed),
         }
     }
@@ -315,12 +315,12 @@ fn action(d: &Distribution, seed: u64) -> ActionSetup {
     }
 }
 
-fn pushes(d: &Distribution, seed: u64) -> ArrayVec<Push, 4> {
+fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
     let mut stream = Stream::new(seed, Purpose::Push);
     let probability = d.push.probability.draw(&mut stream);
     let happens = stream.chance(probability);
     let seconds = d.push.time_s.draw(&mut stream);
-    let impulse = d.push.impulse_n_s.draw(&mut stream);
+    let impulse = mass_kg * d.push.speed_m_s.draw(&mut stream);
     let (sin, cos) = libm::sincos(stream.uniform(0.0, core::f64::consts::TAU));
     let mut pushes = ArrayVec::new();
     if happens && impulse > 0.0 {
