@@ -15,11 +15,11 @@ use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::episode::EpisodeSetup;
+use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
 use crate::io::TICK_SECS;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel, Shape};
-use crate::scene::Scene;
+use crate::scene::{Clutter, Scene, Table, Tray};
 
 /// What a collider stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,7 +75,6 @@ const DISTAL: Group = Group::GROUP_3;
 const OBJECT: Group = Group::GROUP_4;
 const FIXTURE: Group = Group::GROUP_5;
 const CLUTTER: Group = Group::GROUP_6;
-const BASE: Group = Group::GROUP_7;
 
 /// f64 isometry to rapier's f32 pose.
 pub fn to_rapier(isometry: &Isometry3<f64>) -> RapierPose {
@@ -112,26 +111,54 @@ pub fn empty_world() -> PhysicsWorld {
     world
 }
 
+/// What stands in the cell beside the robot.
+pub struct Cell<'a> {
+    pub table: &'a Table,
+    /// The tray, its pose, and half the edge of the object it is for.
+    pub tray: Option<(&'a Tray, Isometry3<f64>, f64)>,
+    /// Clutter with its index in the scene.
+    pub clutter: Vec<(u8, &'a Clutter)>,
+    pub object_half_m: f64,
+    pub object: &'a ObjectSetup,
+    /// Whether the arm's far end meets its near end.
+    pub self_contacts: bool,
+}
+
+impl<'a> Cell<'a> {
+    /// The cell of an episode.
+    pub fn new(scene: &'a Scene, setup: &'a EpisodeSetup) -> Self {
+        let present = |index: &u8| scene.clutter.get(usize::from(*index)).map(|piece| (*index, piece));
+        Self {
+            table: &scene.table,
+            tray: Some((&scene.tray, setup.target.isometry(), scene.object.half_m)),
+            clutter: setup.clutter.iter().filter_map(present).collect(),
+            object_half_m: scene.object.half_m,
+            object: &setup.object,
+            self_contacts: true,
+        }
+    }
+}
+
 struct Builder<'a> {
     world: PhysicsWorld,
     kinds: Vec<Kind>,
     robot: &'a RobotModel,
+    cell: &'a Cell<'a>,
 }
 
-/// Builds the whole cell of one episode: the arm at `q`, the fingers `width_m` apart.
+/// Builds a whole cell: the arm at `q`, the fingers `width_m` apart.
 ///
 /// # Errors
 /// [`SimError::File`] when rapier refuses a joint of the robot.
 pub fn assemble(
     robot: &RobotModel,
-    scene: &Scene,
-    setup: &EpisodeSetup,
+    cell: &Cell<'_>,
     q: &[f64],
     width_m: f64,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
-    let mut builder = Builder { world: empty_world(), kinds: Vec::with_capacity(48), robot };
-    builder.fixtures(scene, setup);
-    let object = builder.object(scene, setup);
+    let mut builder = Builder { world: empty_world(), kinds: Vec::with_capacity(48), robot, cell };
+    builder.fixtures();
+    let object = builder.object();
     let (links, fingers, joints) = builder.arm()?;
     let Builder { mut world, kinds, .. } = builder;
     let first_joint = joints[0];
@@ -160,45 +187,34 @@ impl Builder<'_> {
         handle
     }
 
-    fn fixtures(&mut self, scene: &Scene, setup: &EpisodeSetup) {
+    fn fixtures(&mut self) {
+        let cell = self.cell;
         let all = (FIXTURE, MIDDLE | DISTAL | OBJECT);
-        let table = &scene.table;
+        let table = cell.table;
         let slab =
             cuboid(&table.half_m).translation(to_vector(&table.centre_m)).friction(table.friction as f32);
         self.add(Kind::Table, all, slab, None);
-        // Tray: floor and four walls, in the frame of the floor's upper face.
-        let tray = &scene.tray;
-        let inner = scene.object.half_m + tray.clearance_m;
-        let outer = inner + tray.wall_m;
-        let rise = 0.5 * (tray.wall_top_m - tray.floor_m);
-        let mut parts = vec![([outer, outer, 0.5 * tray.floor_m], [0.0, 0.0, -0.5 * tray.floor_m])];
-        for side in [-1.0, 1.0] {
-            let at = side * (inner + 0.5 * tray.wall_m);
-            parts.push(([0.5 * tray.wall_m, outer, rise], [at, 0.0, rise]));
-            parts.push(([inner, 0.5 * tray.wall_m, rise], [0.0, at, rise]));
+        if let Some((tray, pose, object_half_m)) = &cell.tray {
+            for (half, centre) in tray_parts(tray, *object_half_m) {
+                let at = pose * Isometry3::translation(centre[0], centre[1], centre[2]);
+                let part = cuboid(&half).position(to_rapier(&at)).friction(tray.friction as f32);
+                self.add(Kind::Tray, all, part, None);
+            }
         }
-        let target = setup.target.isometry();
-        for (half, centre) in parts {
-            let pose = target * Isometry3::translation(centre[0], centre[1], centre[2]);
-            let part = cuboid(&half).position(to_rapier(&pose)).friction(tray.friction as f32);
-            self.add(Kind::Tray, all, part, None);
-        }
-        for index in &setup.clutter {
-            let Some(piece) = scene.clutter.get(usize::from(*index)) else { continue };
+        for (index, piece) in &cell.clutter {
             let [x, y] = piece.centre_xy_m;
             let piece = cuboid(&piece.half_m).translation(to_vector(&[x, y, piece.half_m[2]])).friction(0.5);
             self.add(Kind::Clutter(*index), (CLUTTER, MIDDLE | DISTAL | OBJECT), piece, None);
         }
     }
 
-    fn object(&mut self, scene: &Scene, setup: &EpisodeSetup) -> RigidBodyHandle {
-        let body =
-            RigidBodyBuilder::dynamic().pose(to_rapier(&setup.object.pose.isometry())).can_sleep(false);
+    fn object(&mut self) -> RigidBodyHandle {
+        let object = self.cell.object;
+        let body = RigidBodyBuilder::dynamic().pose(to_rapier(&object.pose.isometry())).can_sleep(false);
         let body = self.world.insert_body(body);
-        let half = scene.object.half_m;
-        let cube = cuboid(&[half; 3])
-            .mass(setup.object.mass_kg as f32)
-            .friction(setup.object.friction as f32)
+        let cube = cuboid(&[self.cell.object_half_m; 3])
+            .mass(object.mass_kg as f32)
+            .friction(object.friction as f32)
             .friction_combine_rule(CoefficientCombineRule::Min);
         self.add(Kind::Object, (OBJECT, Group::ALL), cube, Some(body));
         body
@@ -233,7 +249,8 @@ impl Builder<'_> {
                         .friction(robot.gripper.pad_friction as f32)
                         .friction_combine_rule(CoefficientCombineRule::Min);
                 }
-                self.add(kind, (DISTAL, PROXIMAL | OBJECT | FIXTURE | CLUTTER), collider, Some(body));
+                let groups = link_groups(usize::MAX, 0, self.cell.self_contacts);
+                self.add(kind, groups, collider, Some(body));
             }
             let data = prismatic(&finger.origin.isometry(), finger.stroke_m);
             joints.push(self.join(parent, body, data, &finger.joint)?);
@@ -252,7 +269,7 @@ impl Builder<'_> {
     }
 
     fn shapes(&mut self, body: RigidBodyHandle, link: &LinkSpec, index: usize) {
-        let groups = link_groups(index, self.robot.joint_count());
+        let groups = link_groups(index, self.robot.joint_count(), self.cell.self_contacts);
         for shape in &link.shapes {
             self.add(Kind::Link(index as u8), groups, collider(shape), Some(body));
         }
@@ -277,16 +294,30 @@ impl Builder<'_> {
 
 /// What a link may touch. Of the robot itself only the far end against the near end is resolved by
 /// physics (the pairs between are caught by geometry, see [`crate::clearance`]).
-fn link_groups(index: usize, joints: usize) -> (Group, Group) {
-    if index == 0 {
-        (PROXIMAL | BASE, DISTAL | OBJECT)
-    } else if index <= 2 {
-        (PROXIMAL, DISTAL | OBJECT)
-    } else if index + 2 >= joints && index >= 4 {
-        (DISTAL, PROXIMAL | OBJECT | FIXTURE | CLUTTER)
+fn link_groups(index: usize, joints: usize, self_contacts: bool) -> (Group, Group) {
+    let (near, far) = if self_contacts { (PROXIMAL, DISTAL) } else { (Group::NONE, Group::NONE) };
+    if index <= 2 {
+        (PROXIMAL, far | OBJECT)
+    } else if index >= 4 && index >= joints.saturating_sub(2) {
+        (DISTAL, near | OBJECT | FIXTURE | CLUTTER)
     } else {
         (MIDDLE, OBJECT | FIXTURE | CLUTTER)
     }
+}
+
+/// Floor and walls of the tray in the frame of the floor's upper face: half extents, centre.
+fn tray_parts(tray: &Tray, object_half_m: f64) -> [([f64; 3], [f64; 3]); 5] {
+    let inner = object_half_m + tray.clearance_m;
+    let (outer, wall) = (inner + tray.wall_m, 0.5 * tray.wall_m);
+    let rise = 0.5 * (tray.wall_top_m - tray.floor_m);
+    let at = inner + wall;
+    [
+        ([outer, outer, 0.5 * tray.floor_m], [0.0, 0.0, -0.5 * tray.floor_m]),
+        ([wall, outer, rise], [-at, 0.0, rise]),
+        ([wall, outer, rise], [at, 0.0, rise]),
+        ([inner, wall, rise], [0.0, -at, rise]),
+        ([inner, wall, rise], [0.0, at, rise]),
+    ]
 }
 
 fn cuboid(half: &[f64; 3]) -> ColliderBuilder {

@@ -75,6 +75,14 @@ impl ClearanceModel {
         self.measure_frames(&frames)
     }
 
+    /// Ends of the covers of every moving piece.
+    pub(crate) fn points<'a>(&'a self, frames: &'a Frames) -> impl Iterator<Item = [f64; 3]> + 'a {
+        self.covers.iter().filter(|cover| cover.link > 0).flat_map(move |cover| {
+            let (a, b) = place(cover, frames);
+            [a.into(), b.into()]
+        })
+    }
+
     pub(crate) fn measure_frames(&self, frames: &Frames) -> Clearance {
         const COVERS_MAX: usize = 48;
         let mut placed = [(Vector3::zeros(), Vector3::zeros()); COVERS_MAX];

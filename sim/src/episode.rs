@@ -233,7 +233,7 @@ impl EpisodeSetup {
             camera: camera(d, seed),
             sensors: sensors(d, seed),
             action: action(d, seed),
-            pushes: pushes(d, mass_kg, seed),
+            pushes: pushes(d, seed, mass_kg),
             tool_windows: tool_windows(d, seed),
         }
     }
@@ -315,7 +315,7 @@ fn action(d: &Distribution, seed: u64) -> ActionSetup {
     }
 }
 
-fn pushes(d: &Distribution, mass_kg: f64, seed: u64) -> ArrayVec<Push, 4> {
+fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
     let mut stream = Stream::new(seed, Purpose::Push);
     let probability = d.push.probability.draw(&mut stream);
     let happens = stream.chance(probability);

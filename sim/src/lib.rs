@@ -3,6 +3,7 @@
 //! Owns physics, kinematics, the servo, perception and the referee. It knows nothing of manifests,
 //! governance, stores or screens; what decides meets it only through the messages in [`io`].
 
+pub mod bench_episode;
 pub mod chain;
 pub mod clearance;
 pub mod distribution;
@@ -20,6 +21,7 @@ mod build;
 pub mod number;
 mod perception;
 pub mod readout;
+pub mod referee;
 mod servo;
 mod urdf;
 
@@ -29,6 +31,8 @@ pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
 pub use episode::EpisodeSetup;
 pub use error::SimError;
 pub use ik::{IkOptions, IkOutcome};
+pub use pool::{PoolEnd, run_ordered};
+pub use referee::{Referee, RefereeLimits, RefereeReport};
 pub use robot::RobotModel;
 pub use scene::Scene;
 pub use world::{Fidelity, Truth, World, WorldConfig};

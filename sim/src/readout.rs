@@ -27,6 +27,8 @@ pub struct ContactForces {
     pub body_object_n: f64,
     /// Largest normal force of the object on table, tray or clutter, N.
     pub object_surroundings_n: f64,
+    /// Largest normal force of the object on clutter, N.
+    pub object_clutter_n: f64,
     /// Sum of the forces from outside on hand, fingers and object, world frame, N.
     pub wrist_n: [f64; 3],
     /// Who touches whom.
@@ -166,6 +168,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
             _ => {
                 if matches!(b, Kind::Clutter(_)) {
                     out.contacts.object_clutter = true;
+                    out.object_clutter_n = out.object_clutter_n.max(magnitude);
                 } else {
                     out.contacts.object_fixture = true;
                 }

@@ -9,7 +9,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use serde::Deserialize;
 
-use crate::chain::{Chain, Frame};
+use crate::chain::{Chain, Frame, Frames};
 use crate::clearance::{Clearance, ClearanceModel};
 use crate::error::SimError;
 use crate::ik::{IkOptions, IkOutcome};
@@ -296,6 +296,17 @@ impl RobotModel {
     #[must_use]
     pub fn clearance(&self, q: &[f64]) -> Clearance {
         self.clearance.measure(&self.chain, q)
+    }
+
+    /// [`RobotModel::clearance`] for frames already computed.
+    #[must_use]
+    pub fn clearance_at(&self, frames: &Frames) -> Clearance {
+        self.clearance.measure_frames(frames)
+    }
+
+    /// Points on the moving robot (ends of the capsules that cover it), world frame, m.
+    pub fn cover_points<'a>(&'a self, frames: &'a Frames) -> impl Iterator<Item = [f64; 3]> + 'a {
+        self.clearance.points(frames)
     }
 
     /// Whether every angle is finite and inside its limits.

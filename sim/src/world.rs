@@ -255,15 +255,9 @@ impl World {
         if !matches!(command, Command::Hold) && s.queue.len() < QUEUE_MAX {
             s.queue.push_back((s.last_due, command.clone()));
         }
-        match command {
-            // Declared by the skill itself: from here on it is expected to stand still.
-            Command::Stop | Command::Fail { .. } => s.stop_declared = s.stop_declared.or(Some(s.tick)),
-            Command::Joints { .. } | Command::ToolPose { .. } if !s.servo.stopped => s.stop_declared = None,
-            Command::Joints { .. }
-            | Command::ToolPose { .. }
-            | Command::Hold
-            | Command::Gripper { .. }
-            | Command::Done => {}
+        if matches!(command, Command::Fail { .. }) {
+            // From here on the robot is expected to stand still, until released.
+            s.stop_declared = s.stop_declared.or(Some(s.tick));
         }
         let available = tool_available(&s.setup, s.tick);
         let width = s.joints.width_m();
@@ -332,6 +326,31 @@ impl World {
             slip_m: s.grip.reference_m.map(|_| s.grip.slip_m),
             stop_declared: s.stop_declared,
         }
+    }
+
+    /// True forces between robot, object and surroundings.
+    #[must_use]
+    pub fn forces(&self) -> &ContactForces {
+        &self.state.forces
+    }
+
+    /// True joint positions and speeds.
+    #[must_use]
+    pub fn joints(&self) -> &JointState {
+        &self.state.joints
+    }
+
+    /// World tick of a declared failure or a stop from outside that still stands.
+    #[must_use]
+    pub fn stop_declared(&self) -> Option<u64> {
+        self.state.stop_declared
+    }
+
+    /// True pose and speed (m/s) of the object.
+    #[must_use]
+    pub fn object(&self) -> (Isometry3<f64>, f64) {
+        let (pose, speed, _) = readout::object_state(&self.state.physics, &self.state.handles);
+        (pose, speed)
     }
 
     /// True contacts.
@@ -509,7 +528,7 @@ impl World {
 impl State {
     fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, SimError> {
         let (q, width) = start_configuration(robot, scene, setup)?;
-        let (physics, handles) = build::assemble(robot, scene, setup, &q, width)?;
+        let (physics, handles) = build::assemble(robot, &build::Cell::new(scene, setup), &q, width)?;
         let joints = readout::joint_state(&physics, &handles, robot);
         Ok(Self {
             physics,

@@ -56,7 +56,8 @@ impl Role {
     #[must_use]
     pub const fn reaches(self, risk: Risk) -> bool {
         match (self, risk) {
-            (Self::Operator, Risk::Low) | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
+            (Self::Operator, Risk::Low)
+            | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
             (Self::Operator, Risk::Medium | Risk::High) => false,
         }
     }
@@ -177,7 +178,12 @@ pub fn quorum(settings: &ApprovalSettings, approval_bound: bool, risk: Risk, rev
 /// expired. An approval must also come from somebody else than requester and author, whose role reaches the
 /// tier; high risk needs a safety officer among them. A refusal that counts refuses, whoever it comes from.
 #[must_use]
-pub fn evaluate(request: &Request, votes: &[Vote], now_s: f64, settings: &ApprovalSettings) -> ApprovalResult {
+pub fn evaluate(
+    request: &Request,
+    votes: &[Vote],
+    now_s: f64,
+    settings: &ApprovalSettings,
+) -> ApprovalResult {
     let mut reasons = Vec::new();
     let reason = |code, text: String| Reason::new(code, Dimension::Approval, text);
     if request.quorum == 0 {
@@ -222,7 +228,8 @@ pub fn evaluate(request: &Request, votes: &[Vote], now_s: f64, settings: &Approv
     if enough || glass.is_some() {
         let break_glass = !enough;
         let code = if break_glass { ReasonCode::ApprovalBreakGlass } else { ReasonCode::ApprovalGranted };
-        let text = if break_glass { "the emergency door was used" } else { "enough distinct people approved" };
+        let text =
+            if break_glass { "the emergency door was used" } else { "enough distinct people approved" };
         #[allow(clippy::cast_precision_loss, reason = "people are few")]
         let granted = reason(code, text.into()).with(people.len() as f64, f64::from(request.quorum));
         reasons.insert(0, granted);
@@ -231,7 +238,10 @@ pub fn evaluate(request: &Request, votes: &[Vote], now_s: f64, settings: &Approv
             Some(_) | None => expires_s,
         };
         let people = people.into_iter().map(ToOwned::to_owned).collect();
-        return ApprovalResult { outcome: ApprovalOutcome::Granted { people, expires_s, break_glass }, reasons };
+        return ApprovalResult {
+            outcome: ApprovalOutcome::Granted { people, expires_s, break_glass },
+            reasons,
+        };
     }
     let deadline_s = request.asked_s + settings.timeout_s;
     // Written so that a time that is no number has run out.
@@ -255,7 +265,10 @@ fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'sta
     } else if vote.nonce_used {
         Some((ReasonCode::ApprovalReplayed, "it was used before"))
     } else if vote.subject != request.subject {
-        Some((ReasonCode::ApprovalStale, "it is over another version, row version, evidence, policy or profile"))
+        Some((
+            ReasonCode::ApprovalStale,
+            "it is over another version, row version, evidence, policy or profile",
+        ))
     } else if !(now_s < vote.expires_s) {
         Some((ReasonCode::ApprovalExpired, "it has expired"))
     } else {

@@ -129,7 +129,10 @@ pub struct BehaviorAssessment {
 
 /// `kappa_B = clamp(1 - sum_j c_j max(0, worsening_j))` over (component, worsening) values.
 #[must_use]
-pub fn kappa(settings: &BehaviorSettings, worsenings: impl IntoIterator<Item = (ComponentName, f64)>) -> Option<Kappa> {
+pub fn kappa(
+    settings: &BehaviorSettings,
+    worsenings: impl IntoIterator<Item = (ComponentName, f64)>,
+) -> Option<Kappa> {
     let mut loss = 0.0;
     for (name, worsening) in worsenings {
         if !worsening.is_finite() {
@@ -200,9 +203,11 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
     let Some(value) = kappa(&profile.behavior, worsenings) else {
         return nothing("the declared traces are no numbers");
     };
-    let outcome = if value.get() < threshold { BehaviorOutcome::Incompatible } else { BehaviorOutcome::Suspicious };
+    let outcome =
+        if value.get() < threshold { BehaviorOutcome::Incompatible } else { BehaviorOutcome::Suspicious };
     let text = "declared or earlier traces: an estimate, to be replaced by measurement";
-    let reason = Reason::new(ReasonCode::BehaviorEstimated, Dimension::Behavior, text).with(value.get(), threshold);
+    let reason =
+        Reason::new(ReasonCode::BehaviorEstimated, Dimension::Behavior, text).with(value.get(), threshold);
     BehaviorAssessment {
         assessment: Assessment {
             outcome,
@@ -308,7 +313,9 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
     let value = kappa(&profile.behavior, components.iter().map(|c| (c.name, c.worsening)));
     let counted = components.iter().filter(|c| c.is_established()).map(|c| (c.name, c.worsening));
     let established = kappa(&profile.behavior, counted);
-    let (Some(value), Some(established)) = (value, established) else { return Err("a worsening is no number") };
+    let (Some(value), Some(established)) = (value, established) else {
+        return Err("a worsening is no number");
+    };
     let success = binary(pairs, each, |e| e.success).map_err(|_| "success cannot be bounded")?;
     let mut result = BehaviorAssessment {
         assessment: Assessment {
@@ -336,10 +343,12 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
     let reason = |code, text: String| Reason::new(code, Dimension::Behavior, text);
     let mut reasons = Vec::new();
     let budget = profile.evaluation.sandbox_pairs;
-    let traded = result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
+    let traded =
+        result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let outcome = if result.pairs < budget {
         let text = "fewer episode pairs than the budget".to_owned();
-        let few = reason(ReasonCode::BehaviorInconclusive, text).with(f64::from(result.pairs), f64::from(budget));
+        let few =
+            reason(ReasonCode::BehaviorInconclusive, text).with(f64::from(result.pairs), f64::from(budget));
         reasons.push(few);
         BehaviorOutcome::Inconclusive
     } else if established < threshold {
@@ -384,12 +393,21 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
     result.assessment.reasons = reasons;
 }
 
-fn binary(pairs: &[Pair], alpha: f64, flag: impl Fn(&EpisodeValues) -> bool) -> Result<PairedBound, stats::StatsError> {
+fn binary(
+    pairs: &[Pair],
+    alpha: f64,
+    flag: impl Fn(&EpisodeValues) -> bool,
+) -> Result<PairedBound, stats::StatsError> {
     let counts = PairedCounts::of(pairs.iter().map(|pair| (flag(&pair.candidate), flag(&pair.active))));
     stats::binary_pairs(counts, alpha)
 }
 
-fn component(name: ComponentName, pairs: &[Pair], each: f64, tolerance: f64) -> Result<Component, &'static str> {
+fn component(
+    name: ComponentName,
+    pairs: &[Pair],
+    each: f64,
+    tolerance: f64,
+) -> Result<Component, &'static str> {
     let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
         let failed = "a component cannot be bounded";
         Ok::<_, &'static str>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))

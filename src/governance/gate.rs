@@ -52,7 +52,8 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         return no_data("shadow was worked for another version, profile, policy or environment");
     }
     if let Some(stop) = evidence.hard_stops.first() {
-        let hard = Reason::new(ReasonCode::GateHardLimit, Dimension::Shadow, format!("{} was seen", stop.name()));
+        let hard =
+            Reason::new(ReasonCode::GateHardLimit, Dimension::Shadow, format!("{} was seen", stop.name()));
         return done(Check::Fail, vec![hard], None, None);
     }
     if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
@@ -65,7 +66,10 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     let mut reasons = Vec::new();
     // Two signals share the error rate.
     for (what, pairs) in [
-        ("policy hits", PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit)))),
+        (
+            "policy hits",
+            PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit))),
+        ),
         (
             "watcher events",
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
@@ -98,7 +102,8 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     }
     let needed = if reasons.is_empty() { settings.shadow_sequences } else { settings.shadow_sequences_max };
     if count < needed {
-        let few = reason(ReasonCode::ShadowNoData, "more sequences are needed").with(f64::from(count), f64::from(needed));
+        let few = reason(ReasonCode::ShadowNoData, "more sequences are needed")
+            .with(f64::from(count), f64::from(needed));
         reasons.push(few);
         return done(Check::Inconclusive, reasons, Some(output), Some(envelope));
     }
@@ -221,7 +226,8 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
     found.shadow(input.shadow);
     found.rules(input, table, profile);
     let review = needs_review(input.kappas, profile);
-    let quorum = super::approval::quorum(&profile.approval, profile.activation.approval_bound, input.risk, review);
+    let quorum =
+        super::approval::quorum(&profile.approval, profile.activation.approval_bound, input.risk, review);
     let glass = found.approvals(input.approval, quorum);
     found.conclude(input, profile, quorum > 0, glass)
 }
@@ -245,7 +251,8 @@ impl Found {
         let kappas = input.kappas;
         for (dimension, check) in kappas.checks() {
             let of = |text: &str| format!("{dimension:?}: {text}").to_lowercase();
-            let waived = dimension == Dimension::Recovery && needs_review(kappas, profile)
+            let waived = dimension == Dimension::Recovery
+                && needs_review(kappas, profile)
                 && recovery_is_reviewable(&kappas.recovery);
             match check {
                 // A review is settled by the approvals, whose quorum counts it.
@@ -258,11 +265,13 @@ impl Found {
                     self.demote.push(reason(ReasonCode::GateNoData, of("no conclusive data")));
                 }
                 Check::Skipped => {
-                    self.demote.push(reason(ReasonCode::GateSkipped, of("skipped, which only experiments may")));
+                    self.demote
+                        .push(reason(ReasonCode::GateSkipped, of("skipped, which only experiments may")));
                 }
             }
         }
-        let review_without_approver = Check::from(kappas.policy.outcome) == Check::Review && !profile.has_approver();
+        let review_without_approver =
+            Check::from(kappas.policy.outcome) == Check::Review && !profile.has_approver();
         if review_without_approver {
             let text = "a review is needed and the profile has no approver";
             self.reject.push(reason(ReasonCode::GateDimensionFailed, text));
@@ -311,7 +320,11 @@ impl Found {
         let list = match shadow.check {
             Check::Pass => &mut self.noted,
             Check::Fail => &mut self.reject,
-            Check::PassRestricted(_) | Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
+            Check::PassRestricted(_)
+            | Check::Review
+            | Check::Inconclusive
+            | Check::NoData
+            | Check::Skipped => {
                 self.demote.push(reason(ReasonCode::GateNoData, "shadow is not conclusive"));
                 &mut self.demote
             }

@@ -338,7 +338,8 @@ impl Monitor {
         } else {
             return self.quiet(now_tick);
         };
-        let reason = Reason::new(ReasonCode::MonitorTelemetryMissing, Dimension::Monitor, "telemetry is silent");
+        let reason =
+            Reason::new(ReasonCode::MonitorTelemetryMissing, Dimension::Monitor, "telemetry is silent");
         #[allow(clippy::cast_precision_loss, reason = "shown only")]
         let silent_ms = silent as f64 * 1e3 / f64::from(RATE_HZ);
         let reason = reason.with(silent_ms, self.settings.telemetry_escalate_ms);
@@ -357,7 +358,12 @@ impl Monitor {
     ///
     /// # Errors
     /// Settings no chart can be tuned with (they were good before, so none is expected).
-    pub fn answered(&mut self, profile: &Profile, expected: &Signature, now_tick: u64) -> Result<(), MonitorError> {
+    pub fn answered(
+        &mut self,
+        profile: &Profile,
+        expected: &Signature,
+        now_tick: u64,
+    ) -> Result<(), MonitorError> {
         if self.rolled_back {
             return Ok(());
         }

@@ -103,7 +103,9 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
     };
     let active = match rates(&evidence.active, drills_min) {
         Ok(rates) => rates,
-        Err(kind) => return nothing(format!("too few feasible {} drills of the active version", kind.name())),
+        Err(kind) => {
+            return nothing(format!("too few feasible {} drills of the active version", kind.name()));
+        }
     };
     let settings = &profile.recovery;
     let (Some(new), Some(old)) = (rho(&candidate, settings), rho(&active, settings)) else {
@@ -115,8 +117,7 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
         RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![Condition::RollbackCoupled],
         RecoveryOutcome::Compatible | RecoveryOutcome::Incompatible | RecoveryOutcome::NoData => Vec::new(),
     };
-    let assessment =
-        Assessment { outcome, kappa: Some(value), basis: Basis::Measured, reasons, conditions };
+    let assessment = Assessment { outcome, kappa: Some(value), basis: Basis::Measured, reasons, conditions };
     RecoveryAssessment { assessment, rho_candidate: Some(new), rho_active: Some(old), rates: candidate }
 }
 
@@ -129,8 +130,9 @@ fn judge(
 ) -> (RecoveryOutcome, Vec<Reason>) {
     let settings = &profile.recovery;
     let (floor, threshold) = (settings.rho_floor, profile.thresholds.recovery());
-    let reason =
-        |code, text: &str, found: f64, limit: f64| Reason::new(code, Dimension::Recovery, text).with(found, limit);
+    let reason = |code, text: &str, found: f64, limit: f64| {
+        Reason::new(code, Dimension::Recovery, text).with(found, limit)
+    };
     let rollback = rates.iter().find(|(kind, _)| *kind == DrillKind::Rollback).map_or(0.0, |(_, rate)| *rate);
     let mut blocking = Vec::new();
     if rollback < floor {
@@ -155,7 +157,10 @@ fn judge(
     let least = old - settings.rho_tolerance;
     if new < least {
         let text = "recovery is above the floor and clearly below the active version's";
-        return (RecoveryOutcome::Conditional, vec![reason(ReasonCode::RecoveryConditional, text, new, least)]);
+        return (
+            RecoveryOutcome::Conditional,
+            vec![reason(ReasonCode::RecoveryConditional, text, new, least)],
+        );
     }
     let text = "recovery is as good as the active version's";
     (RecoveryOutcome::Compatible, vec![reason(ReasonCode::RecoveryCompatible, text, value.get(), threshold)])

@@ -229,7 +229,10 @@ mod tests {
                 assert_eq!(Recommendation::from(line.rule), recommendation);
             }
         }
-        assert_eq!(Recommendation::from(words(Recommendation::RollbackReview).policy), Recommendation::RollbackReview);
+        assert_eq!(
+            Recommendation::from(words(Recommendation::RollbackReview).policy),
+            Recommendation::RollbackReview
+        );
     }
 
     #[test]

@@ -103,7 +103,16 @@ impl Guard {
         model: Arc<RobotModel>,
         scene: Arc<Scene>,
     ) -> Self {
-        Self { table, envelope, authority, model, scene, speed_over_ticks: 0, force_over_ticks: 0, transient_over_ticks: 0 }
+        Self {
+            table,
+            envelope,
+            authority,
+            model,
+            scene,
+            speed_over_ticks: 0,
+            force_over_ticks: 0,
+            transient_over_ticks: 0,
+        }
     }
 
     /// The envelope in force.

@@ -5,8 +5,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks, wrap_quarter,
-    yaw_of,
+    AbortStyle, HookRun, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks,
+    wrap_quarter, yaw_of,
 };
 use crate::runtime::skill::{Hook, Skill};
 
@@ -148,10 +148,8 @@ impl Grasp {
 
     fn follow(&mut self, seen: &Observation) {
         if let (true, Some(picture), Some((position, _))) = (self.params.track, &seen.object, self.object) {
-            let moved = libm::hypot(
-                picture.pose.position[0] - position[0],
-                picture.pose.position[1] - position[1],
-            );
+            let moved =
+                libm::hypot(picture.pose.position[0] - position[0], picture.pose.position[1] - position[1]);
             if self.check.add(picture) && moved > self.params.pregrasp_tolerance_m {
                 self.object = Some((
                     [picture.pose.position[0], picture.pose.position[1], position[2]],
