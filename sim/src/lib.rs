@@ -9,6 +9,7 @@ pub mod clearance;
 pub mod distribution;
 pub mod episode;
 pub mod error;
+pub mod fault;
 pub mod ik;
 pub mod io;
 pub mod pool;

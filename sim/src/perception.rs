@@ -59,6 +59,11 @@ impl Camera {
         camera
     }
 
+    /// From now on every picture is lost.
+    pub fn lose(&mut self) {
+        self.setup.drop_probability = 1.0;
+    }
+
     /// Exposes and delivers what is due at `tick`.
     pub fn tick(&mut self, tick: u64, object: &Isometry3<f64>, target: &Isometry3<f64>) {
         if tick as f64 >= self.next_exposure {

@@ -31,6 +31,8 @@ pub enum Purpose {
     Sensors = 10,
     /// How the object sits in the hand at the start.
     InHand = 11,
+    /// Points and faults of recovery drills.
+    Drill = 12,
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014): one 64-bit word of state.

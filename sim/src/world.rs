@@ -17,6 +17,7 @@ use crate::build::{self, Handles, SolverEffort, from_rapier};
 use crate::chain::Frame;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
+use crate::fault::{Fault, Faults};
 use crate::ik::IkOptions;
 use crate::io::{
     Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS, TaskKind,
@@ -85,6 +86,7 @@ struct State {
     last_due: u64,
     camera: Camera,
     guard: GuardVerdict,
+    faults: Faults,
     /// Tick since which the robot has been told, or has declared, to stand still.
     stop_declared: Option<u64>,
     /// Height of the object when the task began, m.
@@ -241,6 +243,17 @@ impl World {
         }
     }
 
+    /// Breaks something, from the next tick on and for the rest of the episode.
+    pub fn inject(&mut self, fault: Fault) {
+        let s = &mut self.state;
+        match fault {
+            Fault::CameraLost => s.camera.lose(),
+            Fault::ToolDead => s.faults.tool_dead = true,
+            Fault::GripLost => s.faults.grip_lost = true,
+            Fault::JointStuck { joint } => s.faults.stuck_joint = Some(joint),
+        }
+    }
+
     /// One tick.
     ///
     /// # Errors
@@ -259,7 +272,7 @@ impl World {
             // From here on the robot is expected to stand still, until released.
             s.stop_declared = s.stop_declared.or(Some(s.tick));
         }
-        let available = tool_available(&s.setup, s.tick);
+        let available = s.tool_available();
         let width = s.joints.width_m();
         while s.queue.front().is_some_and(|(due, _)| *due <= s.tick) {
             if let Some((_, command)) = s.queue.pop_front() {
@@ -519,7 +532,7 @@ impl World {
         o.gripper_force_n = (s.forces.grip_n() + e.force_n[0]).max(0.0);
         o.wrist_force_n = (Vector3::from(s.forces.wrist_n).norm() + e.force_n[1]).max(0.0);
         (o.object, o.target) = s.camera.estimates(s.tick);
-        o.tool_available = tool_available(&s.setup, s.tick);
+        o.tool_available = s.tool_available();
         o.goal = s.task;
         o.guard = s.guard;
     }
@@ -542,6 +555,7 @@ impl State {
             last_due: 0,
             camera: Camera::new(&setup.camera),
             guard: GuardVerdict::Allowed,
+            faults: Faults::default(),
             stop_declared: None,
             object_start_z: setup.object.pose.position[2],
             grip: Grip::default(),
@@ -587,13 +601,21 @@ impl State {
             let data = &mut link.joint.data;
             if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
                 let motor = &mut data.motors[JointAxis::AngX as usize];
+                if self.faults.stuck_joint == Some(i) {
+                    motor.target_vel = 0.0;
+                    continue;
+                }
                 (motor.target_pos, motor.target_vel) = (*q as f32, *dq as f32);
             } else {
                 let motor = &mut data.motors[JointAxis::LinX as usize];
                 (motor.target_pos, motor.target_vel) = ((0.5 * g.width_m) as f32, (0.5 * g.rate_m_s) as f32);
-                motor.max_force = g.force_n as f32;
+                motor.max_force = if self.faults.grip_lost { 0.0 } else { g.force_n as f32 };
             }
         }
+    }
+
+    fn tool_available(&self) -> bool {
+        !self.faults.tool_dead && tool_available(&self.setup, self.tick)
     }
 
     /// Follows the object in the hand from the moment the grip has closed.

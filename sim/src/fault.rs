@@ -1,0 +1,31 @@
+//! Failures that are injected on purpose, for rehearsals of recovery.
+//!
+//! A fault is the cell's: something breaks, and the sensors show what follows from it. It has no
+//! name that a watcher could read.
+
+use serde::{Deserialize, Serialize};
+
+/// Something that breaks, from the next tick on and for the rest of the episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// Every picture is lost.
+    CameraLost,
+    /// The gripper takes no command any more; it keeps its last one.
+    ToolDead,
+    /// The gripper's drive has no force any more.
+    GripLost,
+    /// One joint stays where it was told to be last.
+    JointStuck {
+        /// Index of the joint, base first.
+        joint: usize,
+    },
+}
+
+/// The faults in force.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Faults {
+    pub(crate) tool_dead: bool,
+    pub(crate) grip_lost: bool,
+    pub(crate) stuck_joint: Option<usize>,
+}
