@@ -133,7 +133,13 @@ impl PeerBench {
             self_contacts: false,
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;
-        let options = IkOptions { iterations_max: 20, tolerance: 1e-4, posture_gain: 0.0, step_max_rad: 0.2 };
+        let options = IkOptions {
+            iterations_max: 20,
+            tolerance: 1e-4,
+            posture_gain: 0.0,
+            step_max_rad: 0.2,
+            restarts: 0,
+        };
         let mut q = self.robot.home.clone();
         let (mut segment, mut ik_iterations, mut lifted) = (0, 0, false);
         for step in 1..=STEPS {

@@ -94,8 +94,7 @@ pub fn to_vector(v: &[f64; 3]) -> Vector {
 
 /// An empty world with the settings that hold a gripped cube.
 pub fn empty_world() -> PhysicsWorld {
-    let mut world = PhysicsWorld::default();
-    world.gravity = Vector::new(0.0, 0.0, -9.81);
+    let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
     let p = &mut world.integration_parameters;
     p.dt = TICK_SECS as f32;
     p.num_solver_iterations = SolverEffort::FULL.substeps;

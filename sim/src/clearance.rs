@@ -34,7 +34,7 @@ pub(crate) struct ClearanceModel {
     covers: Vec<Cover>,
     /// Indices into `covers`.
     pairs: Vec<(usize, usize)>,
-    /// Covers that can come near the table: those of the second link and beyond.
+    /// Covers that can come near the table: those of the third link and beyond.
     low: Vec<usize>,
 }
 
@@ -66,7 +66,7 @@ impl ClearanceModel {
                 }
             }
         }
-        let low = (0..covers.len()).filter(|i| covers[*i].link >= 2).collect();
+        let low = (0..covers.len()).filter(|i| covers[*i].link >= 3).collect();
         Self { covers, pairs, low }
     }
 

@@ -19,15 +19,17 @@ pub struct IkOptions {
     pub posture_gain: f64,
     /// Largest change of one joint per iteration, rad.
     pub step_max_rad: f64,
+    /// How often to begin again elsewhere when the tolerance is not reached.
+    pub restarts: usize,
 }
 
 impl IkOptions {
-    /// From anywhere: up to 200 iterations.
+    /// From anywhere: up to 100 iterations, seven times.
     pub const GLOBAL: Self =
-        Self { iterations_max: 200, tolerance: 1e-6, posture_gain: 0.05, step_max_rad: 0.2 };
+        Self { iterations_max: 100, tolerance: 1e-6, posture_gain: 0.05, step_max_rad: 0.2, restarts: 6 };
     /// Following a path from the previous solution.
     pub const TRACKING: Self =
-        Self { iterations_max: 4, tolerance: 1e-5, posture_gain: 0.01, step_max_rad: 0.1 };
+        Self { iterations_max: 4, tolerance: 1e-5, posture_gain: 0.01, step_max_rad: 0.1, restarts: 0 };
 }
 
 /// The best configuration found.
@@ -76,9 +78,7 @@ fn cholesky(a: &Matrix6<f64>) -> Option<[[f64; 6]; 6]> {
     for i in 0..6 {
         for j in 0..=i {
             let mut sum = a[(i, j)];
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k];
-            }
+            sum -= (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
             if i == j {
                 if sum <= 0.0 || !sum.is_finite() {
                     return None;
@@ -162,22 +162,68 @@ impl Chain {
     /// [`Chain::solve`] for a target already in matrix form.
     #[must_use]
     pub fn solve_frame(&self, target: &Frame, warm: &[f64], rest: &[f64], options: &IkOptions) -> IkOutcome {
+        let first = self.descend(target, warm, rest, options, options.iterations_max);
+        if first.error < options.tolerance || options.restarts == 0 {
+            return first;
+        }
+        // Stuck at a joint limit or a singularity: begin again elsewhere, deterministically.
+        let mut best = first;
+        for restart in 0..options.restarts {
+            let begin: JointVec = (0..self.len()).map(|i| self.restart_angle(i, restart, rest)).collect();
+            let mut next = self.descend(target, &begin, rest, options, options.iterations_max);
+            next.iterations += best.iterations;
+            if next.error < best.error {
+                best = next;
+            }
+            if best.error < options.tolerance {
+                break;
+            }
+        }
+        best
+    }
+
+    /// The rest posture first, then points spread over the joint's range (golden ratio sequence).
+    fn restart_angle(&self, joint: usize, restart: usize, rest: &[f64]) -> f64 {
+        let home = rest.get(joint).copied().unwrap_or(0.0);
+        match (restart, self.joints.get(joint)) {
+            (0, _) | (_, None) => home,
+            (_, Some(spec)) => {
+                let share = (0.618_033_988_749_895 * (restart * (joint + 2)) as f64).fract();
+                let reach = (spec.upper_rad - spec.lower_rad).min(core::f64::consts::PI);
+                home + (share - 0.5) * reach
+            }
+        }
+    }
+
+    fn descend(
+        &self,
+        target: &Frame,
+        warm: &[f64],
+        rest: &[f64],
+        options: &IkOptions,
+        most: usize,
+    ) -> IkOutcome {
         const LIMIT_MARGIN_RAD: f64 = 1e-3;
+        /// The posture counts less and less within this error, so that it never keeps the goal away.
+        const POSTURE_FADE: f64 = 0.05;
         let mut q = self.clamped(warm, LIMIT_MARGIN_RAD);
         let mut best = IkOutcome { q: q.clone(), error: f64::INFINITY, iterations: 0 };
-        for iteration in 0..=options.iterations_max {
+        for iteration in 0..=most {
             let frames = self.frames(&q);
             let e = pose_error(&frames.tool, target);
             let error = e.norm();
             if error < best.error {
-                best = IkOutcome { q: q.clone(), error, iterations: iteration };
+                best.q.clone_from(&q);
+                best.error = error;
+                best.iterations = iteration;
             }
-            if error < options.tolerance || iteration == options.iterations_max || !error.is_finite() {
+            if error < options.tolerance || iteration == most || !error.is_finite() {
                 break;
             }
+            let gain = options.posture_gain * (error / POSTURE_FADE).min(1.0);
             let mut pull = [0.0; MAX_JOINTS];
             for ((value, angle), home) in pull.iter_mut().zip(&q).zip(rest) {
-                *value = options.posture_gain * (home - angle);
+                *value = gain * (home - angle);
             }
             let Some(dq) = damped_step(&self.jacobian(&frames), &e, &pull) else { break };
             for (angle, change) in q.iter_mut().zip(dq) {

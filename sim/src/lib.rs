@@ -24,6 +24,7 @@ mod perception;
 pub mod readout;
 pub mod referee;
 mod servo;
+mod state;
 mod urdf;
 
 pub use chain::{Chain, Frames};

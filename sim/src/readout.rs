@@ -1,7 +1,7 @@
 //! What a stepped world says: joint state, contact forces, who touches whom.
 //!
 //! Normal forces are the solver's impulses over the tick. Nothing here adds noise; see
-//! [`crate::perception`].
+//! `perception.rs`.
 
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::geometry::ContactPair;

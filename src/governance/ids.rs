@@ -173,8 +173,10 @@ impl Digest {
 /// # Errors
 /// Where the value has no JSON form.
 pub fn canonical_json<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
-    // `serde_json::Value` keeps its maps sorted (the `preserve_order` feature is off).
-    serde_json::to_string(&serde_json::to_value(value)?)
+    // A dependency may turn on `preserve_order`, so the order is not left to the map type.
+    let mut value = serde_json::to_value(value)?;
+    value.sort_all_objects();
+    serde_json::to_string(&value)
 }
 
 impl fmt::Display for Digest {

@@ -1,0 +1,273 @@
+//! Everything of a world that changes, and how it is set up and advanced between ticks.
+//!
+//! One serialisable value: what is not in here does not survive a snapshot, so nothing that affects
+//! the future may live elsewhere.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector3;
+use rapier3d::dynamics::JointAxis;
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
+
+use crate::build::{self, Handles, from_rapier};
+use crate::chain::Frame;
+use crate::episode::{EpisodeSetup, Start};
+use crate::error::SimError;
+use crate::fault::Faults;
+use crate::ik::IkOptions;
+use crate::io::{Command, GuardVerdict, JointVec, TaskKind};
+use crate::perception::{Camera, SensorErrors};
+use crate::readout::{self, ContactForces, JointState};
+use crate::robot::RobotModel;
+use crate::scene::Scene;
+use crate::servo::Servo;
+
+/// The grip as the slip sensor follows it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Grip {
+    /// Consecutive ticks with both pads pressing.
+    pub pressed_ticks: u32,
+    /// Consecutive ticks with no pad touching.
+    pub open_ticks: u32,
+    /// Object centre in the tool frame when the grip had closed.
+    pub reference_m: Option<[f64; 3]>,
+    /// Distance from it, m.
+    pub slip_m: f64,
+}
+
+/// Both pads press for this long before the grip counts as closed: the squeeze has settled.
+const GRIP_CLOSED_TICKS: u32 = 12;
+/// No pad touches for this long before the grip counts as open.
+const GRIP_OPEN_TICKS: u32 = 6;
+/// Speeds past these are a diverged solver, not a motion (the motors stop far below).
+const JOINT_SPEED_DIVERGED_RAD_S: f64 = 100.0;
+const OBJECT_SPEED_DIVERGED_M_S: f64 = 50.0;
+const DISTANCE_DIVERGED_M: f64 = 20.0;
+
+/// Everything that changes.
+#[derive(Serialize, Deserialize)]
+pub struct State {
+    pub physics: PhysicsWorld,
+    pub handles: Handles,
+    pub setup: EpisodeSetup,
+    pub task: TaskKind,
+    pub tick: u64,
+    pub task_start: u64,
+    pub servo: Servo,
+    pub queue: VecDeque<(u64, Command)>,
+    pub last_due: u64,
+    pub camera: Camera,
+    pub guard: GuardVerdict,
+    /// What has been broken on purpose.
+    pub faults: Faults,
+    /// Tick since which the robot has been told, or has declared, to stand still.
+    pub stop_declared: Option<u64>,
+    /// Height of the object when the task began, m.
+    pub object_start_z: f64,
+    pub grip: Grip,
+    pub joints: JointState,
+    pub forces: ContactForces,
+    pub errors: SensorErrors,
+}
+
+impl State {
+    pub fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, SimError> {
+        let (q, width) = start_configuration(robot, scene, setup)?;
+        let (physics, handles) = build::assemble(robot, &build::Cell::new(scene, setup), &q, width)?;
+        let joints = readout::joint_state(&physics, &handles, robot);
+        Ok(Self {
+            physics,
+            handles,
+            setup: setup.clone(),
+            task: setup.task,
+            tick: 0,
+            task_start: 0,
+            servo: Servo::new(q, width, robot),
+            queue: VecDeque::new(),
+            last_due: 0,
+            camera: Camera::new(&setup.camera),
+            guard: GuardVerdict::Allowed,
+            faults: Faults::default(),
+            stop_declared: None,
+            object_start_z: setup.object.pose.position[2],
+            grip: Grip::default(),
+            joints,
+            forces: ContactForces::default(),
+            errors: SensorErrors::default(),
+        })
+    }
+
+    /// Tick 0: whatever led to the start is forgotten.
+    pub fn begin(&mut self) {
+        self.object_start_z = readout::object_state(&self.physics, &self.handles).0.translation.z;
+        if self.grip.reference_m.is_some() {
+            // In-hand displacement counts from the start of the episode.
+            self.grip.reference_m = None;
+            self.grip.pressed_ticks = GRIP_CLOSED_TICKS;
+        }
+    }
+
+    pub fn set_object_gravity(&mut self, scale: f32) {
+        if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
+            body.set_gravity_scale(scale, true);
+        }
+    }
+
+    /// Applies the push that is due.
+    pub fn push_object(&mut self) {
+        for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
+            if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
+                body.apply_impulse(build::to_vector(&push.impulse_n_s), true);
+            }
+        }
+    }
+
+    /// Hands the servo's reference to the motors.
+    pub fn drive(&mut self) {
+        let Some((multibody, _)) = self.physics.multibody_joints.get_mut(self.handles.first_joint) else {
+            return;
+        };
+        let g = &self.servo.gripper;
+        for (i, id) in self.handles.link_ids.iter().enumerate() {
+            let Some(link) = multibody.link_mut(*id) else { continue };
+            let data = &mut link.joint.data;
+            if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
+                let motor = &mut data.motors[JointAxis::AngX as usize];
+                if self.faults.stuck_joint == Some(i) {
+                    motor.target_vel = 0.0;
+                    continue;
+                }
+                (motor.target_pos, motor.target_vel) = (*q as f32, *dq as f32);
+            } else {
+                let motor = &mut data.motors[JointAxis::LinX as usize];
+                (motor.target_pos, motor.target_vel) = ((0.5 * g.width_m) as f32, (0.5 * g.rate_m_s) as f32);
+                motor.max_force = if self.faults.grip_lost { 0.0 } else { g.force_n as f32 };
+            }
+        }
+    }
+
+    /// Whether the gripper answers in this tick.
+    pub fn tool_available(&self) -> bool {
+        !self.faults.tool_dead && tool_available(&self.setup, self.tick)
+    }
+
+    /// Follows the object in the hand from the moment the grip has closed.
+    pub fn follow_grip(&mut self, robot: &RobotModel) {
+        let grip = &mut self.grip;
+        if self.forces.gripped() {
+            grip.pressed_ticks = grip.pressed_ticks.saturating_add(1);
+        } else {
+            grip.pressed_ticks = 0;
+        }
+        if self.forces.contacts.pad_object {
+            grip.open_ticks = 0;
+        } else {
+            grip.open_ticks = grip.open_ticks.saturating_add(1);
+        }
+        if grip.open_ticks >= GRIP_OPEN_TICKS {
+            grip.reference_m = None;
+            grip.slip_m = 0.0;
+            return;
+        }
+        if grip.reference_m.is_none() && grip.pressed_ticks < GRIP_CLOSED_TICKS {
+            return;
+        }
+        let tool: Frame = robot.chain.frames(&self.joints.q).tool;
+        let object = from_rapier(self.physics.bodies[self.handles.object].position());
+        let local: Vector3<f64> = tool.rotation.transpose() * (object.translation.vector - tool.origin);
+        let reference = Vector3::from(*grip.reference_m.get_or_insert(local.into()));
+        grip.slip_m = (local - reference).norm();
+    }
+
+    pub fn check_finite(&self) -> Result<(), SimError> {
+        let diverged = |what: String| Err(SimError::Diverged { tick: self.tick, what });
+        for (q, dq) in self.joints.q.iter().zip(&self.joints.dq) {
+            let usable = q.is_finite() && dq.abs() < JOINT_SPEED_DIVERGED_RAD_S;
+            if !usable {
+                return diverged(format!("joint at \"{q}\" rad, \"{dq}\" rad/s"));
+            }
+        }
+        let (object, speed, spin) = readout::object_state(&self.physics, &self.handles);
+        let distance = object.translation.vector.norm();
+        // Comparisons with what is not a number are false.
+        let usable = distance < DISTANCE_DIVERGED_M && speed < OBJECT_SPEED_DIVERGED_M_S && spin.is_finite();
+        if !usable {
+            return diverged(format!("object {distance} m away at \"{speed}\" m/s"));
+        }
+        Ok(())
+    }
+}
+
+/// Joint angles and gripper width an episode starts with.
+fn start_configuration(
+    robot: &RobotModel,
+    scene: &Scene,
+    setup: &EpisodeSetup,
+) -> Result<(JointVec, f64), SimError> {
+    match &setup.start {
+        Start::Home { offset_rad } => {
+            let q: JointVec = robot
+                .home
+                .iter()
+                .enumerate()
+                .map(|(i, h)| h + offset_rad.get(i).copied().unwrap_or(0.0))
+                .collect();
+            Ok((robot.chain.clamped(&q, 1e-3), robot.gripper.width_max_m()))
+        }
+        Start::Held { tool, .. } => {
+            let outcome = robot.solve_ik(&tool.isometry(), &robot.home, &IkOptions::GLOBAL);
+            if !outcome.converged(1e-4) {
+                let problem =
+                    format!("tool pose {:?} is out of reach (error {:.4})", tool.position, outcome.error);
+                return Err(SimError::InvalidStart { seed: setup.seed, problem });
+            }
+            // Just wide enough for the cube at the largest start yaw.
+            Ok((outcome.q, 2.0 * scene.object.half_m + 0.004))
+        }
+    }
+}
+
+/// Whether the gripper answers at a world tick.
+fn tool_available(setup: &EpisodeSetup, tick: u64) -> bool {
+    !setup.tool_windows.iter().any(|window| (window.begin..window.end).contains(&tick))
+}
+
+/// Refuses a command whose numbers cannot be meant.
+///
+/// # Errors
+/// [`SimError::Command`] with the value and what is needed.
+pub fn check_command(command: &Command, joints: usize) -> Result<(), SimError> {
+    let positive = |name: &str, value: f64| {
+        if value.is_finite() && value > 0.0 {
+            Ok(())
+        } else {
+            Err(SimError::Command(format!("{name} is \"{value}\"; a finite number above 0 is needed")))
+        }
+    };
+    match command {
+        Command::ToolPose { pose, max_speed_m_s } => {
+            if !pose.is_valid() {
+                let problem = format!("tool pose \"{pose:?}\" is not finite with a unit quaternion");
+                return Err(SimError::Command(problem));
+            }
+            positive("max_speed_m_s", *max_speed_m_s)
+        }
+        Command::Joints { q, max_speed_rad_s } => {
+            if q.len() != joints || q.iter().any(|v| !v.is_finite()) {
+                return Err(SimError::Command(format!(
+                    "joints \"{q:?}\"; {joints} finite angles are needed"
+                )));
+            }
+            positive("max_speed_rad_s", *max_speed_rad_s)
+        }
+        Command::Gripper { width_m, speed_m_s, force_n } => {
+            if !width_m.is_finite() || *width_m < 0.0 {
+                return Err(SimError::Command(format!("width_m is \"{width_m}\"; 0 or more is needed")));
+            }
+            positive("speed_m_s", *speed_m_s)?;
+            positive("force_n", *force_n)
+        }
+        Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => Ok(()),
+    }
+}

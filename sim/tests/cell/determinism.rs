@@ -1,0 +1,111 @@
+//! Same seed, same bits: across repeats, threads, and a snapshot in the middle.
+
+use holdpoint_sim::io::{Command, TaskKind};
+use holdpoint_sim::{Distribution, EpisodeSetup, SimError, World};
+
+use crate::script::{arm, fingers, scene, world};
+
+/// A lively episode: motion, contact, noise, latency, a push.
+fn run(world: &mut World, seed: u64, from: u64, to: u64) -> Vec<u64> {
+    let mut hashes = Vec::new();
+    for tick in from..to {
+        let (object, _) = world.object();
+        let mut goal = world.setup().object.pose.isometry();
+        goal = holdpoint_sim::episode::tool_down(goal.translation.x, goal.translation.y, 0.03, 0.0);
+        let command = match tick {
+            0 => arm(&goal, 0.6),
+            300 => fingers(0.0, 30.0),
+            400 => {
+                goal.translation.z = 0.2;
+                arm(&goal, 0.3)
+            }
+            _ => Command::Hold,
+        };
+        assert!(object.translation.z.is_finite(), "seed {seed}");
+        world.step(&command).expect("step");
+        if tick % 50 == 49 {
+            hashes.push(world.state_hash());
+        }
+    }
+    hashes
+}
+
+fn setup(seed: u64) -> EpisodeSetup {
+    EpisodeSetup::sample(TaskKind::Grasp, &scene(), &Distribution::live().expect("live"), seed)
+}
+
+#[test]
+fn repeats_and_threads_agree() {
+    let mut first = world("arm7");
+    first.reset(&setup(5)).expect("reset");
+    let reference = run(&mut first, 5, 0, 600);
+    // Another episode in between must leave nothing behind.
+    first.reset(&setup(6)).expect("reset");
+    let other = run(&mut first, 6, 0, 600);
+    assert_ne!(other, reference);
+    first.reset(&setup(5)).expect("reset");
+    assert_eq!(run(&mut first, 5, 0, 600), reference);
+    let threads: Vec<_> = (0..3)
+        .map(|_| {
+            std::thread::spawn(|| {
+                let mut world = world("arm7");
+                world.reset(&setup(5)).expect("reset");
+                run(&mut world, 5, 0, 600)
+            })
+        })
+        .collect();
+    for thread in threads {
+        assert_eq!(thread.join().expect("no panic"), reference);
+    }
+}
+
+#[test]
+fn a_restored_world_continues_bit_for_bit() {
+    for at in [0, 137, 350, 450] {
+        let mut whole = world("arm7");
+        whole.reset(&setup(9)).expect("reset");
+        run(&mut whole, 9, 0, at);
+        let bytes = whole.snapshot().expect("snapshot");
+        let observation = whole.observe().clone();
+        let expected = run(&mut whole, 9, at, 600);
+        let mut resumed = world("arm7");
+        resumed.restore(&bytes).expect("restore");
+        assert_eq!(*resumed.observe(), observation);
+        assert_eq!(resumed.snapshot().expect("snapshot"), bytes, "written again it is the same");
+        assert_eq!(run(&mut resumed, 9, at, 600), expected, "from tick {at}");
+        assert_eq!(resumed.telemetry(), whole.telemetry());
+        assert_eq!(resumed.observe(), whole.observe());
+    }
+}
+
+#[test]
+fn what_is_no_snapshot_of_this_robot_is_refused_and_changes_nothing() {
+    let mut world = world("arm7");
+    let before = world.state_hash();
+    let foreign = crate::script::world("arm6").snapshot().expect("snapshot");
+    let whole = world.snapshot().expect("snapshot");
+    for bytes in [&foreign[..], &whole[..whole.len() / 2], b"", b"not a snapshot"] {
+        assert!(matches!(world.restore(bytes), Err(SimError::Snapshot(_))));
+        assert_eq!(world.state_hash(), before);
+    }
+}
+
+#[test]
+fn disturbances_do_not_depend_on_the_commands() {
+    let mut pictures = Vec::new();
+    for command in [Command::Hold, arm(&holdpoint_sim::episode::tool_down(0.4, 0.1, 0.4, 0.3), 0.5)] {
+        let mut world = world("arm7");
+        let mut setup = setup(12);
+        setup.pushes.clear();
+        world.reset(&setup).expect("reset");
+        let mut seen = Vec::new();
+        for _ in 0..200 {
+            world.step(&command).expect("step");
+            let o = world.observe();
+            // The tray stands still, so its picture is bias and noise alone.
+            seen.push((o.target, world.telemetry().picture_age_ticks));
+        }
+        pictures.push(seen);
+    }
+    assert_eq!(pictures[0], pictures[1]);
+}

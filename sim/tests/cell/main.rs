@@ -1,0 +1,9 @@
+//! The cell through its public face.
+
+mod determinism;
+mod inputs;
+mod kinematics;
+mod perception;
+mod referee;
+mod script;
+mod work;
