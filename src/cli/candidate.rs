@@ -15,12 +15,15 @@ use serde_json::Value;
 use super::output::Table;
 use super::{CliError, Context, EngineVerbs, Exit, Output};
 use crate::governance::ids::Digest;
-use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest, RelativePath};
+use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
 use crate::text::Untrusted;
 
 /// The most differences `diff` prints.
 pub const DIFFERENCES_MAX: usize = 1_000;
+
+/// The largest parameter file, in bytes.
+pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
 
 /// The arguments of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -43,7 +46,7 @@ pub enum CandidateVerb {
     Show(FolderArgs),
     /// Checks a candidate's folder without registering it; says nothing about its compatibility.
     Check(FolderArgs),
-    /// Compares two candidates' manifests field by field.
+    /// Compares two candidates' manifests and parameters field by field.
     Diff(DiffArgs),
 }
 
@@ -94,6 +97,8 @@ pub struct Folder {
     pub manifest: Manifest,
     /// The submission.
     pub submission: Submission,
+    /// The parameters as they stand in their file; `Null` where the manifest names none.
+    pub params: Value,
 }
 
 impl Folder {
@@ -114,24 +119,48 @@ impl Folder {
             "submission.toml",
             &read(&dir, path, "submission.toml", SUBMISSION_BYTES_MAX)?,
         )?;
-        let folder = Self { manifest, submission };
-        for file in folder.files() {
+        if let Bundle::Wasm(file) = &manifest.deployment.bundle {
             let metadata =
                 dir.metadata(file.as_str()).map_err(|error| unreadable(path, file.as_str(), &error))?;
             if !metadata.is_file() {
                 return Err(unreadable(path, file.as_str(), &"it is not a file"));
             }
         }
-        Ok(folder)
-    }
-
-    /// The files beside the manifest that it names.
-    fn files(&self) -> Vec<&RelativePath> {
-        let component = match &self.manifest.deployment.bundle {
-            Bundle::Native(_) => None,
-            Bundle::Wasm(path) => Some(path),
+        let params = match &manifest.deployment.params {
+            None => Value::Null,
+            Some(file) => params(file.as_str(), &read(&dir, path, file.as_str(), PARAMS_BYTES_MAX)?)?,
         };
-        component.into_iter().chain(&self.manifest.deployment.params).collect()
+        Ok(Self { manifest, submission, params })
+    }
+}
+
+/// Parses a parameter file, whatever its fields are; only the controller knows those.
+fn params(file: &str, text: &str) -> Result<Value, CliError> {
+    if text.len() > PARAMS_BYTES_MAX {
+        return Err(CliError::usage(format!(
+            "{file}: more than {PARAMS_BYTES_MAX} bytes; up to {PARAMS_BYTES_MAX} are allowed"
+        )));
+    }
+    let table: toml::Table = toml::from_str(text)
+        .map_err(|error: toml::de::Error| CliError::usage(format!("{file}: {}", error.message())))?;
+    // JSON has no form for these: they would come out as null and look like a missing value.
+    if let Some(field) = not_finite("", &toml::Value::Table(table.clone())) {
+        return Err(CliError::usage(format!("{file}: the field {field:?} is no finite number")));
+    }
+    serde_json::to_value(&table).map_err(CliError::internal)
+}
+
+fn not_finite(path: &str, value: &toml::Value) -> Option<String> {
+    match value {
+        toml::Value::Float(number) => (!number.is_finite()).then(|| path.to_owned()),
+        toml::Value::Array(values) => values.iter().find_map(|value| not_finite(path, value)),
+        toml::Value::Table(table) => table.iter().find_map(|(key, value)| {
+            not_finite(&if path.is_empty() { key.clone() } else { format!("{path}.{key}") }, value)
+        }),
+        toml::Value::String(_)
+        | toml::Value::Integer(_)
+        | toml::Value::Boolean(_)
+        | toml::Value::Datetime(_) => None,
     }
 }
 
@@ -233,7 +262,7 @@ fn show(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
 }
 
 fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Folder { manifest, submission } = folder;
+    let Folder { manifest, submission, params: _ } = folder;
     let checked = Checked {
         id: manifest.id().to_string(),
         digest: manifest.digest().map_err(CliError::internal)?,
@@ -258,7 +287,10 @@ fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
 }
 
 fn diff(old: &Folder, new: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
-    let value = |folder: &Folder| serde_json::to_value(&folder.manifest).map_err(CliError::internal);
+    let value = |folder: &Folder| {
+        let manifest = serde_json::to_value(&folder.manifest).map_err(CliError::internal)?;
+        Ok::<Value, CliError>(serde_json::json!({ "manifest": manifest, "params": folder.params }))
+    };
     let differences = differences(&value(old)?, &value(new)?);
     out.answer(&differences, |out| {
         if differences.is_empty() {
@@ -296,6 +328,42 @@ mod tests {
             ]
         );
         assert!(differences(&old, &old).is_empty());
+    }
+
+    #[test]
+    fn every_shipped_candidate_is_well_formed() {
+        let manifests = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests");
+        let mut open = vec![manifests.clone()];
+        let mut seen = 0;
+        while let Some(folder) = open.pop() {
+            if folder.join("manifest.toml").is_file() {
+                let read = Folder::read(&folder);
+                assert!(read.is_ok(), "{}: {read:?}", folder.display());
+                seen += 1;
+            }
+            open.extend(
+                std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).filter(|p| p.is_dir()),
+            );
+        }
+        assert!(seen >= 4, "{seen}");
+        // What changes in the parameters alone is shown too.
+        let value = |name: &str| Folder::read(&manifests.join(name)).unwrap().params;
+        let changed = differences(&value("grasp/1.0.0"), &value("candidates/grasp-hard-grip"));
+        assert!(changed.iter().any(|difference| difference.field == "pregrasp_check"), "{changed:?}");
+    }
+
+    #[test]
+    fn parameters_must_be_finite_and_short() {
+        for (text, expected) in [
+            ("a = nan", "\"a\" is no finite number"),
+            ("[b]\nc = [1.0, inf]", "\"b.c\" is no finite number"),
+            ("a = ", "params.toml: "),
+            (&"#".repeat(PARAMS_BYTES_MAX + 1), "more than"),
+        ] {
+            let error = params("params.toml", text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        assert_eq!(params("params.toml", "a = 1.5").unwrap(), serde_json::json!({"a": 1.5}));
     }
 
     #[test]

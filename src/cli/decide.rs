@@ -41,7 +41,8 @@ pub struct Signature {
 /// The arguments of `approve`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The short digest binds the approval to the evidence you have read: `holdpoint registry show` prints it.
+The short digest binds the approval to the evidence you have read;
+`holdpoint registry show` prints it.
 
 Example:
   holdpoint approve grasp@1.3.0 --digest 9f3c2a10 --as mara --reason 'drills and shadow read'")]

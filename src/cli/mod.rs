@@ -31,7 +31,7 @@ pub use output::Output;
 ///
 /// Without a command it runs the main demonstration job in the console.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "holdpoint", version, max_term_width = 100, after_help = AFTER_HELP)]
+#[command(name = "holdpoint", bin_name = "holdpoint", version, max_term_width = 100, after_help = AFTER_HELP)]
 pub struct Cli {
     /// The store's folder [default: $XDG_DATA_HOME/holdpoint or ~/.local/share/holdpoint].
     #[arg(long, global = true, value_name = "DIR")]
@@ -45,8 +45,9 @@ pub struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Exit codes: 0 confirmed or done, 1 rejected, 2 usage or configuration, 3 held or timed out, 4 rolled back,
-70 internal error.
+Exit codes:
+  0 confirmed or done, 1 rejected, 2 usage or configuration, 3 held or timed out, 4 rolled back,
+  70 internal error
 
 Examples:
   holdpoint
