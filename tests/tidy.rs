@@ -265,7 +265,7 @@ fn lines_with(code: &str, word: &str) -> Vec<usize> {
         line.match_indices(word).any(|(at, _)| {
             let before = word.starts_with(is_word) && line[..at].chars().next_back().is_some_and(is_word);
             let after = line[at + word.len()..].chars().next().is_some_and(is_word);
-            !before && !(after && word.ends_with(is_word))
+            !(before || after && word.ends_with(is_word))
         })
     };
     code.lines().enumerate().filter(|(_, line)| names(line)).map(|(index, _)| index + 1).collect()
