@@ -117,6 +117,11 @@ impl LiveCell {
         self.sequences
     }
 
+    /// The body, for the ladder between tasks.
+    pub(super) const fn body_mut(&mut self) -> &mut World {
+        self.arm.body_mut()
+    }
+
     /// The body, to look at.
     #[must_use]
     pub const fn world(&self) -> &World {

@@ -19,7 +19,7 @@ use super::error::StoreError;
 use super::migrate::STORE;
 use super::names::{EvidenceKind, StageName, StateName};
 use super::open::open_reader;
-use crate::governance::ids::{CapabilityId, Digest};
+use crate::governance::ids::{CapabilityId, Digest, Family};
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
@@ -254,6 +254,15 @@ impl Views {
                 json: row.get(9)?,
             })
         })
+    }
+
+    /// Every version of a family, in the order of registration.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn family_in_order(&self, family: &Family) -> Result<Vec<CapabilityId>, StoreError> {
+        let sql = "SELECT name FROM version WHERE family = ?1 ORDER BY id";
+        many(&self.connection, sql, [family.as_str()], |row| parsed(row, 0))
     }
 
     /// All families, by name.

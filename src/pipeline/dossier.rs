@@ -1,0 +1,122 @@
+//! Everything known about a candidate, stage by stage: what the rules read and the record keeps.
+//!
+//! A dossier is stored as evidence at the end of each stage, so that an engine that comes up again
+//! goes on from what was measured. It holds values, never conclusions that could not be recomputed.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+use crate::engine::event::DimensionResult;
+use crate::engine::snapshot::ProgressView;
+use crate::governance::behavior::BehaviorAssessment;
+use crate::governance::composition::{Condition, Kappas, composite};
+use crate::governance::decision::{Dimension, Kappa, Reason};
+use crate::governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence, Signature};
+use crate::governance::gate::ShadowAssessment;
+use crate::governance::ids::Digest;
+use crate::governance::outcome::{Assessment, Basis};
+use crate::governance::profile::{Profile, ProfileName};
+use crate::governance::recovery::RecoveryAssessment;
+
+/// What one mode of the sandbox gave, beside the paired comparison.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeMetrics {
+    /// `canonical`, `perturbation` or `adversarial`.
+    pub mode: String,
+    /// Episodes.
+    pub episodes: u32,
+    /// m_succ, m_viol, m_anom, m_retry, m_recover, as means per episode.
+    pub candidate: Signature,
+}
+
+/// A candidate's evidence.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Dossier {
+    /// The four assessments as they stand.
+    pub kappas: Option<Kappas>,
+    /// `kappa_B` with its components.
+    pub behavior: Option<BehaviorAssessment>,
+    /// `kappa_R` with its rates.
+    pub recovery: Option<RecoveryAssessment>,
+    /// What shadow came to.
+    pub shadow: Option<ShadowAssessment>,
+    /// Paired episodes, in seed order.
+    pub pairs: Vec<Pair>,
+    /// Hard stops seen.
+    pub hard_stops: Vec<HardStop>,
+    /// Sandbox metrics per mode.
+    pub modes: Vec<ModeMetrics>,
+    /// Drills of the candidate and of the active version.
+    pub drills: Option<(Drills, Drills)>,
+    /// Shadow sequences.
+    pub sequences: Vec<ShadowSequence>,
+    /// What the candidate did in the twins: what is normal for it in the live world.
+    pub twins: Vec<EpisodeValues>,
+    /// What each piece was gathered for.
+    pub bindings: Vec<Binding>,
+    /// Conditions of use so far.
+    pub conditions: Vec<Condition>,
+    /// Reasons of the last decision.
+    pub reasons: Vec<Reason>,
+    /// New permissions against the active version.
+    pub new_permissions: Vec<String>,
+    /// Profiles closed to it by a profile demotion.
+    pub closed: BTreeSet<ProfileName>,
+    /// Nobody answered in time: it is not asked about again by itself.
+    pub held: bool,
+    /// How far the running stage is.
+    #[serde(skip)]
+    pub progress: Option<ProgressView>,
+}
+
+impl Dossier {
+    /// Digest of everything in it.
+    ///
+    /// # Errors
+    /// Never for values that passed the edge: they are finite.
+    pub fn digest(&self) -> Result<Digest, serde_json::Error> {
+        Digest::of_json("holdpoint.evidence.v1", self)
+    }
+
+    /// The dimensions for display.
+    #[must_use]
+    pub fn dimensions(&self, profile: &Profile) -> Vec<DimensionResult> {
+        let Some(kappas) = &self.kappas else { return Vec::new() };
+        let thresholds = &profile.thresholds;
+        vec![
+            result(Dimension::Interface, &kappas.interface, thresholds.interface()),
+            result(Dimension::Policy, &kappas.policy, thresholds.policy()),
+            result(Dimension::Behavior, &kappas.behavior, thresholds.behavior()),
+            result(Dimension::Recovery, &kappas.recovery, thresholds.recovery()),
+        ]
+    }
+
+    /// The composite; reported, never gating.
+    #[must_use]
+    pub fn composite(&self, profile: &Profile) -> Option<f64> {
+        let kappas = self.kappas.as_ref()?;
+        let values = [
+            kappas.interface.kappa,
+            kappas.policy.kappa,
+            kappas.behavior.kappa,
+            kappas.recovery.kappa,
+        ];
+        composite(&profile.composite, values).map(Kappa::get)
+    }
+}
+
+fn result<O: Serialize>(dimension: Dimension, assessment: &Assessment<O>, threshold: f64) -> DimensionResult {
+    // Outcomes serialise as their kebab-case name.
+    let outcome = serde_json::to_value(&assessment.outcome).ok();
+    let outcome = outcome.as_ref().and_then(|value| value.as_str()).unwrap_or("unknown").to_owned();
+    DimensionResult {
+        dimension,
+        outcome,
+        kappa: assessment.kappa.map(Kappa::get),
+        threshold,
+        measured: assessment.basis == Basis::Measured,
+    }
+}

@@ -1,0 +1,539 @@
+//! The Upgrade Manager: takes every candidate through the seven stages, one slice of work at a time.
+//!
+//! It owns the ledger, the live world and the evidence, decides nothing itself (the rules in
+//! `governance` do) and does nothing twice: each call to [`UpgradeManager::advance`] is one slice,
+//! between two slices commands are taken. A fault of its own makes it hold: nothing is approved or
+//! activated by it.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_sim::SimError;
+
+use super::cell::Cell;
+use super::dossier::Dossier;
+use super::ledger::{Ledger, LedgerError, Moved, Note};
+use super::live::LiveCell;
+use super::stages::activation::Prompt;
+use super::stages::monitoring::Watch;
+use super::stages::sandbox::SandboxRun;
+use super::stages::shadowing::ShadowRun;
+use crate::alarms::{AlarmBook, AlarmEvent, Priority};
+use crate::engine::clock::Clock;
+use crate::engine::event::EventKind;
+use crate::engine::snapshot::ProgressView;
+use crate::governance::decision::MadeUnder;
+use crate::governance::evidence::Binding;
+use crate::governance::ids::{CapabilityId, Digest, Family};
+use crate::governance::lifecycle::{Event, Stage, State};
+use crate::governance::policy::PolicyTable;
+use crate::governance::profile::{AlarmPriority, Profile};
+use crate::registry::{AuditBody, Change, StoreError};
+use crate::runtime::capability::Capability;
+use crate::runtime::terms::Terms;
+
+/// A fault of the engine's own; it holds from then on.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// A transition could not be written.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The simulation failed.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A record has no canonical form.
+    #[error("a record has no canonical form: {0}")]
+    Canonical(#[from] serde_json::Error),
+    /// Something that cannot be is.
+    #[error("{0}")]
+    Impossible(String),
+}
+
+/// What a manager is made with.
+pub struct Settings {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Workers for evaluation.
+    pub jobs: usize,
+    /// The profile.
+    pub profile: Profile,
+    /// Its compiled policies.
+    pub table: PolicyTable,
+    /// The cell.
+    pub cell: Cell,
+}
+
+/// What a slice of work came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Something was done; there may be more.
+    Worked,
+    /// Nothing is left to do before a deadline (virtual ms) or a command.
+    Idle {
+        /// The next deadline.
+        next_ms: Option<u64>,
+    },
+}
+
+/// The stage that is being worked on.
+pub(super) enum Work {
+    Sandbox(Box<SandboxRun>),
+    Shadow(Box<ShadowRun>),
+}
+
+/// See the module's head.
+pub struct UpgradeManager {
+    pub(super) seed: u64,
+    pub(super) jobs: usize,
+    pub(super) profile: Arc<Profile>,
+    pub(super) profile_digest: Digest,
+    pub(super) table: Arc<PolicyTable>,
+    pub(super) context_digest: Digest,
+    pub(super) cell: Cell,
+    pub(super) ledger: Ledger,
+    pub(super) clock: Clock,
+    pub(super) live: LiveCell,
+    pub(super) live_due: f64,
+    pub(super) recent: VecDeque<bool>,
+    pub(super) last_tasks: Vec<crate::engine::event::TaskSummary>,
+    pub(super) work: Option<Work>,
+    pub(super) dossiers: BTreeMap<CapabilityId, Dossier>,
+    pub(super) prompts: BTreeMap<CapabilityId, Prompt>,
+    pub(super) watches: BTreeMap<Family, Watch>,
+    pub(super) alarms: AlarmBook,
+    pub(super) events: Vec<EventKind>,
+    pub(super) holding: Option<String>,
+    pub(super) cancel: Arc<AtomicBool>,
+}
+
+impl UpgradeManager {
+    /// A manager over an open ledger. Bootstraps `baselines` that the ledger does not know, marks
+    /// what an interrupted engine left as not done, and sets the context.
+    ///
+    /// # Errors
+    /// [`Fault`] where any of it cannot be written.
+    pub fn new(
+        settings: Settings,
+        mut ledger: Ledger,
+        clock: Clock,
+        baselines: Vec<Capability>,
+    ) -> Result<Self, Fault> {
+        let Settings { seed, jobs, profile, table, cell } = settings;
+        let profile_digest = profile.digest()?;
+        let context_digest =
+            Digest::of_parts("holdpoint.context.v1", &[profile_digest.bytes(), table.digest.bytes()]);
+        let name = profile.name.name();
+        let known = ledger.store().views()?.context()?;
+        let changed = known.as_ref().is_none_or(|(profile, policy, _)| profile != name || *policy != context_digest);
+        let needs_approval = profile.activation.approval_bound;
+        let at_ms = clock.now_ms();
+        if changed {
+            let json = serde_json::json!({ "profile": profile_digest, "policy": table.digest }).to_string();
+            let context =
+                Change::SetContext { profile: name.to_owned(), policy_digest: context_digest, json };
+            ledger.write(vec![context], Vec::new(), at_ms)?;
+            let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
+            for family in families {
+                let event = Event::ContextChanged { needs_approval };
+                ledger.transition(&family, event, at_ms, Note::because("the profile or its policies changed"))?;
+            }
+        }
+        let live = LiveCell::new(cell.clone())?;
+        let mut manager = Self {
+            seed,
+            jobs,
+            profile: Arc::new(profile),
+            profile_digest,
+            table: Arc::new(table),
+            context_digest,
+            cell,
+            ledger,
+            clock,
+            live,
+            live_due: 0.0,
+            recent: VecDeque::new(),
+            last_tasks: Vec::new(),
+            work: None,
+            dossiers: BTreeMap::new(),
+            prompts: BTreeMap::new(),
+            watches: BTreeMap::new(),
+            alarms: AlarmBook::new(),
+            events: Vec::new(),
+            holding: None,
+            cancel: Arc::new(AtomicBool::new(false)),
+        };
+        manager.announce();
+        for baseline in baselines {
+            let family = baseline.id().family;
+            if manager.ledger.family(&family).is_err() {
+                manager.bootstrap(baseline, needs_approval)?;
+            }
+        }
+        manager.recover()?;
+        Ok(manager)
+    }
+
+    fn announce(&mut self) {
+        let active = self
+            .ledger
+            .families()
+            .filter_map(|(_, entry)| entry.active().map(|member| member.capability.id()))
+            .collect();
+        self.emit(EventKind::EngineStarted {
+            profile: self.profile.name.name().to_owned(),
+            robot: self.cell.model.name.clone(),
+            seed: self.seed,
+            policy: self.context_digest,
+            agent: self.live.agent().identity_hash(),
+            active,
+        });
+    }
+
+    fn bootstrap(&mut self, baseline: Capability, needs_approval: bool) -> Result<(), Fault> {
+        let id = baseline.id();
+        let event = registered_event(&baseline);
+        let note = Note {
+            cause: Some(crate::registry::ActiveCause::Bootstrap),
+            ..Note::because("the version the cell was commissioned with")
+        };
+        let at_ms = self.clock.now_ms();
+        self.ledger.register(baseline, true, needs_approval, at_ms, note)?;
+        self.emit(event);
+        self.emit(EventKind::StateChanged {
+            version: id,
+            from: State::Registered,
+            to: State::Active,
+            reason: "the version the cell was commissioned with".to_owned(),
+        });
+        Ok(())
+    }
+
+    /// One slice of work.
+    pub fn advance(&mut self) -> Progress {
+        if self.holding.is_some() {
+            return Progress::Idle { next_ms: None };
+        }
+        match self.slice() {
+            Ok(progress) => progress,
+            Err(fault) => {
+                self.hold(&fault.to_string());
+                Progress::Idle { next_ms: None }
+            }
+        }
+    }
+
+    fn slice(&mut self) -> Result<Progress, Fault> {
+        if self.look_at_deadlines()? {
+            return Ok(Progress::Worked);
+        }
+        if self.live_due >= 1.0 {
+            self.live_due -= 1.0;
+            self.live_sequence(None)?;
+            return Ok(Progress::Worked);
+        }
+        match self.work.take() {
+            Some(Work::Sandbox(run)) => {
+                self.sandbox_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            Some(Work::Shadow(run)) => {
+                self.shadow_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            None => {}
+        }
+        if let Some((id, stage)) = self.next_stage() {
+            self.begin(&id, stage)?;
+            return Ok(Progress::Worked);
+        }
+        if self.ledger.families().any(|(_, entry)| has_provisional(entry)) {
+            self.live_sequence(None)?;
+            return Ok(Progress::Worked);
+        }
+        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+    }
+
+    /// The first candidate, in order of family and registration, with a stage to begin.
+    fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+        for (_, entry) in self.ledger.families() {
+            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+                let id = member.capability.id();
+                let held = self.dossiers.get(&id).is_some_and(|dossier| dossier.held);
+                if version.flags.paused || version.flags.awaiting_approval || held {
+                    continue;
+                }
+                let stage = match (version.state, version.flags.running) {
+                    (State::Registered, None) => Some(Stage::Validation),
+                    (State::Validated, None) => Some(Stage::Sandbox),
+                    (State::Sandboxed, None) => Some(Stage::Shadow),
+                    (State::Shadowed, None) => Some(Stage::Activation),
+                    (State::Demoted, Some(stage)) => Some(stage),
+                    _ => None,
+                };
+                if let Some(stage) = stage {
+                    return Some((id, stage));
+                }
+            }
+        }
+        None
+    }
+
+    fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+        match stage {
+            Stage::Validation => self.validate(id),
+            Stage::Sandbox => self.begin_sandbox(id),
+            Stage::Shadow => self.begin_shadow(id),
+            Stage::Activation => self.activation(id),
+        }
+    }
+
+    /// Marks a stage as running and says so. A repeated stage runs already.
+    pub(super) fn start_stage(&mut self, id: &CapabilityId, stage: Stage, budget: u64) -> Result<(), Fault> {
+        let (version, standing, _) = self.ledger.version(id)?;
+        if standing.flags.running != Some(stage) {
+            self.transition(&id.family.clone(), Event::Start { version, stage }, Note::because("the stage begins"))?;
+        }
+        self.emit(EventKind::StageStarted { version: id.clone(), stage, budget });
+        Ok(())
+    }
+
+    /// Applies a lifecycle event and tells what moved.
+    pub(super) fn transition(&mut self, family: &Family, event: Event, note: Note) -> Result<Vec<Moved>, Fault> {
+        let reason = note.reason.clone();
+        let at_ms = self.clock.now_ms();
+        let moved = self.ledger.transition(family, event, at_ms, note)?;
+        for Moved { id, from, to } in &moved {
+            self.events.push(EventKind::StateChanged {
+                version: id.clone(),
+                from: *from,
+                to: *to,
+                reason: reason.clone(),
+            });
+        }
+        Ok(moved)
+    }
+
+    pub(super) fn progress(&mut self, id: &CapabilityId, stage: Stage, what: &str, done: u64, budget: u64) {
+        let view = ProgressView { stage, what: what.to_owned(), done, budget };
+        self.dossier(id).progress = Some(view);
+        self.emit(EventKind::Progress {
+            version: id.clone(),
+            stage,
+            what: what.to_owned(),
+            done,
+            budget,
+        });
+    }
+
+    pub(super) fn dossier(&mut self, id: &CapabilityId) -> &mut Dossier {
+        self.dossiers.entry(id.clone()).or_default()
+    }
+
+    pub(super) fn emit(&mut self, event: EventKind) {
+        self.events.push(event);
+    }
+
+    /// Events since the last call, in order.
+    pub fn drain_events(&mut self) -> Vec<EventKind> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// The clock.
+    #[must_use]
+    pub const fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// A script's clock jumps to a deadline. Tells whether it moved.
+    pub const fn jump_to(&mut self, at_ms: u64) -> bool {
+        self.clock.jump_to(at_ms)
+    }
+
+    /// Why the manager holds, where it does.
+    #[must_use]
+    pub fn holding(&self) -> Option<&str> {
+        self.holding.as_deref()
+    }
+
+    /// Set to interrupt running evaluations between episodes.
+    #[must_use]
+    pub fn cancel(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.cancel)
+    }
+
+    /// The ledger, to look at.
+    #[must_use]
+    pub const fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// From now on nothing is approved, activated or begun; what is active stays.
+    pub(super) fn hold(&mut self, why: &str) {
+        self.holding = Some(why.to_owned());
+        self.work = None;
+        self.emit(EventKind::Fault { text: why.to_owned() });
+        self.raise("engine-fault", "engine", AlarmPriority::High, true, why);
+    }
+
+    /// What a version runs under: the profile, capped by its own declaration and its conditions.
+    pub(super) fn terms_of(&self, capability: &Capability) -> Terms {
+        let base = Terms::new(
+            &self.profile,
+            Arc::clone(&self.table),
+            Arc::clone(&self.cell.model),
+            Arc::clone(&self.cell.scene),
+        );
+        let id = capability.id();
+        let conditions = self.dossiers.get(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+        let (speed, force) = crate::governance::composition::envelope(&capability.manifest, conditions);
+        let restricted = self.watches.get(&id.family).is_some_and(|watch| watch.id == id && watch.restricted);
+        let terms = base.capped(speed, force);
+        if restricted { terms.tightened(self.profile.monitor.restrict_factor) } else { terms }
+    }
+
+    /// What evidence on a candidate has to be bound to now.
+    pub(super) fn binding(&self, capability: &Capability) -> Binding {
+        let active = self.ledger.family(&capability.id().family).ok().and_then(|entry| entry.active());
+        Binding {
+            candidate: capability.digest(),
+            active: active.map(|member| member.capability.digest()),
+            profile: self.profile_digest,
+            policy: self.table.digest,
+            environment: self.cell.digest(),
+        }
+    }
+
+    /// What a decision on a candidate is made under now.
+    pub(super) fn made_under(&self, capability: &Capability, evidence: Digest) -> MadeUnder {
+        let binding = self.binding(capability);
+        MadeUnder {
+            candidate: binding.candidate,
+            active: binding.active,
+            policy: binding.policy,
+            profile: binding.profile,
+            authority: self.authority_digest(),
+            environment: binding.environment,
+            evidence,
+        }
+    }
+
+    /// Digest of the identities that may decide.
+    fn authority_digest(&self) -> Digest {
+        let folder = self.ledger.store().layout().identities();
+        let known = crate::approvals::Identity::list(&folder).unwrap_or_default();
+        let lines: Vec<String> = known
+            .iter()
+            .map(|who| format!("{} {} {}", who.name, who.role.as_str(), crate::approvals::keyfile::hex(who.public_key.as_bytes())))
+            .collect();
+        let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
+        Digest::of_parts("holdpoint.authority.v1", &parts)
+    }
+
+    /// The active version of a candidate's family.
+    pub(super) fn active_of(&self, family: &Family) -> Option<Capability> {
+        self.ledger.family(family).ok()?.active().map(|member| member.capability.clone())
+    }
+
+    /// A registered version.
+    pub(super) fn capability(&self, id: &CapabilityId) -> Result<Capability, Fault> {
+        Ok(self.ledger.version(id)?.2.capability.clone())
+    }
+
+    /// Raises an alarm and says so.
+    pub(super) fn raise(&mut self, key: &str, group: &str, priority: AlarmPriority, latching: bool, text: &str) {
+        let priority = match priority {
+            AlarmPriority::Low => Priority::Low,
+            AlarmPriority::Medium => Priority::Medium,
+            AlarmPriority::High => Priority::High,
+        };
+        let event = AlarmEvent::Raise {
+            key: key.to_owned(),
+            group: group.to_owned(),
+            priority,
+            latching,
+            text: crate::text::Untrusted::new(text),
+        };
+        self.alarm_event(&event);
+    }
+
+    /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
+    /// store that refuses makes the engine hold, without a further alarm.
+    pub(super) fn alarm_event(&mut self, event: &AlarmEvent) {
+        let now_ms = self.clock.now_ms();
+        let changes = match crate::alarms::apply(&self.alarms, event, now_ms) {
+            Ok(changes) => changes,
+            Err(error) => {
+                self.holding.get_or_insert_with(|| error.to_string());
+                return;
+            }
+        };
+        self.alarms.absorb(&changes);
+        let mut stored = Vec::new();
+        for change in &changes {
+            if let crate::alarms::AlarmChange::Set { alarm, .. } = change {
+                let state = word(&alarm.state());
+                let priority = word(&alarm.priority);
+                self.events.push(EventKind::Alarm {
+                    alarm: alarm.key.clone(),
+                    subject: alarm.group.clone(),
+                    state: state.clone(),
+                    priority: priority.clone(),
+                    text: alarm.text.line().into_string(),
+                });
+                stored.push(Change::AlarmChange {
+                    alarm: alarm.key.clone(),
+                    subject: alarm.group.clone(),
+                    state,
+                    priority,
+                    json: serde_json::to_string(alarm).unwrap_or_else(|_| "{}".to_owned()),
+                });
+            }
+        }
+        if !stored.is_empty()
+            && let Err(error) = self.ledger.write(stored, Vec::new(), now_ms)
+        {
+            self.holding.get_or_insert_with(|| error.to_string());
+        }
+    }
+
+    /// Closes the record of an upgrade: how it ended, and how many records are about it.
+    pub(super) fn close_audit(&mut self, id: &CapabilityId, outcome: &str) -> Result<(), Fault> {
+        let detail = self.ledger.store().views()?.version(id)?;
+        let records = detail.map_or(0, |detail| detail.audit_links.len() as u64);
+        let body = serde_json::json!({ "outcome": outcome, "records": records }).to_string();
+        let record = AuditBody { kind: "audit-closed".to_owned(), subject: id.to_string(), body };
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(Vec::new(), vec![record], at_ms)?;
+        self.emit(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
+        Ok(())
+    }
+}
+
+/// The name a unit variant serialises as.
+pub(super) fn word<T: serde::Serialize>(value: &T) -> String {
+    serde_json::to_value(value)
+        .ok()
+        .and_then(|value| value.as_str().map(ToOwned::to_owned))
+        .unwrap_or_else(|| "unknown".to_owned())
+}
+
+pub(super) fn registered_event(capability: &Capability) -> EventKind {
+    let submission = &capability.submission;
+    EventKind::Registered {
+        version: capability.id(),
+        digest: capability.digest(),
+        author: submission.author.clone(),
+        provenance: submission.provenance.name().to_owned(),
+        risk: submission.estimated_risk.name().to_owned(),
+        parent: submission.parent.as_ref().map(ToString::to_string),
+    }
+}
+
+fn has_provisional(entry: &super::ledger::Entry) -> bool {
+    let active = entry.state.active().and_then(|version| entry.state.get(version));
+    active.is_some_and(|version| version.flags.provisional && !version.flags.rollback_pending)
+}

@@ -1,0 +1,447 @@
+//! Stage 5: the gate, and the people it asks. Activation moves the binding, the pointer and the
+//! record in one transaction.
+
+use crate::approvals::SignedApproval;
+use crate::engine::command::{Refusal, Reply};
+use crate::engine::event::EventKind;
+use crate::engine::snapshot::PromptView;
+use crate::governance::approval::{
+    self, Answer, ApprovalOutcome, ApprovalResult, Request, Role, SignatureCheck, Subject, Vote,
+};
+use crate::governance::gate::{self, GateInput, GateOutcome, GatePassed, GateResult};
+use crate::governance::ids::{CapabilityId, Digest};
+use crate::governance::lifecycle::{Event, Stage};
+use crate::pipeline::ledger::Note;
+use crate::pipeline::manager::{Fault, UpgradeManager};
+use crate::pipeline::stages::validation::first_reason;
+use crate::registry::names::{ApprovalDecision, EvidenceKind, RequestState};
+use crate::registry::{ActiveCause, ApprovalRequest, AuditBody, Change};
+
+/// Something that waits for people.
+pub struct Prompt {
+    pub(in crate::pipeline) id: String,
+    request: Request,
+    votes: Vec<Vote>,
+    signed: Vec<SignedApproval>,
+    evidence: Digest,
+    row_version: u64,
+    life_row_version: u64,
+    pub(in crate::pipeline) deadline_ms: u64,
+    replaces: Option<CapabilityId>,
+}
+
+impl UpgradeManager {
+    /// Stage 5 of a candidate, up to its activation, a refusal or a question to people.
+    pub(in crate::pipeline) fn activation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        self.start_stage(id, Stage::Activation, 1)?;
+        let result = self.gate(id, None)?;
+        self.conclude_gate(id, result, Vec::new())
+    }
+
+    fn gate(&mut self, id: &CapabilityId, approval: Option<&ApprovalResult>) -> Result<GateResult, Fault> {
+        let candidate = self.capability(id)?;
+        let (_, _, member) = self.ledger.version(id)?;
+        let row_version = member.row_version;
+        let current = self.binding(&candidate);
+        let evidence = self.dossier(id).digest()?;
+        let made_under = self.made_under(&candidate, evidence);
+        let now_s = self.now_s();
+        let (table, profile) = (self.table.clone(), self.profile.clone());
+        let dossier = self.dossier(id);
+        let Some(kappas) = &dossier.kappas else {
+            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+        };
+        let input = GateInput {
+            kappas,
+            shadow: dossier.shadow.as_ref(),
+            bindings: &dossier.bindings,
+            current: &current,
+            improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
+            approval,
+            risk: candidate.submission.estimated_risk,
+            provenance: candidate.submission.provenance,
+            closed: &dossier.closed,
+            review_open: false,
+            now_s,
+            row_version,
+            made_under,
+        };
+        Ok(gate::evaluate(&input, &table, &profile))
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+    fn now_s(&self) -> f64 {
+        self.clock.now_ms() as f64 / 1000.0
+    }
+
+    fn conclude_gate(
+        &mut self,
+        id: &CapabilityId,
+        result: GateResult,
+        approvals: Vec<SignedApproval>,
+    ) -> Result<(), Fault> {
+        let decision = &result.decision;
+        self.dossier(id).reasons = decision.reasons().to_vec();
+        if let Some(passed) = &result.passed {
+            self.dossier(id).conditions = passed.terms().conditions.clone();
+        }
+        self.decided(id, Stage::Activation, decision)?;
+        let (version, _, _) = self.ledger.version(id)?;
+        let reason = first_reason(decision);
+        match (decision.outcome(), result.passed) {
+            (GateOutcome::Pass, Some(passed)) => {
+                let body = serde_json::to_string(&result.decision)?;
+                self.activate(id, &passed, body, &approvals)
+            }
+            (GateOutcome::AwaitApproval, _) => self.ask(id),
+            (GateOutcome::Hold, _) => {
+                self.dossier(id).held = true;
+                self.abort_stage(id, &reason)
+            }
+            // A pass without its proof is no pass.
+            (GateOutcome::Demote | GateOutcome::Pass, _) => {
+                let note = self.stage_note(id, EvidenceKind::Gate, reason, &result.decision)?;
+                self.transition(&id.family, Event::Demote { version }, note)?;
+                Ok(())
+            }
+            (GateOutcome::Reject, _) => {
+                let note = self.stage_note(id, EvidenceKind::Gate, reason, &result.decision)?;
+                self.transition(&id.family, Event::Reject { version }, note)?;
+                self.rejected(id)
+            }
+        }
+    }
+
+    /// Asks people; from here on only they or the deadline move the candidate.
+    fn ask(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let candidate = self.capability(id)?;
+        let evidence = self.dossier(id).digest()?;
+        let Some(kappas) = self.dossier(id).kappas.clone() else {
+            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+        };
+        let settings = self.profile.approval;
+        let risk = candidate.submission.estimated_risk;
+        let review = gate::needs_review(&kappas, &self.profile);
+        let quorum = approval::quorum(&settings, self.profile.activation.approval_bound, risk, review);
+        let (version, _, member) = self.ledger.version(id)?;
+        let row_version = member.row_version;
+        let now_ms = self.clock.now_ms();
+        let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
+        let prompt_id = format!("{}-{}-{row_version}-{}", id.family, id.version, evidence.short());
+        let replaces = self.active_of(&id.family).map(|active| active.id());
+        let shown = serde_json::to_string(self.dossier(id))?;
+        let question = ApprovalRequest {
+            id: prompt_id.clone(),
+            version: id.clone(),
+            row_version,
+            evidence_digest: evidence,
+            policy_digest: self.context_digest,
+            profile: self.profile.name.name().to_owned(),
+            needed: u32::from(quorum),
+            deadline_ms,
+            state: RequestState::Open,
+            json: shown,
+        };
+        let note = Note {
+            before: vec![Change::PutApprovalRequest(Box::new(question))],
+            ..Note::because("people are asked")
+        };
+        self.transition(&id.family, Event::RequestApproval { version }, note)?;
+        let life_row_version = self.ledger.version(id)?.1.row_version;
+        let prompt = Prompt {
+            id: prompt_id,
+            request: Request {
+                subject: Subject {
+                    candidate: candidate.digest(),
+                    row_version,
+                    evidence,
+                    policy: self.context_digest,
+                    profile: self.profile_digest,
+                },
+                risk,
+                quorum,
+                requester: "engine".to_owned(),
+                author: candidate.submission.author.clone(),
+                asked_s: self.now_s(),
+            },
+            votes: Vec::new(),
+            signed: Vec::new(),
+            evidence,
+            row_version,
+            life_row_version,
+            deadline_ms,
+            replaces: replaces.clone(),
+        };
+        self.prompts.insert(id.clone(), prompt);
+        self.emit(EventKind::ApprovalRequested {
+            version: id.clone(),
+            replaces,
+            needed: u32::from(quorum),
+            deadline_ms,
+            evidence,
+        });
+        let priority = self.profile.alarms.approval_waiting;
+        self.raise(&format!("approval:{id}"), "approval", priority, false, &format!("{id} waits for approval"));
+        Ok(())
+    }
+
+    /// Takes one signed decision.
+    pub(in crate::pipeline) fn decide(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
+        let said = signed.approval().clone();
+        let id = said.version.clone();
+        let refuse = |code, text: String, hint: Option<&str>| {
+            Ok(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) })
+        };
+        let folder = self.ledger.store().layout().identities();
+        let identity = match crate::approvals::Identity::find(&folder, &said.who) {
+            Ok(identity) => identity,
+            Err(error) => {
+                let hint = Some("make an identity with `holdpoint identity new`");
+                return refuse(Refusal::NotAllowed, error.to_string(), hint);
+            }
+        };
+        if let Err(error) = signed.verify(&identity) {
+            return refuse(Refusal::NotAllowed, error.to_string(), None);
+        }
+        let Some(role) = Role::ALL.into_iter().find(|role| role.name() == identity.role.as_str()) else {
+            let text = format!("the role {:?} decides nothing", identity.role.as_str());
+            let hint = Some("roles that decide are operator, engineer and safety");
+            return refuse(Refusal::NotAllowed, text, hint);
+        };
+        let Some(prompt) = self.prompts.get(&id) else {
+            let text = format!("nothing waits for a decision on {id}");
+            return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
+        };
+        let profile = if said.profile == self.profile.name.name() { self.profile_digest } else { self.context_digest };
+        let subject = Subject {
+            candidate: said.candidate_digest,
+            row_version: said.row_version,
+            evidence: said.evidence_digest,
+            policy: said.policy_digest,
+            profile,
+        };
+        if subject != prompt.request.subject {
+            let text = format!("the decision on {id} is over something that has changed since");
+            return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
+        }
+        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+        let expires_s = said.not_after_ms as f64 / 1000.0;
+        let answer = match said.decision {
+            ApprovalDecision::Approve => Answer::Approve,
+            ApprovalDecision::Reject => Answer::Reject,
+        };
+        let vote = Vote {
+            person: said.who.clone(),
+            role,
+            answer,
+            reason: said.reason.clone(),
+            subject,
+            expires_s,
+            break_glass: false,
+            signature: SignatureCheck::Valid,
+            nonce_used: false,
+        };
+        let at_ms = self.clock.now_ms();
+        if let Err(error) = self.ledger.write(vec![Change::PutApproval(Box::new(signed.clone()))], Vec::new(), at_ms) {
+            return refuse(Refusal::NotAllowed, error.to_string(), None);
+        }
+        let now_s = self.now_s();
+        let settings = self.profile.approval;
+        let Some(prompt) = self.prompts.get_mut(&id) else {
+            return refuse(Refusal::NotFound, format!("nothing waits for a decision on {id}"), None);
+        };
+        prompt.votes.push(vote);
+        prompt.signed.push(signed);
+        let result = approval::evaluate(&prompt.request, &prompt.votes, now_s, &settings);
+        let needed = u32::from(prompt.request.quorum);
+        let have = match &result.outcome {
+            ApprovalOutcome::Granted { people, .. } => u32::try_from(people.len()).unwrap_or(u32::MAX),
+            ApprovalOutcome::Pending { missing } => needed.saturating_sub(u32::from(*missing)),
+            ApprovalOutcome::NotNeeded | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => 0,
+        };
+        self.emit(EventKind::ApprovalReceived {
+            version: id.clone(),
+            by: said.who.clone(),
+            decision: said.decision.as_str().to_owned(),
+            reason: crate::text::Untrusted::new(said.reason.clone()).line().into_string(),
+            have,
+            needed,
+        });
+        let text = self.settle_prompt(&id, &result)?;
+        Ok(Reply::Accepted { text, version: Some(id) })
+    }
+
+    /// Acts on what asking came to so far. Returns a sentence for the one who asked or answered.
+    pub(in crate::pipeline) fn settle_prompt(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
+        let (version, _, _) = self.ledger.version(id)?;
+        let reason = result.reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+        match &result.outcome {
+            ApprovalOutcome::Pending { missing } => {
+                // An answer that does not count is said, not swallowed.
+                let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
+                Ok(format!("{id} waits for {missing} more; {last}"))
+            }
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
+                let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
+                let event = Event::Approved { version, row_version: prompt.life_row_version };
+                let note = self.request_note(id, &prompt, RequestState::Granted, &reason);
+                self.transition(&id.family, event, note)?;
+                self.clear_prompt_alarm(id);
+                let approvals: Vec<SignedApproval> = prompt
+                    .signed
+                    .into_iter()
+                    .filter(|signed| signed.approval().decision == ApprovalDecision::Approve)
+                    .collect();
+                let gate = self.gate(id, Some(result))?;
+                self.conclude_gate(id, gate, approvals)?;
+                Ok(format!("{id} is approved"))
+            }
+            ApprovalOutcome::Refused { person } => {
+                let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
+                self.dossier(id).reasons = result.reasons.clone();
+                let note = self.request_note(id, &prompt, RequestState::Refused, &reason);
+                self.transition(&id.family, Event::Reject { version }, note)?;
+                self.clear_prompt_alarm(id);
+                self.rejected(id)?;
+                Ok(format!("{id} is rejected: {person} refused"))
+            }
+            ApprovalOutcome::TimedOut => {
+                let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
+                let dossier = self.dossier(id);
+                dossier.reasons = result.reasons.clone();
+                dossier.held = true;
+                let note = self.request_note(id, &prompt, RequestState::Expired, &reason);
+                self.transition(&id.family, Event::ApprovalExpired { version }, note)?;
+                self.clear_prompt_alarm(id);
+                self.abort_stage(id, "nobody answered in time; the version is held")?;
+                Ok(format!("{id} is held: nobody answered in time"))
+            }
+        }
+    }
+
+    fn request_note(&self, id: &CapabilityId, prompt: &Prompt, state: RequestState, reason: &str) -> Note {
+        let request = ApprovalRequest {
+            id: prompt.id.clone(),
+            version: id.clone(),
+            row_version: prompt.row_version,
+            evidence_digest: prompt.evidence,
+            policy_digest: self.context_digest,
+            profile: self.profile.name.name().to_owned(),
+            needed: u32::from(prompt.request.quorum),
+            deadline_ms: prompt.deadline_ms,
+            state,
+            json: "{}".to_owned(),
+        };
+        Note { before: vec![Change::PutApprovalRequest(Box::new(request))], ..Note::because(reason) }
+    }
+
+    fn clear_prompt_alarm(&mut self, id: &CapabilityId) {
+        self.alarm_event(&crate::alarms::AlarmEvent::Clear { key: format!("approval:{id}") });
+    }
+
+    /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
+    fn activate(
+        &mut self,
+        id: &CapabilityId,
+        passed: &GatePassed,
+        decision: String,
+        approvals: &[SignedApproval],
+    ) -> Result<(), Fault> {
+        let (version, _, _) = self.ledger.version(id)?;
+        self.transition(&id.family, Event::Pass { version, stage: Stage::Activation }, Note::because("the gate is passed"))?;
+        let evidence = self.dossier(id).digest()?;
+        let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
+        let replaced = self.active_of(&id.family).map(|active| active.id());
+        let mut before = vec![Change::PutEvidence {
+            version: id.clone(),
+            kind: EvidenceKind::Gate,
+            json: decision.clone(),
+            digest: gate_digest,
+        }];
+        for signed in approvals {
+            let nonce = signed.approval().nonce.as_str().to_owned();
+            before.push(Change::ConsumeApproval { nonce, evidence_digest: evidence });
+        }
+        let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
+        let note = Note {
+            reason: "the gate is passed".to_owned(),
+            cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
+            before,
+            after: Vec::new(),
+            audit: vec![AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body: decision }],
+        };
+        // Without a live monitor no tick runs under a provisional version: it is made first.
+        let watch = self.new_watch(id)?;
+        self.transition(&id.family, Event::Activate { version }, note)?;
+        self.watches.insert(id.family.clone(), watch);
+        let terms = passed.terms();
+        self.emit(EventKind::Activated {
+            version: id.clone(),
+            replaced,
+            modes: terms.modes.iter().copied().collect(),
+            conditions: terms.conditions.clone(),
+            provisional_episodes: terms.provisional_episodes,
+        });
+        Ok(())
+    }
+
+    /// What waits for people.
+    #[must_use]
+    pub fn prompts(&self) -> Vec<PromptView> {
+        let valid_ms = secs_to_ms(self.profile.approval.valid_s);
+        self.prompts
+            .iter()
+            .map(|(id, prompt)| PromptView {
+                id: prompt.id.clone(),
+                version: id.clone(),
+                replaces: prompt.replaces.clone(),
+                candidate: prompt.request.subject.candidate,
+                row_version: prompt.row_version,
+                evidence: prompt.evidence,
+                policy: self.context_digest,
+                profile: self.profile.name.name().to_owned(),
+                needed: u32::from(prompt.request.quorum),
+                approved_by: prompt
+                    .votes
+                    .iter()
+                    .filter(|vote| vote.answer == Answer::Approve)
+                    .map(|vote| vote.person.clone())
+                    .collect(),
+                deadline_ms: prompt.deadline_ms,
+                valid_until_ms: self.clock.now_ms().saturating_add(valid_ms),
+                store_id: self.ledger.store().store_id().to_owned(),
+            })
+            .collect()
+    }
+
+    /// Prompts and escalations whose time is over. Tells whether anything was done.
+    pub(in crate::pipeline) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        let now_ms = self.clock.now_ms();
+        let due: Vec<CapabilityId> = self
+            .prompts
+            .iter()
+            .filter(|(_, prompt)| prompt.deadline_ms <= now_ms)
+            .map(|(id, _)| id.clone())
+            .collect();
+        for id in &due {
+            let now_s = self.now_s();
+            let settings = self.profile.approval;
+            let Some(prompt) = self.prompts.get(id) else { continue };
+            let result = approval::evaluate(&prompt.request, &prompt.votes, now_s, &settings);
+            self.settle_prompt(id, &result)?;
+        }
+        Ok(!due.is_empty() || self.look_at_monitors()?)
+    }
+
+    pub(in crate::pipeline) fn next_deadline_ms(&self) -> Option<u64> {
+        let prompts = self.prompts.values().map(|prompt| prompt.deadline_ms);
+        prompts.chain(self.next_escalation_ms()).min()
+    }
+}
+
+/// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
+pub(in crate::pipeline) fn secs_to_ms(secs: f64) -> u64 {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let ms = (secs.clamp(0.0, 1.0e9) * 1000.0) as u64;
+    ms
+}

@@ -1,0 +1,9 @@
+//! One file per stage; each adds its part to [`super::manager::UpgradeManager`].
+
+pub mod activation;
+pub mod monitoring;
+pub mod operations;
+pub mod rollback;
+pub mod sandbox;
+pub mod shadowing;
+pub mod validation;

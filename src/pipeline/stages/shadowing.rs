@@ -1,0 +1,161 @@
+//! Stage 4: shadow. The candidate beside the live work, at two depths; no actuator handle.
+
+use holdpoint_sim::world::World;
+
+use crate::governance::composition::PsiContext;
+use crate::governance::composition::psi;
+use crate::governance::evidence::{Binding, ShadowEvidence};
+use crate::governance::gate::assess_shadow;
+use crate::governance::ids::CapabilityId;
+use crate::governance::lifecycle::{Event, Stage};
+use crate::governance::outcome::Check;
+use crate::pipeline::manager::{Fault, UpgradeManager, Work};
+use crate::pipeline::shadow::{Shadow, ShadowTrace};
+use crate::registry::AuditBody;
+use crate::registry::names::EvidenceKind;
+
+/// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
+const ATTEMPTS_FACTOR: u32 = 6;
+
+/// A shadow deployment under way.
+pub struct ShadowRun {
+    id: CapabilityId,
+    binding: Binding,
+    fork: Option<World>,
+    tried: u32,
+    budget: u32,
+    traces: Vec<ShadowTrace>,
+}
+
+impl UpgradeManager {
+    pub(in crate::pipeline) fn begin_shadow(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let budget = self.profile.evaluation.shadow_sequences;
+        self.start_stage(id, Stage::Shadow, u64::from(budget))?;
+        let candidate = self.capability(id)?;
+        let binding = self.binding(&candidate);
+        let dossier = self.dossier(id);
+        dossier.sequences.clear();
+        dossier.twins.clear();
+        dossier.bindings.push(binding);
+        let fork = Some(self.cell.world()?);
+        let run = ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() };
+        self.work = Some(Work::Shadow(Box::new(run)));
+        Ok(())
+    }
+
+    /// One live sequence with the candidate in shadow.
+    pub(in crate::pipeline) fn shadow_slice(&mut self, mut run: Box<ShadowRun>) -> Result<(), Fault> {
+        let id = run.id.clone();
+        let candidate = self.capability(&id)?;
+        if self.binding(&candidate) != run.binding {
+            return self.abort_stage(&id, "the active version or the profile changed meanwhile");
+        }
+        let fork = match run.fork.take() {
+            Some(fork) => fork,
+            None => self.cell.world()?,
+        };
+        let terms = self.terms_of(&candidate);
+        let mut shadow = Shadow::new(&candidate, terms, fork);
+        let report = self.live_sequence(Some(&mut shadow))?;
+        let live = report.task(candidate.bundle.task()).map(|done| &done.record);
+        let (trace, fork) = shadow.conclude(live, report.seed);
+        run.fork = fork;
+        run.tried += 1;
+        if let Some(trace) = trace {
+            let dossier = self.dossier(&id);
+            dossier.sequences.push(trace.values);
+            dossier.twins.extend(trace.twin.values());
+            dossier.hard_stops.extend(trace.twin.hard_stop);
+            run.traces.push(trace);
+        }
+        let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);
+        self.progress(&id, Stage::Shadow, "shadow sequences", u64::from(done), u64::from(run.budget));
+        let stopped = !self.dossier(&id).hard_stops.is_empty();
+        if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
+            self.work = Some(Work::Shadow(run));
+            return Ok(());
+        }
+        self.decide_shadow(run)
+    }
+
+    fn decide_shadow(&mut self, mut run: Box<ShadowRun>) -> Result<(), Fault> {
+        let id = run.id.clone();
+        let dossier = self.dossier(&id);
+        let evidence = ShadowEvidence {
+            binding: run.binding,
+            sequences: dossier.sequences.clone(),
+            hard_stops: dossier.hard_stops.clone(),
+        };
+        let result = assess_shadow(&evidence, &run.binding, &self.profile);
+        let longest = self.profile.evaluation.shadow_sequences_max;
+        let lengthened = run.budget >= longest;
+        if result.check == Check::Inconclusive && !lengthened && evidence.sequences.len() as u64 >= u64::from(run.budget)
+        {
+            // Output or envelope divergence decide nothing by themselves: they make shadow longer.
+            run.budget = longest;
+            self.work = Some(Work::Shadow(run));
+            return Ok(());
+        }
+        let candidate = self.capability(&id)?;
+        let dossier = self.dossier(&id);
+        dossier.shadow = Some(result.clone());
+        let Some(kappas) = dossier.kappas.clone() else {
+            return Err(Fault::Impossible(format!("{id} reached shadow without an assessment")));
+        };
+        let digest = dossier.digest()?;
+        let under = self.made_under(&candidate, digest);
+        let has_approver = self.profile.has_approver();
+        let decision = psi(&kappas, PsiContext { has_approver }, under);
+        self.dossier(&id).reasons = result.reasons.clone();
+        let outcome = crate::pipeline::manager::word(&result.check);
+        let profile = self.profile.clone();
+        let dossier = self.dossier(&id);
+        dossier.progress = None;
+        let event = crate::engine::event::EventKind::Decided {
+            version: id.clone(),
+            stage: Stage::Shadow,
+            outcome: if outcome == "unknown" { "pass-restricted".to_owned() } else { outcome },
+            dimensions: dossier.dimensions(&profile),
+            composite: dossier.composite(&profile),
+            reasons: result.reasons.clone(),
+            conditions: dossier.conditions.clone(),
+        };
+        self.emit(event);
+        let reason = result.reasons.first().map_or_else(
+            || "shadow is passed".to_owned(),
+            |reason| format!("{}: {}", reason.code, reason.text),
+        );
+        let mut note = self.stage_note(&id, EvidenceKind::Shadow, reason, &decision)?;
+        for trace in run.traces.iter().filter(|trace| trace.values.twin_policy_hit || trace.values.twin_watcher_event) {
+            // The disagreements are kept one by one, with their context (paper appendix F.2).
+            let body = serde_json::json!({
+                "seed": trace.seed,
+                "values": trace.values,
+                "live": { "success": trace.live.success, "hits": trace.live.hits, "signals": trace.live.signals },
+                "twin": { "success": trace.twin.success, "hits": trace.twin.hits, "signals": trace.twin.signals },
+            });
+            if note.audit.len() < 64 {
+                note.audit.push(AuditBody {
+                    kind: "shadow-trace".to_owned(),
+                    subject: id.to_string(),
+                    body: body.to_string(),
+                });
+            }
+        }
+        let (version, _, _) = self.ledger.version(&id)?;
+        match result.check {
+            Check::Pass | Check::PassRestricted(_) => {
+                self.transition(&id.family, Event::Pass { version, stage: Stage::Shadow }, note)?;
+                Ok(())
+            }
+            Check::Fail => {
+                self.transition(&id.family, Event::Reject { version }, note)?;
+                self.rejected(&id)
+            }
+            Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
+                self.transition(&id.family, Event::Demote { version }, note)?;
+                Ok(())
+            }
+        }
+    }
+}
