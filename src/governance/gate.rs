@@ -433,7 +433,7 @@ impl Found {
                 "at a safety event, an established worsening, or an escalation nobody answers".into()
             },
         };
-        let passed = (outcome == GateOutcome::Pass).then(|| GatePassed {
+        let passed = (outcome == GateOutcome::Pass).then_some(GatePassed {
             terms,
             row_version: input.row_version,
             made_under: input.made_under,

@@ -6,8 +6,10 @@
 use serde::{Deserialize, Serialize};
 
 mod apply;
+mod rules;
 
-pub use apply::{Refusal, Rules, apply, apply_with};
+pub use apply::{apply, apply_with};
+pub use rules::{Refusal, Rules};
 
 /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
 /// cannot roll back to the baseline.

@@ -175,7 +175,7 @@ pub fn unsafe_rounds(records: &[CandidateRecord]) -> Result<Vec<UnsafeRound>, St
     for round in 1..=last {
         let of_round = || records.iter().filter(active).filter(|record| record.round == round);
         let until = || records.iter().filter(active).filter(|record| record.round <= round);
-        if let Some(kept) = of_round().filter(|record| record.fate == Fate::Kept).last() {
+        if let Some(kept) = of_round().rfind(|record| record.fate == Fate::Kept) {
             live_unsafe = kept.unsafe_while_active;
         }
         rounds.push(UnsafeRound {
