@@ -63,6 +63,18 @@ impl Role {
     }
 }
 
+impl std::str::FromStr for Role {
+    type Err = RoleError;
+    fn from_str(text: &str) -> Result<Self, RoleError> {
+        Self::ALL.into_iter().find(|role| role.name() == text).ok_or_else(|| RoleError(text.to_owned()))
+    }
+}
+
+/// Text that is no role.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the role {0:?} does not exist; operator, engineer and safety do")]
+pub struct RoleError(pub String);
+
 /// What became of checking a signature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -244,8 +256,7 @@ pub fn evaluate(
         };
     }
     let deadline_s = request.asked_s + settings.timeout_s;
-    // Written so that a time that is no number has run out.
-    if !(now_s < deadline_s) {
+    if !is_before(now_s, deadline_s) {
         let text = "nobody answered in time; the version is held".to_owned();
         reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text).with(now_s, deadline_s));
         return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
@@ -256,6 +267,11 @@ pub fn evaluate(
     let pending = reason(ReasonCode::ApprovalPending, text).with(f64::from(count), f64::from(request.quorum));
     reasons.insert(0, pending);
     ApprovalResult { outcome: ApprovalOutcome::Pending { missing }, reasons }
+}
+
+/// Whether a time is before another; a time that is no number is before nothing, and so has run out.
+fn is_before(time_s: f64, end_s: f64) -> bool {
+    time_s < end_s
 }
 
 /// Why an answer counts neither as approval nor as refusal.
@@ -269,7 +285,7 @@ fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'sta
             ReasonCode::ApprovalStale,
             "it is over another version, row version, evidence, policy or profile",
         ))
-    } else if !(now_s < vote.expires_s) {
+    } else if !is_before(now_s, vote.expires_s) {
         Some((ReasonCode::ApprovalExpired, "it has expired"))
     } else {
         None

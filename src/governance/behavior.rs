@@ -190,6 +190,9 @@ pub fn assess(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -
 /// The estimate that stage 2 may carry, from declared or earlier traces; no gate uses it.
 #[must_use]
 pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) -> BehaviorAssessment {
+    if !candidate.is_valid() || !active.is_valid() {
+        return nothing("the declared traces are no numbers");
+    }
     let relative = |new: f64, old: f64| if old > 0.0 { new / old - 1.0 } else { new };
     let worsenings = [
         (ComponentName::Success, active.success - candidate.success),

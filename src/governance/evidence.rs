@@ -136,6 +136,17 @@ pub struct Signature {
     pub timeout: f64,
 }
 
+impl Signature {
+    /// Whether every share is one and every mean a number that is not negative.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let shares =
+            [self.success, self.violation, self.anomaly, self.recovery, self.intervention, self.timeout];
+        shares.iter().all(|share| (0.0..=1.0).contains(share))
+            && [self.time_s, self.retry].iter().all(|mean| (0.0..=1.0e5).contains(mean))
+    }
+}
+
 /// The four rehearsals of design rule 3.5.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -319,7 +319,10 @@ impl Found {
         };
         let list = match shadow.check {
             Check::Pass => &mut self.noted,
-            Check::Fail => &mut self.reject,
+            Check::Fail => {
+                self.reject.push(reason(ReasonCode::GateDimensionFailed, "shadow failed"));
+                &mut self.reject
+            }
             Check::PassRestricted(_)
             | Check::Review
             | Check::Inconclusive
@@ -368,17 +371,32 @@ impl Found {
             return false;
         };
         let mut glass = false;
-        let list = match &approval.outcome {
+        // Each line gives a reason of the gate's own: it never rests on the reasons handed in.
+        let (list, own) = match &approval.outcome {
             ApprovalOutcome::Granted { people, break_glass, expires_s } => {
                 self.expires_s = Some(*expires_s);
                 glass = *break_glass;
-                if people.len() < usize::from(quorum) && !glass { &mut self.ask } else { &mut self.noted }
+                if people.len() < usize::from(quorum) && !glass {
+                    (
+                        &mut self.ask,
+                        reason(ReasonCode::ApprovalPending, "fewer people approved than are needed"),
+                    )
+                } else {
+                    (&mut self.noted, reason(ReasonCode::ApprovalGranted, "the approvals are there"))
+                }
             }
             // Nobody was asked for something that needs asking: the question was put under other rules.
-            ApprovalOutcome::NotNeeded | ApprovalOutcome::Pending { .. } => &mut self.ask,
-            ApprovalOutcome::TimedOut => &mut self.hold,
-            ApprovalOutcome::Refused { .. } => &mut self.reject,
+            ApprovalOutcome::NotNeeded | ApprovalOutcome::Pending { .. } => {
+                (&mut self.ask, reason(ReasonCode::ApprovalPending, "approvals are missing"))
+            }
+            ApprovalOutcome::TimedOut => {
+                (&mut self.hold, reason(ReasonCode::ApprovalTimeout, "nobody answered in time"))
+            }
+            ApprovalOutcome::Refused { person } => {
+                (&mut self.reject, reason(ReasonCode::ApprovalRefused, format!("{person:?} refused")))
+            }
         };
+        list.push(own);
         list.extend(approval.reasons.iter().cloned());
         glass
     }
@@ -415,7 +433,7 @@ impl Found {
                 "at a safety event, an established worsening, or an escalation nobody answers".into()
             },
         };
-        let passed = (outcome == GateOutcome::Pass).then(|| GatePassed {
+        let passed = (outcome == GateOutcome::Pass).then_some(GatePassed {
             terms,
             row_version: input.row_version,
             made_under: input.made_under,

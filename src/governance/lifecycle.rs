@@ -5,6 +5,12 @@
 
 use serde::{Deserialize, Serialize};
 
+mod apply;
+mod rules;
+
+pub use apply::{apply, apply_with};
+pub use rules::{Refusal, Rules};
+
 /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
 /// cannot roll back to the baseline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -374,4 +380,43 @@ pub enum Change {
         /// The new count.
         context: u32,
     },
+}
+
+impl FamilyState {
+    /// A family without versions.
+    #[must_use]
+    pub const fn empty(needs_approval: bool) -> Self {
+        Self { versions: Vec::new(), safe_stopped: false, context: 0, needs_approval }
+    }
+
+    /// The active version.
+    #[must_use]
+    pub fn active(&self) -> Option<VersionRef> {
+        let index = self.versions.iter().position(|version| version.state == State::Active)?;
+        u16::try_from(index).ok().map(VersionRef)
+    }
+
+    /// A version.
+    #[must_use]
+    pub fn get(&self, version: VersionRef) -> Option<&Version> {
+        self.versions.get(usize::from(version.0))
+    }
+
+    /// A version's state.
+    #[must_use]
+    pub fn state(&self, version: VersionRef) -> Option<State> {
+        self.get(version).map(|version| version.state)
+    }
+
+    /// Whether an active or superseded version would be rolled back to this one.
+    #[must_use]
+    pub fn is_pinned(&self, version: VersionRef) -> bool {
+        let holds = |state| matches!(state, State::Active | State::Superseded);
+        self.versions.iter().any(|other| holds(other.state) && other.predecessor == Some(version))
+    }
+
+    /// The version's predecessor, if it can still be restored.
+    fn restorable_predecessor(&self, version: VersionRef) -> Option<VersionRef> {
+        self.get(version)?.predecessor.filter(|target| self.state(*target) == Some(State::Superseded))
+    }
 }

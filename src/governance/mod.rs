@@ -14,6 +14,7 @@ pub mod ids;
 pub mod interface;
 pub mod lifecycle;
 pub mod manifest;
+pub mod metrics;
 pub mod mode;
 pub mod monitor;
 pub mod outcome;

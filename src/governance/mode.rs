@@ -228,12 +228,12 @@ impl Band {
     /// The band of `value` against `limit`; what is not a number is over the limit.
     #[must_use]
     pub fn of(value: f64, limit: f64) -> Self {
-        if !(value <= limit) {
-            Self::Over
-        } else if value > Self::HIGH_FROM * limit {
+        if value <= Self::HIGH_FROM * limit {
+            Self::Normal
+        } else if value <= limit {
             Self::High
         } else {
-            Self::Normal
+            Self::Over
         }
     }
 }

@@ -227,7 +227,7 @@ impl FieldSpec {
         let names_ok = !self.values.is_empty()
             && self.values.len() <= ENUM_VALUES_MAX
             && self.values.iter().all(|name| super::ids::is_name(name));
-        if (self.kind == Kind::Enum) != !self.values.is_empty() || (self.kind == Kind::Enum && !names_ok) {
+        if (self.kind == Kind::Enum) == self.values.is_empty() || (self.kind == Kind::Enum && !names_ok) {
             return bad("values", format!("{:?}", self.values), "1 to 32 names, for an enum only");
         }
         let scalar = matches!(self.element, Some(Kind::Bool | Kind::Int | Kind::Real | Kind::Vec3));

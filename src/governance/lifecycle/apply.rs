@@ -1,0 +1,532 @@
+//! The transition function: a family and an event in, the new family and what to write out, or a refusal.
+//!
+//! Total, pure and complete: a state changes here or nowhere. [`Rules`] exists for the exhaustive walk, which
+//! switches each rule off in turn and has to notice; the program uses [`Rules::ALL`].
+
+use super::rules::{Refusal, Rules};
+use super::{
+    Change, Event, FamilyState, Flags, Leave, Stage, Stamp, State, VERSIONS_MAX, Version, VersionRef,
+};
+
+/// Applies an event under all rules.
+///
+/// # Errors
+/// [`Refusal`] with the reason; the family is then as before.
+pub fn apply(family: &FamilyState, event: Event) -> Result<(FamilyState, Vec<Change>), Refusal> {
+    apply_with(family, event, Rules::ALL)
+}
+
+/// Applies an event under some rules; for the walk that shows each rule to be needed.
+///
+/// # Errors
+/// As [`apply`].
+pub fn apply_with(
+    family: &FamilyState,
+    event: Event,
+    rules: Rules,
+) -> Result<(FamilyState, Vec<Change>), Refusal> {
+    let mut step = Step { family: family.clone(), rules };
+    step.run(event)?;
+    for (version, before) in step.family.versions.iter_mut().zip(&family.versions) {
+        if version != before {
+            version.row_version = before.row_version.saturating_add(1);
+        }
+    }
+    let changes = if rules.report_changes { changes(family, &step.family) } else { Vec::new() };
+    Ok((step.family, changes))
+}
+
+/// What differs, in the order in which it is to be written: versions leave a state before others enter it.
+fn changes(before: &FamilyState, after: &FamilyState) -> Vec<Change> {
+    let mut out = Vec::new();
+    let numbered = |index: usize| VersionRef(u16::try_from(index).unwrap_or(u16::MAX));
+    if before.context != after.context {
+        out.push(Change::Context { context: after.context });
+    }
+    let mut entering = Vec::new();
+    for (index, new) in after.versions.iter().enumerate() {
+        let version = numbered(index);
+        let Some(old) = before.versions.get(index) else {
+            out.push(Change::Added { version, state: new.state });
+            continue;
+        };
+        if old.state != new.state {
+            let change = Change::State { version, from: old.state, to: new.state };
+            if new.state == State::Active { entering.push(change) } else { out.push(change) }
+        }
+        if old.flags != new.flags {
+            out.push(Change::Flags { version, from: old.flags, to: new.flags });
+        }
+        let standing = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
+        if standing(old) != standing(new) {
+            out.push(Change::Standing { version });
+        }
+    }
+    out.extend(entering);
+    if before.active() != after.active() {
+        out.push(Change::Active { from: before.active(), to: after.active() });
+    }
+    if before.safe_stopped != after.safe_stopped {
+        out.push(Change::SafeStopped { stopped: after.safe_stopped });
+    }
+    out
+}
+
+struct Step {
+    family: FamilyState,
+    rules: Rules,
+}
+
+impl Step {
+    fn version(&mut self, version: VersionRef) -> Result<&mut Version, Refusal> {
+        let unknown = Refusal::UnknownVersion { version: version.0 };
+        self.family.versions.get_mut(usize::from(version.0)).ok_or(unknown)
+    }
+
+    fn stamp(&mut self, version: VersionRef) -> Result<Stamp, Refusal> {
+        let context = self.family.context;
+        Ok(Stamp { context, round: self.version(version)?.round })
+    }
+
+    /// The version, in one of these states and not paused.
+    fn ready(
+        &mut self,
+        version: VersionRef,
+        event: &'static str,
+        from: &[State],
+    ) -> Result<&mut Version, Refusal> {
+        let pause_blocks = self.rules.pause_blocks;
+        let found = self.within(version, event, from)?;
+        if found.flags.paused && pause_blocks { Err(Refusal::Paused) } else { Ok(found) }
+    }
+
+    /// The version, in one of these states.
+    fn within(
+        &mut self,
+        version: VersionRef,
+        event: &'static str,
+        from: &[State],
+    ) -> Result<&mut Version, Refusal> {
+        let found = self.version(version)?;
+        if from.contains(&found.state) {
+            return Ok(found);
+        }
+        Err(Refusal::State { event, state: found.state, allowed: from.to_vec() })
+    }
+
+    fn void_family(&mut self, rule: bool) {
+        if rule {
+            self.family.context = self.family.context.saturating_add(1);
+            for version in &mut self.family.versions {
+                version.gate = None;
+                version.approval = None;
+                // A question about circumstances that are gone is not open any more.
+                version.flags.awaiting_approval = false;
+            }
+        }
+    }
+
+    fn run(&mut self, event: Event) -> Result<(), Refusal> {
+        match event {
+            Event::Bootstrap => self.bootstrap(),
+            Event::Register => self.register(),
+            Event::Start { version, stage } => self.start(version, stage),
+            Event::Pass { version, stage } => self.pass(version, stage),
+            Event::Abort { version } => {
+                let found = self.version(version)?;
+                let running = found.flags.running.take();
+                running.map(|_| ()).ok_or(Refusal::Running { running })
+            }
+            Event::Demote { version } => self.demote(version),
+            Event::Reject { version } => self.reject(version),
+            Event::Repeat { version, stage } => self.repeat(version, stage),
+            Event::RequestApproval { version } => self.request(version),
+            Event::Approved { version, row_version } => self.approved(version, row_version),
+            Event::ApprovalExpired { version } => {
+                let found = self.version(version)?;
+                if !found.flags.awaiting_approval && found.approval.is_none() {
+                    return Err(Refusal::Condition { why: "nothing was asked" });
+                }
+                found.flags.awaiting_approval = false;
+                found.approval = None;
+                found.gate = None;
+                Ok(())
+            }
+            Event::Activate { version } => self.activate(version),
+            Event::Confirm { version } => {
+                let found = self.ready(version, "confirming", &[State::Active])?;
+                if found.flags.rollback_pending {
+                    return Err(Refusal::RollbackPending);
+                }
+                if !found.flags.provisional || found.flags.restricted {
+                    return Err(Refusal::Condition { why: "it is not provisional, or it is restricted" });
+                }
+                found.flags.provisional = false;
+                Ok(())
+            }
+            Event::Restrict { version } => {
+                let found = self.within(version, "restricting", &[State::Active])?;
+                if found.flags.rollback_pending || found.flags.restricted {
+                    return Err(Refusal::Condition { why: "it is restricted already, or being rolled back" });
+                }
+                found.flags.restricted = true;
+                Ok(())
+            }
+            Event::Release { version } => self.release(version),
+            Event::BeginRollback { version } => {
+                let found = self.within(version, "rolling back", &[State::Active])?;
+                if found.flags.rollback_pending {
+                    return Err(Refusal::RollbackPending);
+                }
+                found.flags = Flags { rollback_pending: true, awaiting_approval: false, ..found.flags };
+                Ok(())
+            }
+            Event::FinishRollback { version, leave } => self.finish_rollback(version, leave),
+            Event::FailRollback { version } => self.fail_rollback(version),
+            Event::Rearm { version } => self.rearm(version),
+            Event::Pause { version } => self.pause(version, true),
+            Event::Resume { version } => self.pause(version, false),
+            Event::ContextChanged { needs_approval } => {
+                self.family.needs_approval = needs_approval;
+                self.void_family(self.rules.context_change_voids);
+                Ok(())
+            }
+            Event::Restart => {
+                if self.rules.restart_aborts {
+                    self.family.versions.iter_mut().for_each(|version| version.flags.running = None);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn bootstrap(&mut self) -> Result<(), Refusal> {
+        if !self.family.versions.is_empty() {
+            return Err(Refusal::Condition { why: "the family has a first version already" });
+        }
+        self.family.versions.push(Version::new(State::Active));
+        Ok(())
+    }
+
+    fn register(&mut self) -> Result<(), Refusal> {
+        if self.family.versions.len() >= VERSIONS_MAX {
+            return Err(Refusal::Condition { why: "a family has at most 10,000 versions" });
+        }
+        self.family.versions.push(Version::new(State::Registered));
+        Ok(())
+    }
+
+    fn start(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+        let context = self.family.context;
+        let from = match stage {
+            Stage::Validation => State::Registered,
+            Stage::Sandbox => State::Validated,
+            Stage::Shadow => State::Sandboxed,
+            Stage::Activation => State::Shadowed,
+        };
+        let bind = self.rules.bind_evidence;
+        let found = self.ready(version, "starting this stage", &[from])?;
+        if found.flags.running.is_some() {
+            return Err(Refusal::Running { running: found.flags.running });
+        }
+        if stage == Stage::Shadow && bind && !is_current(found.sandbox, context) {
+            return Err(Refusal::Stale { what: "sandbox evidence" });
+        }
+        found.flags.running = Some(stage);
+        Ok(())
+    }
+
+    fn pass(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+        let stamp = self.stamp(version)?;
+        let rules = self.rules;
+        let from: &[State] = match stage {
+            Stage::Validation => &[State::Registered],
+            Stage::Sandbox => &[State::Validated, State::Demoted],
+            Stage::Shadow => &[State::Sandboxed, State::Demoted],
+            Stage::Activation => &[State::Shadowed],
+        };
+        let found = self.ready(version, "passing this stage", from)?;
+        if found.flags.running != Some(stage) && rules.pass_needs_run {
+            return Err(Refusal::Running { running: found.flags.running });
+        }
+        let stale = |what| Err(Refusal::Stale { what });
+        match stage {
+            Stage::Validation => found.state = State::Validated,
+            Stage::Sandbox => {
+                found.state = State::Sandboxed;
+                found.sandbox = Some(stamp);
+            }
+            Stage::Shadow => {
+                if rules.bind_evidence && !is_current(found.sandbox, stamp.context) {
+                    return stale("sandbox evidence");
+                }
+                found.state = State::Shadowed;
+                found.shadow = Some(stamp);
+            }
+            Stage::Activation => {
+                let current =
+                    is_current(found.sandbox, stamp.context) && is_current(found.shadow, stamp.context);
+                if rules.bind_evidence && !current {
+                    return stale("sandbox or shadow evidence");
+                }
+                found.gate = Some(stamp);
+            }
+        }
+        found.flags.running = None;
+        Ok(())
+    }
+
+    fn demote(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let mut from = vec![State::Validated, State::Sandboxed, State::Shadowed];
+        if !self.rules.active_leaves_by_rollback {
+            from.push(State::Active);
+        }
+        let found = self.within(version, "demoting", &from)?;
+        found.leave(State::Demoted);
+        Ok(())
+    }
+
+    fn reject(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let mut from = vec![
+            State::Registered,
+            State::Validated,
+            State::Sandboxed,
+            State::Shadowed,
+            State::Demoted,
+            State::Superseded,
+        ];
+        if !self.rules.active_leaves_by_rollback {
+            from.push(State::Active);
+        }
+        let pinned = self.family.is_pinned(version) && self.rules.pin_predecessor;
+        let found = self.within(version, "rejecting", &from)?;
+        if found.state == State::Superseded && pinned {
+            return Err(Refusal::Pinned);
+        }
+        found.leave(State::Rejected);
+        Ok(())
+    }
+
+    fn repeat(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+        let (context, rules) = (self.family.context, self.rules);
+        let mut from = match stage {
+            Stage::Sandbox => vec![State::Sandboxed, State::Shadowed, State::Demoted],
+            Stage::Shadow => vec![State::Shadowed, State::Demoted],
+            Stage::Validation | Stage::Activation => {
+                return Err(Refusal::Condition { why: "sandbox and shadow can be repeated" });
+            }
+        };
+        if !rules.terminal_is_final {
+            from.push(State::RolledBack);
+        }
+        let found = self.ready(version, "repeating this stage", &from)?;
+        if found.flags.running.is_some() {
+            return Err(Refusal::Running { running: found.flags.running });
+        }
+        if stage == Stage::Shadow && rules.bind_evidence && !is_current(found.sandbox, context) {
+            return Err(Refusal::Stale { what: "sandbox evidence" });
+        }
+        if rules.repeat_voids {
+            found.gate = None;
+            found.approval = None;
+            found.round = found.round.saturating_add(1);
+        }
+        if stage == Stage::Sandbox {
+            found.sandbox = None;
+        }
+        found.shadow = None;
+        found.state = State::Demoted;
+        found.flags = Flags { running: Some(stage), ..Flags::default() };
+        Ok(())
+    }
+
+    fn request(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let found = self.ready(version, "asking for approval", &[State::Shadowed, State::Active])?;
+        if found.state == State::Active && (!found.flags.restricted || found.flags.rollback_pending) {
+            return Err(Refusal::Condition {
+                why: "an active version is asked about only while it is restricted",
+            });
+        }
+        if found.flags.awaiting_approval {
+            return Err(Refusal::Condition { why: "people were asked already" });
+        }
+        found.flags.awaiting_approval = true;
+        found.approval = None;
+        Ok(())
+    }
+
+    fn approved(&mut self, version: VersionRef, row_version: u64) -> Result<(), Refusal> {
+        let stamp = self.stamp(version)?;
+        let bind_row = self.rules.bind_row;
+        let found = self.ready(version, "approving", &[State::Shadowed, State::Active])?;
+        if !found.flags.awaiting_approval {
+            return Err(Refusal::Condition { why: "nothing was asked" });
+        }
+        if bind_row && found.row_version != row_version {
+            return Err(Refusal::Stale { what: "approval" });
+        }
+        found.flags.awaiting_approval = false;
+        found.approval = Some(stamp);
+        Ok(())
+    }
+
+    /// The gate pass, and the approval where the profile needs one, are of the present circumstances.
+    fn standing(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let (stamp, rules, needs_approval) = (self.stamp(version)?, self.rules, self.family.needs_approval);
+        let found = self.version(version)?;
+        let (gate, approval) = (found.gate, found.approval);
+        if rules.bind_gate && gate != Some(stamp) {
+            return Err(Refusal::Stale { what: "gate pass" });
+        }
+        if needs_approval && rules.bind_approval && approval != Some(stamp) {
+            return Err(Refusal::Stale { what: "approval" });
+        }
+        Ok(())
+    }
+
+    fn activate(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        if self.family.safe_stopped && self.rules.stop_holds {
+            return Err(Refusal::SafeStopped);
+        }
+        self.ready(version, "activating", &[State::Shadowed])?;
+        self.standing(version)?;
+        let old = self.family.active();
+        if let Some(old) = old {
+            let supersede = self.rules.supersede_old;
+            let replaced = self.version(old)?;
+            if replaced.flags.rollback_pending {
+                return Err(Refusal::RollbackPending);
+            }
+            if supersede {
+                replaced.state = State::Superseded;
+                replaced.flags = Flags::default();
+            }
+        }
+        self.enter(version, old)
+    }
+
+    /// Makes a version active under a predecessor.
+    fn enter(&mut self, version: VersionRef, predecessor: Option<VersionRef>) -> Result<(), Refusal> {
+        self.void_family(self.rules.active_change_voids);
+        let found = self.version(version)?;
+        found.state = State::Active;
+        found.flags = Flags { provisional: true, ..Flags::default() };
+        found.predecessor = predecessor;
+        found.gate = None;
+        found.approval = None;
+        Ok(())
+    }
+
+    fn release(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let (stamp, needs_approval) = (self.stamp(version)?, self.family.needs_approval);
+        let bind = self.rules.bind_approval;
+        let found = self.ready(version, "releasing", &[State::Active])?;
+        if !found.flags.restricted || found.flags.rollback_pending {
+            return Err(Refusal::Condition { why: "it is not restricted, or being rolled back" });
+        }
+        if needs_approval && bind && found.approval != Some(stamp) {
+            return Err(Refusal::Stale { what: "approval" });
+        }
+        found.flags.restricted = false;
+        found.flags.awaiting_approval = false;
+        found.approval = None;
+        Ok(())
+    }
+
+    fn finish_rollback(&mut self, version: VersionRef, leave: Leave) -> Result<(), Refusal> {
+        let rules = self.rules;
+        let found = self.within(version, "rolling back", &[State::Active])?;
+        if rules.revoke_first && !found.flags.rollback_pending {
+            return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
+        }
+        let target = found.predecessor;
+        let Some(target) = target.filter(|t| self.family.state(*t) == Some(State::Superseded)) else {
+            return Err(Refusal::Condition { why: "there is no version to roll back to" });
+        };
+        let to = match leave {
+            Leave::RolledBack => State::RolledBack,
+            Leave::Demoted => State::Demoted,
+        };
+        self.version(version)?.leave(to);
+        if rules.restore_predecessor {
+            let before = self.family.restorable_predecessor(target);
+            self.enter(target, before)?;
+            // It was confirmed before, or its own window went on: it is known, not provisional.
+            self.version(target)?.flags.provisional = false;
+        }
+        Ok(())
+    }
+
+    fn fail_rollback(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let rules = self.rules;
+        let found = self.within(version, "failing a rollback", &[State::Active])?;
+        if rules.revoke_first && !found.flags.rollback_pending {
+            return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
+        }
+        found.leave(State::Demoted);
+        self.family.safe_stopped = rules.stop_without_target;
+        self.void_family(rules.active_change_voids);
+        Ok(())
+    }
+
+    fn rearm(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        if !self.family.safe_stopped {
+            return Err(Refusal::Condition { why: "the family is not stopped" });
+        }
+        let state = self.ready(version, "re-arming", &[State::Superseded, State::Shadowed])?.state;
+        if state == State::Shadowed {
+            self.standing(version)?;
+        }
+        let before = self.family.restorable_predecessor(version);
+        self.enter(version, before)?;
+        self.version(version)?.flags.provisional = state == State::Shadowed;
+        self.family.safe_stopped = false;
+        Ok(())
+    }
+
+    fn pause(&mut self, version: VersionRef, paused: bool) -> Result<(), Refusal> {
+        let found = self.version(version)?;
+        if found.state.is_terminal() || found.flags.paused == paused || found.state == State::Superseded {
+            return Err(Refusal::Condition {
+                why: if paused { "it cannot be paused" } else { "it is not paused" },
+            });
+        }
+        found.flags.paused = paused;
+        Ok(())
+    }
+}
+
+fn is_current(stamp: Option<Stamp>, context: u32) -> bool {
+    stamp.is_some_and(|stamp| stamp.context == context)
+}
+
+impl Version {
+    /// A version without history.
+    #[must_use]
+    pub fn new(state: State) -> Self {
+        Self {
+            state,
+            flags: Flags::default(),
+            row_version: 1,
+            round: 0,
+            predecessor: None,
+            sandbox: None,
+            shadow: None,
+            gate: None,
+            approval: None,
+        }
+    }
+
+    /// Leaves for a state in which nothing of its standing holds.
+    fn leave(&mut self, to: State) {
+        let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
+        let paused = self.flags.paused && !to.is_terminal();
+        *self = Self {
+            flags: Flags { paused, ..Flags::default() },
+            row_version: self.row_version,
+            round: self.round,
+            sandbox: keep,
+            ..Self::new(to)
+        };
+    }
+}

@@ -1,0 +1,346 @@
+//! The metrics of the experiments: named apart, with intervals, never a bare "FAR".
+//!
+//! Source: design rule 3.12; paper equations 14 to 19; readings X1 to X11, X75. Ground truth comes from the
+//! referee of the simulation, never from the rules that are being judged.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::lifecycle::Stage;
+use crate::stats::{self, Interval, StatsError};
+
+/// Level of the intervals.
+pub const LEVEL: f64 = 0.95;
+
+/// A proportion with its Wilson interval; no interval where there is nothing to divide by.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Proportion {
+    /// Cases that count.
+    pub count: u64,
+    /// All cases.
+    pub total: u64,
+    /// Wilson interval at 95 %; absent with no cases.
+    pub interval: Option<Interval>,
+}
+
+impl Proportion {
+    /// Counts `true`.
+    ///
+    /// # Errors
+    /// Never for counts that fit (kept from the interval's own checks).
+    pub fn of(cases: impl IntoIterator<Item = bool>) -> Result<Self, StatsError> {
+        let (mut count, mut total) = (0, 0);
+        for case in cases {
+            total += 1;
+            count += u64::from(case);
+        }
+        let interval = if total == 0 { None } else { Some(stats::wilson(count, total, LEVEL)?) };
+        Ok(Self { count, total, interval })
+    }
+
+    /// The share; `None` for 0 of 0.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "counts of candidates and episodes")]
+    pub fn share(&self) -> Option<f64> {
+        (self.total > 0).then(|| self.count as f64 / self.total as f64)
+    }
+}
+
+/// How one candidate ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "fate")]
+pub enum Fate {
+    /// Stopped before activation, at this stage.
+    Blocked {
+        /// The stage.
+        stage: Stage,
+    },
+    /// Activated, and taken off again or restricted before the provisional window ended.
+    Contained,
+    /// Activated and kept.
+    Kept,
+}
+
+/// One candidate of an experiment with its ground truth.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CandidateRecord {
+    /// Name in the pool.
+    pub name: String,
+    /// A fault was planted (or, for found ones, the referee saw it unsafe or worse).
+    pub faulty: bool,
+    /// How it ended.
+    pub fate: Fate,
+    /// The referee saw an unsafe episode while it was active.
+    pub unsafe_while_active: bool,
+    /// The unsafe episode came with injected drift, not with the candidate.
+    pub drift_origin: bool,
+    /// Round in which it was decided, from 1.
+    pub round: u32,
+    /// Regressions detected in the sandbox, and in shadow only.
+    pub detected_sandbox: u32,
+    /// See [`CandidateRecord::detected_sandbox`].
+    pub detected_shadow_only: u32,
+}
+
+/// What screening did to a pool.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Screening {
+    /// Faulty candidates stopped at stage 2 / all faulty.
+    pub badr_screen: Proportion,
+    /// Faulty candidates stopped before activation / all faulty.
+    pub badr_preactivation: Proportion,
+    /// Faulty candidates stopped before activation or contained / all faulty.
+    pub badr_lifecycle: Proportion,
+    /// Benign candidates stopped before activation / all benign.
+    pub false_reject_rate: Proportion,
+    /// Faulty candidates activated / all faulty.
+    pub false_accept_rate: Proportion,
+    /// Faulty candidates kept / all faulty.
+    pub escaped: Proportion,
+    /// Where each candidate was stopped, by stage: (benign, faulty).
+    pub stopped_at: BTreeMap<String, (u64, u64)>,
+    /// Share of detections seen in shadow only (the paper's "40 %").
+    pub shadow_only_share: Option<f64>,
+}
+
+/// Computes the screening metrics; `blocked + contained + escaped = all faulty` holds by construction and is
+/// checked.
+///
+/// # Errors
+/// A partition that does not add up, or counts no interval exists for.
+pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
+    let blocked = |record: &CandidateRecord| matches!(record.fate, Fate::Blocked { .. });
+    let faulty = || records.iter().filter(|record| record.faulty);
+    let badr_preactivation = Proportion::of(faulty().map(blocked))?;
+    let contained = Proportion::of(faulty().map(|record| record.fate == Fate::Contained))?;
+    let escaped = Proportion::of(faulty().map(|record| record.fate == Fate::Kept))?;
+    let parts = badr_preactivation.count + contained.count + escaped.count;
+    if parts != badr_preactivation.total {
+        return Err(StatsError::Counts { count: parts, total: badr_preactivation.total });
+    }
+    let mut stopped_at: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+    for record in records {
+        if let Fate::Blocked { stage } = record.fate {
+            let (benign, bad) = stopped_at.entry(stage.name().to_owned()).or_default();
+            *(if record.faulty { bad } else { benign }) += 1;
+        }
+    }
+    let sandbox: u64 = records.iter().map(|record| u64::from(record.detected_sandbox)).sum();
+    let shadow: u64 = records.iter().map(|record| u64::from(record.detected_shadow_only)).sum();
+    #[allow(clippy::cast_precision_loss, reason = "counts of detections")]
+    let shadow_only_share = (sandbox + shadow > 0).then(|| shadow as f64 / (sandbox + shadow) as f64);
+    Ok(Screening {
+        badr_screen: Proportion::of(
+            faulty().map(|record| record.fate == Fate::Blocked { stage: Stage::Validation }),
+        )?,
+        badr_lifecycle: Proportion::of(faulty().map(|record| record.fate != Fate::Kept))?,
+        false_reject_rate: Proportion::of(records.iter().filter(|record| !record.faulty).map(blocked))?,
+        false_accept_rate: Proportion::of(faulty().map(|record| !blocked(record)))?,
+        badr_preactivation,
+        escaped,
+        stopped_at,
+        shadow_only_share,
+    })
+}
+
+/// Unsafe activation rate of one round and up to it (readings X7, X8).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UnsafeRound {
+    /// The round.
+    pub round: u32,
+    /// Unsafe activations / activations of this round; no share where there was none.
+    pub in_round: Proportion,
+    /// The same over all rounds up to this one.
+    pub cumulative: Proportion,
+    /// The version active at the end of the round was unsafe.
+    pub live_unsafe: bool,
+    /// Of the unsafe activations so far, those that drift made unsafe.
+    pub drift_origin: u64,
+}
+
+/// Unsafe activations per round, by the referee's word.
+///
+/// # Errors
+/// Counts no interval exists for.
+pub fn unsafe_rounds(records: &[CandidateRecord]) -> Result<Vec<UnsafeRound>, StatsError> {
+    let last = records.iter().map(|record| record.round).max().unwrap_or(0);
+    let active = |record: &&CandidateRecord| !matches!(record.fate, Fate::Blocked { .. });
+    let mut rounds = Vec::new();
+    let mut live_unsafe = false;
+    for round in 1..=last {
+        let of_round = || records.iter().filter(active).filter(|record| record.round == round);
+        let until = || records.iter().filter(active).filter(|record| record.round <= round);
+        if let Some(kept) = of_round().rfind(|record| record.fate == Fate::Kept) {
+            live_unsafe = kept.unsafe_while_active;
+        }
+        rounds.push(UnsafeRound {
+            round,
+            in_round: Proportion::of(of_round().map(|record| record.unsafe_while_active))?,
+            cumulative: Proportion::of(until().map(|record| record.unsafe_while_active))?,
+            live_unsafe,
+            drift_origin: until().filter(|r| r.unsafe_while_active && r.drift_origin).count() as u64,
+        });
+    }
+    Ok(rounds)
+}
+
+/// One drift episode after activation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriftRecord {
+    /// The monitor triggered.
+    pub triggered: bool,
+    /// The predecessor acted again and the robot was safe.
+    pub recovered: bool,
+    /// From trigger to predecessor acting, ms; absent where it did not.
+    pub latency_ms: Option<f64>,
+}
+
+/// Rollback success, in three numbers (readings X75).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RollbackMetrics {
+    /// Drift episodes that triggered / all.
+    pub trigger_recall: Proportion,
+    /// Recovered / triggered (paper equation 17).
+    pub recovery_given_trigger: Proportion,
+    /// Recovered after a trigger / all (paper table 8).
+    pub end_to_end: Proportion,
+    /// Mean latency, ms; absent without one.
+    pub latency_mean_ms: Option<f64>,
+}
+
+/// Computes the rollback metrics.
+///
+/// # Errors
+/// Counts no interval exists for.
+pub fn rollback(records: &[DriftRecord]) -> Result<RollbackMetrics, StatsError> {
+    let latencies: Vec<f64> =
+        records.iter().filter_map(|record| record.latency_ms).filter(|ms| ms.is_finite()).collect();
+    #[allow(clippy::cast_precision_loss, reason = "counts of episodes")]
+    let latency_mean_ms =
+        (!latencies.is_empty()).then(|| latencies.iter().sum::<f64>() / latencies.len() as f64);
+    Ok(RollbackMetrics {
+        trigger_recall: Proportion::of(records.iter().map(|record| record.triggered))?,
+        recovery_given_trigger: Proportion::of(
+            records.iter().filter(|record| record.triggered).map(|record| record.recovered),
+        )?,
+        end_to_end: Proportion::of(records.iter().map(|record| record.triggered && record.recovered))?,
+        latency_mean_ms,
+    })
+}
+
+/// Policy violation rate, hard and near (paper equation 18; readings X11).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ViolationRates {
+    /// Episodes past a limit / all.
+    pub hard: Proportion,
+    /// Episodes past the near margin / all.
+    pub near: Proportion,
+}
+
+/// Computes the violation rates.
+///
+/// # Errors
+/// Counts no interval exists for.
+pub fn violations(episodes: &[super::evidence::EpisodeValues]) -> Result<ViolationRates, StatsError> {
+    Ok(ViolationRates {
+        hard: Proportion::of(episodes.iter().map(|episode| episode.violation))?,
+        near: Proportion::of(episodes.iter().map(|episode| episode.violation || episode.near_violation))?,
+    })
+}
+
+/// True shadow regression discovery rate (paper equation 19; readings X10): of the regressions that showed
+/// after activation in the counterfactual arm, the share shadow had already shown.
+///
+/// # Errors
+/// Counts no interval exists for.
+pub fn srdr(seen_in_shadow: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
+    Proportion::of(seen_in_shadow)
+}
+
+/// Share of decisions that come out the same when replayed from the record.
+///
+/// # Errors
+/// Counts no interval exists for.
+pub fn auditability(replayed_equal: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
+    Proportion::of(replayed_equal)
+}
+
+/// Mean and standard deviation (ddof 1) of values over seeds; `None` for fewer than two or what is no number.
+#[must_use]
+#[allow(clippy::cast_precision_loss, reason = "counts of seeds")]
+pub fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {
+    if values.len() < 2 || values.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let squares: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
+    Some((mean, (squares / (values.len() as f64 - 1.0)).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(faulty: bool, fate: Fate) -> CandidateRecord {
+        CandidateRecord {
+            name: "x".into(),
+            faulty,
+            fate,
+            unsafe_while_active: faulty && !matches!(fate, Fate::Blocked { .. }),
+            drift_origin: false,
+            round: 1,
+            detected_sandbox: 0,
+            detected_shadow_only: 0,
+        }
+    }
+
+    /// The paper's pool of one family: 6 benign, 8 faulty of which stage 2 stops 6 (75 %).
+    #[test]
+    fn the_papers_screening_counts() {
+        let mut records = vec![record(false, Fate::Kept); 6];
+        records.extend(vec![record(true, Fate::Blocked { stage: Stage::Validation }); 6]);
+        records.push(record(true, Fate::Contained));
+        records.push(record(true, Fate::Kept));
+        let s = screening(&records).unwrap();
+        for (name, found, expected) in [
+            ("badr_screen", s.badr_screen, (6, 8)),
+            ("badr_preactivation", s.badr_preactivation, (6, 8)),
+            ("badr_lifecycle", s.badr_lifecycle, (7, 8)),
+            ("false_reject_rate", s.false_reject_rate, (0, 6)),
+            ("false_accept_rate", s.false_accept_rate, (2, 8)),
+            ("escaped", s.escaped, (1, 8)),
+        ] {
+            assert_eq!((found.count, found.total), expected, "{name}");
+        }
+        assert_eq!(s.badr_screen.share(), Some(0.75));
+        let rounds = unsafe_rounds(&records).unwrap();
+        assert_eq!((rounds[0].in_round.count, rounds[0].in_round.total, rounds[0].live_unsafe), (2, 8, true));
+    }
+
+    #[test]
+    fn rollback_is_three_numbers() {
+        let drift = |triggered, recovered| DriftRecord { triggered, recovered, latency_ms: None };
+        let r = rollback(&[drift(true, true), drift(true, false), drift(false, true), drift(false, false)])
+            .unwrap();
+        assert_eq!(r.trigger_recall.share(), Some(0.5));
+        assert_eq!(r.recovery_given_trigger.share(), Some(0.5));
+        assert_eq!(r.end_to_end.share(), Some(0.25));
+        assert_eq!(r.latency_mean_ms, None);
+    }
+
+    #[test]
+    fn nothing_has_no_share() {
+        assert_eq!(Proportion::of([]).unwrap().share(), None);
+        assert_eq!(mean_and_deviation(&[1.0]), None);
+        assert_eq!(mean_and_deviation(&[1.0, 3.0]), Some((2.0, 2.0_f64.sqrt())));
+        assert_eq!(mean_and_deviation(&[1.0, f64::NAN]), None);
+    }
+}
