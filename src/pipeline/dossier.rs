@@ -12,7 +12,9 @@ use crate::engine::snapshot::ProgressView;
 use crate::governance::behavior::BehaviorAssessment;
 use crate::governance::composition::{Condition, Kappas, composite};
 use crate::governance::decision::{Dimension, Kappa, Reason};
-use crate::governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence, Signature};
+use crate::governance::evidence::{
+    Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence, Signature,
+};
 use crate::governance::gate::ShadowAssessment;
 use crate::governance::ids::Digest;
 use crate::governance::outcome::{Assessment, Basis};
@@ -98,12 +100,8 @@ impl Dossier {
     #[must_use]
     pub fn composite(&self, profile: &Profile) -> Option<f64> {
         let kappas = self.kappas.as_ref()?;
-        let values = [
-            kappas.interface.kappa,
-            kappas.policy.kappa,
-            kappas.behavior.kappa,
-            kappas.recovery.kappa,
-        ];
+        let values =
+            [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa];
         composite(&profile.composite, values).map(Kappa::get)
     }
 }

@@ -165,8 +165,9 @@ impl Ledger {
         for status in views.families()? {
             let Ok(family) = Family::new(status.name.clone()) else { continue };
             let Some(standing) = status.standing else { continue };
-            let state: FamilyState = serde_json::from_str(&standing)
-                .map_err(|source| LedgerError::Record { what: "standing", of: status.name.clone(), source })?;
+            let state: FamilyState = serde_json::from_str(&standing).map_err(|source| {
+                LedgerError::Record { what: "standing", of: status.name.clone(), source }
+            })?;
             let members = load_members(&views, &family)?;
             families.insert(family, Entry { state, members });
         }
@@ -283,7 +284,8 @@ impl Ledger {
         at_ms: u64,
         note: Note,
     ) -> Result<Vec<Moved>, LedgerError> {
-        let id_of = |version: VersionRef| entry.members.get(usize::from(version.0)).map(|m| m.capability.id());
+        let id_of =
+            |version: VersionRef| entry.members.get(usize::from(version.0)).map(|m| m.capability.id());
         let mut moved = Vec::new();
         let mut changes = note.before;
         let mut last = Vec::new();
@@ -309,7 +311,11 @@ impl Ledger {
                 }
                 LifeChange::SafeStopped { stopped } => last.insert(
                     0,
-                    Change::SetFamily { family: family.clone(), safe_stopped: stopped, reason: note.reason.clone() },
+                    Change::SetFamily {
+                        family: family.clone(),
+                        safe_stopped: stopped,
+                        reason: note.reason.clone(),
+                    },
                 ),
                 LifeChange::Active { to, .. } => {
                     let active = to.and_then(id_of);
@@ -390,10 +396,7 @@ fn new_version(capability: &Capability, baseline: bool) -> Result<NewVersion, Le
     };
     let manifest = &capability.manifest;
     let submission = &capability.submission;
-    let parent = submission
-        .parent
-        .clone()
-        .map(|version| CapabilityId { family: id.family.clone(), version });
+    let parent = submission.parent.clone().map(|version| CapabilityId { family: id.family.clone(), version });
     let stored = StoredPackage { package: (*capability.package).clone() };
     Ok(NewVersion {
         id: id.clone(),

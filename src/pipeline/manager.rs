@@ -128,7 +128,8 @@ impl UpgradeManager {
             Digest::of_parts("holdpoint.context.v1", &[profile_digest.bytes(), table.digest.bytes()]);
         let name = profile.name.name();
         let known = ledger.store().views()?.context()?;
-        let changed = known.as_ref().is_none_or(|(profile, policy, _)| profile != name || *policy != context_digest);
+        let changed =
+            known.as_ref().is_none_or(|(profile, policy, _)| profile != name || *policy != context_digest);
         let needs_approval = profile.activation.approval_bound;
         let at_ms = clock.now_ms();
         if changed {
@@ -139,7 +140,12 @@ impl UpgradeManager {
             let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
             for family in families {
                 let event = Event::ContextChanged { needs_approval };
-                ledger.transition(&family, event, at_ms, Note::because("the profile or its policies changed"))?;
+                ledger.transition(
+                    &family,
+                    event,
+                    at_ms,
+                    Note::because("the profile or its policies changed"),
+                )?;
             }
         }
         let live = LiveCell::new(cell.clone())?;
@@ -295,14 +301,23 @@ impl UpgradeManager {
     pub(super) fn start_stage(&mut self, id: &CapabilityId, stage: Stage, budget: u64) -> Result<(), Fault> {
         let (version, standing, _) = self.ledger.version(id)?;
         if standing.flags.running != Some(stage) {
-            self.transition(&id.family.clone(), Event::Start { version, stage }, Note::because("the stage begins"))?;
+            self.transition(
+                &id.family.clone(),
+                Event::Start { version, stage },
+                Note::because("the stage begins"),
+            )?;
         }
         self.emit(EventKind::StageStarted { version: id.clone(), stage, budget });
         Ok(())
     }
 
     /// Applies a lifecycle event and tells what moved.
-    pub(super) fn transition(&mut self, family: &Family, event: Event, note: Note) -> Result<Vec<Moved>, Fault> {
+    pub(super) fn transition(
+        &mut self,
+        family: &Family,
+        event: Event,
+        note: Note,
+    ) -> Result<Vec<Moved>, Fault> {
         let reason = note.reason.clone();
         let at_ms = self.clock.now_ms();
         let moved = self.ledger.transition(family, event, at_ms, note)?;
@@ -320,13 +335,7 @@ impl UpgradeManager {
     pub(super) fn progress(&mut self, id: &CapabilityId, stage: Stage, what: &str, done: u64, budget: u64) {
         let view = ProgressView { stage, what: what.to_owned(), done, budget };
         self.dossier(id).progress = Some(view);
-        self.emit(EventKind::Progress {
-            version: id.clone(),
-            stage,
-            what: what.to_owned(),
-            done,
-            budget,
-        });
+        self.emit(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
     }
 
     pub(super) fn dossier(&mut self, id: &CapabilityId) -> &mut Dossier {
@@ -335,6 +344,15 @@ impl UpgradeManager {
 
     pub(super) fn emit(&mut self, event: EventKind) {
         self.events.push(event);
+    }
+
+    /// Whether the running stage is this version's.
+    pub(super) fn works_on(&self, id: &CapabilityId) -> bool {
+        match &self.work {
+            Some(Work::Sandbox(run)) => run.is_of(id),
+            Some(Work::Shadow(run)) => run.is_of(id),
+            None => false,
+        }
     }
 
     /// Events since the last call, in order.
@@ -365,6 +383,74 @@ impl UpgradeManager {
         Arc::clone(&self.cancel)
     }
 
+    /// The profile.
+    #[must_use]
+    pub fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn robot(&self) -> &str {
+        &self.cell.model.name
+    }
+
+    /// The run's seed.
+    #[must_use]
+    pub const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Digest of profile and policies.
+    #[must_use]
+    pub const fn context_digest(&self) -> Digest {
+        self.context_digest
+    }
+
+    /// Hash of the agent's identity.
+    #[must_use]
+    pub fn agent_hash(&self) -> Digest {
+        self.live.agent().identity_hash()
+    }
+
+    /// A candidate's evidence.
+    #[must_use]
+    pub fn dossier_of(&self, id: &CapabilityId) -> Option<&Dossier> {
+        self.dossiers.get(id)
+    }
+
+    /// The alarms.
+    #[must_use]
+    pub const fn alarm_book(&self) -> &AlarmBook {
+        &self.alarms
+    }
+
+    /// Success of the last live sequences, and the tasks of the last one.
+    #[must_use]
+    pub fn recent_work(&self) -> (Vec<bool>, &[crate::engine::event::TaskSummary]) {
+        (self.recent.iter().copied().collect(), &self.last_tasks)
+    }
+
+    /// Live sequences worked.
+    #[must_use]
+    pub const fn sequences(&self) -> u64 {
+        self.live.sequences()
+    }
+
+    /// The drift that has set in.
+    #[must_use]
+    pub fn drift_name(&self) -> Option<String> {
+        let drift = self.live.drift()?;
+        Some(format!("{} {}", word(&drift.kind), word(&drift.magnitude)))
+    }
+
+    /// Episodes of a family's provisional window: worked and needed.
+    #[must_use]
+    pub fn provisional(&self, family: &Family) -> Option<(u32, u32)> {
+        let watch = self.watches.get(family).filter(|watch| !watch.confirmed)?;
+        Some((watch.episodes, self.profile.activation.provisional_episodes))
+    }
+
     /// The ledger, to look at.
     #[must_use]
     pub const fn ledger(&self) -> &Ledger {
@@ -388,7 +474,8 @@ impl UpgradeManager {
             Arc::clone(&self.cell.scene),
         );
         let id = capability.id();
-        let conditions = self.dossiers.get(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+        let conditions =
+            self.dossiers.get(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
         let (speed, force) = crate::governance::composition::envelope(&capability.manifest, conditions);
         let restricted = self.watches.get(&id.family).is_some_and(|watch| watch.id == id && watch.restricted);
         let terms = base.capped(speed, force);
@@ -427,7 +514,14 @@ impl UpgradeManager {
         let known = crate::approvals::Identity::list(&folder).unwrap_or_default();
         let lines: Vec<String> = known
             .iter()
-            .map(|who| format!("{} {} {}", who.name, who.role.as_str(), crate::approvals::keyfile::hex(who.public_key.as_bytes())))
+            .map(|who| {
+                format!(
+                    "{} {} {}",
+                    who.name,
+                    who.role.as_str(),
+                    crate::approvals::keyfile::hex(who.public_key.as_bytes())
+                )
+            })
             .collect();
         let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
         Digest::of_parts("holdpoint.authority.v1", &parts)
@@ -444,11 +538,18 @@ impl UpgradeManager {
     }
 
     /// Raises an alarm and says so.
-    pub(super) fn raise(&mut self, key: &str, group: &str, priority: AlarmPriority, latching: bool, text: &str) {
+    pub(super) fn raise(
+        &mut self,
+        key: &str,
+        group: &str,
+        priority: AlarmPriority,
+        latching: bool,
+        text: &str,
+    ) {
         let priority = match priority {
             AlarmPriority::Low => Priority::Low,
-            AlarmPriority::Medium => Priority::Medium,
-            AlarmPriority::High => Priority::High,
+            AlarmPriority::Medium => Priority::High,
+            AlarmPriority::High => Priority::Critical,
         };
         let event = AlarmEvent::Raise {
             key: key.to_owned(),
@@ -514,7 +615,7 @@ impl UpgradeManager {
 }
 
 /// The name a unit variant serialises as.
-pub(super) fn word<T: serde::Serialize>(value: &T) -> String {
+pub(crate) fn word<T: serde::Serialize>(value: &T) -> String {
     serde_json::to_value(value)
         .ok()
         .and_then(|value| value.as_str().map(ToOwned::to_owned))

@@ -1,7 +1,15 @@
 //! The seven stages: from registration to audit closure.
+//!
+//! Owns the Upgrade Manager and what it measures with: cell, episodes, drills, live world, shadow.
+//! Decides nothing by itself; the rules are in `governance`.
+
 pub mod cell;
+pub mod dossier;
 pub mod drills;
 pub mod evaluate;
+pub mod ledger;
 pub mod live;
+pub mod manager;
 pub mod seeds;
 pub mod shadow;
+pub mod stages;

@@ -181,7 +181,13 @@ impl UpgradeManager {
             evidence,
         });
         let priority = self.profile.alarms.approval_waiting;
-        self.raise(&format!("approval:{id}"), "approval", priority, false, &format!("{id} waits for approval"));
+        self.raise(
+            &format!("approval:{id}"),
+            "approval",
+            priority,
+            false,
+            &format!("{id} waits for approval"),
+        );
         Ok(())
     }
 
@@ -212,7 +218,8 @@ impl UpgradeManager {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
         };
-        let profile = if said.profile == self.profile.name.name() { self.profile_digest } else { self.context_digest };
+        let profile =
+            if said.profile == self.profile.name.name() { self.profile_digest } else { self.context_digest };
         let subject = Subject {
             candidate: said.candidate_digest,
             row_version: said.row_version,
@@ -242,7 +249,9 @@ impl UpgradeManager {
             nonce_used: false,
         };
         let at_ms = self.clock.now_ms();
-        if let Err(error) = self.ledger.write(vec![Change::PutApproval(Box::new(signed.clone()))], Vec::new(), at_ms) {
+        if let Err(error) =
+            self.ledger.write(vec![Change::PutApproval(Box::new(signed.clone()))], Vec::new(), at_ms)
+        {
             return refuse(Refusal::NotAllowed, error.to_string(), None);
         }
         let now_s = self.now_s();
@@ -272,9 +281,16 @@ impl UpgradeManager {
     }
 
     /// Acts on what asking came to so far. Returns a sentence for the one who asked or answered.
-    pub(in crate::pipeline) fn settle_prompt(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
+    pub(in crate::pipeline) fn settle_prompt(
+        &mut self,
+        id: &CapabilityId,
+        result: &ApprovalResult,
+    ) -> Result<String, Fault> {
         let (version, _, _) = self.ledger.version(id)?;
-        let reason = result.reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+        let reason = result
+            .reasons
+            .first()
+            .map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
         match &result.outcome {
             ApprovalOutcome::Pending { missing } => {
                 // An answer that does not count is said, not swallowed.
@@ -348,7 +364,11 @@ impl UpgradeManager {
         approvals: &[SignedApproval],
     ) -> Result<(), Fault> {
         let (version, _, _) = self.ledger.version(id)?;
-        self.transition(&id.family, Event::Pass { version, stage: Stage::Activation }, Note::because("the gate is passed"))?;
+        self.transition(
+            &id.family,
+            Event::Pass { version, stage: Stage::Activation },
+            Note::because("the gate is passed"),
+        )?;
         let evidence = self.dossier(id).digest()?;
         let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
         let replaced = self.active_of(&id.family).map(|active| active.id());

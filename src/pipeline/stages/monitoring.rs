@@ -51,7 +51,10 @@ impl UpgradeManager {
     }
 
     /// One sequence of the live world; monitors learn from it.
-    pub(in crate::pipeline) fn live_sequence(&mut self, shadow: Option<&mut Shadow<'_>>) -> Result<SequenceReport, Fault> {
+    pub(in crate::pipeline) fn live_sequence(
+        &mut self,
+        shadow: Option<&mut Shadow<'_>>,
+    ) -> Result<SequenceReport, Fault> {
         let index = self.live.sequences();
         let seed = episode_seed(self.seed, Purpose::Live, index);
         let mut nobody = Nobody;
@@ -65,7 +68,10 @@ impl UpgradeManager {
         let spare = self.terms_of_profile();
         let choose = |capability: &crate::runtime::capability::Capability| {
             let id = capability.id();
-            terms.iter().find(|(known, _)| *known == id).map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
+            terms
+                .iter()
+                .find(|(known, _)| *known == id)
+                .map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
         let report = self.live.run_sequence(&self.ledger, &choose, seed, &mut watched);
         self.clock.advance(report.duration_ms);
@@ -99,7 +105,9 @@ impl UpgradeManager {
     /// Feeds one live task to the monitor of its version.
     fn watch(&mut self, id: &CapabilityId, record: &TaskRecord) -> Result<(), Fault> {
         let now_tick = self.now_tick();
-        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else { return Ok(()) };
+        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
+            return Ok(());
+        };
         let Some(values) = record.values() else { return Ok(()) };
         watch.monitor.telemetry(now_tick);
         watch.episodes = watch.episodes.saturating_add(1);
@@ -116,7 +124,9 @@ impl UpgradeManager {
         let due: Vec<CapabilityId> = self
             .watches
             .values()
-            .filter(|watch| watch.monitor.escalation().is_some_and(|waiting| now_tick >= waiting.deadline_tick))
+            .filter(|watch| {
+                watch.monitor.escalation().is_some_and(|waiting| now_tick >= waiting.deadline_tick)
+            })
             .map(|watch| watch.id.clone())
             .collect();
         for id in &due {
@@ -140,7 +150,13 @@ impl UpgradeManager {
             MonitorAction::Escalate => {
                 self.tell_monitor(id, decision.action, &decision.reasons)?;
                 let priority = self.profile.alarms.escalated;
-                self.raise(&format!("escalated:{id}"), "monitor", priority, true, &format!("{id}: people are needed"));
+                self.raise(
+                    &format!("escalated:{id}"),
+                    "monitor",
+                    priority,
+                    true,
+                    &format!("{id}: people are needed"),
+                );
                 Ok(())
             }
             MonitorAction::Rollback => {
@@ -155,7 +171,12 @@ impl UpgradeManager {
         }
     }
 
-    fn tell_monitor(&mut self, id: &CapabilityId, action: MonitorAction, reasons: &[Reason]) -> Result<(), Fault> {
+    fn tell_monitor(
+        &mut self,
+        id: &CapabilityId,
+        action: MonitorAction,
+        reasons: &[Reason],
+    ) -> Result<(), Fault> {
         let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
         let record = AuditBody { kind: "monitor".to_owned(), subject: id.to_string(), body };
         let at_ms = self.clock.now_ms();
@@ -169,15 +190,22 @@ impl UpgradeManager {
     }
 
     /// Tightens the envelope of an active version. A second demand changes nothing.
-    pub(in crate::pipeline) fn restrict(&mut self, id: &CapabilityId, reasons: &[Reason]) -> Result<(), Fault> {
-        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else { return Ok(()) };
+    pub(in crate::pipeline) fn restrict(
+        &mut self,
+        id: &CapabilityId,
+        reasons: &[Reason],
+    ) -> Result<(), Fault> {
+        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
+            return Ok(());
+        };
         if watch.restricted {
             return Ok(());
         }
         watch.restricted = true;
         self.tell_monitor(id, MonitorAction::Restrict, reasons)?;
         let (version, _, _) = self.ledger.version(id)?;
-        let reason = reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+        let reason =
+            reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
         self.transition(&id.family, Event::Restrict { version }, Note::because(reason))?;
         let priority = self.profile.alarms.restricted;
         self.raise(&format!("restricted:{id}"), "monitor", priority, true, &format!("{id} is restricted"));
@@ -185,7 +213,9 @@ impl UpgradeManager {
     }
 
     fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else { return Ok(()) };
+        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
+            return Ok(());
+        };
         if !watch.monitor.is_confirmed() || watch.confirmed || watch.restricted {
             return Ok(());
         }

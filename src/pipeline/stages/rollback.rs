@@ -12,7 +12,7 @@ use crate::pipeline::live::LiveCell;
 use crate::pipeline::manager::{Fault, UpgradeManager};
 use crate::registry::names::EvidenceKind;
 use crate::registry::{ActiveCause, Change};
-use crate::runtime::arm::Body as _;
+use crate::runtime::arm::Body;
 use crate::runtime::capability::Capability;
 use crate::runtime::recovery::stands;
 use crate::runtime::skill::Hook;
@@ -34,7 +34,12 @@ impl Descent {
 impl UpgradeManager {
     /// Takes an active version off: first its command authority, then the arm to a safe pose, then
     /// the binding, then the record.
-    pub(in crate::pipeline) fn roll_back(&mut self, id: &CapabilityId, trigger: &str, leave: Leave) -> Result<(), Fault> {
+    pub(in crate::pipeline) fn roll_back(
+        &mut self,
+        id: &CapabilityId,
+        trigger: &str,
+        leave: Leave,
+    ) -> Result<(), Fault> {
         let (version, standing, _) = self.ledger.version(id)?;
         if standing.state != State::Active {
             return Ok(());
@@ -53,10 +58,17 @@ impl UpgradeManager {
             self.rung(id, name, *ok, text);
         }
         let restored = target
-            .and_then(|target| self.ledger.family(&id.family).ok()?.members.get(usize::from(target.0)).cloned())
+            .and_then(|target| {
+                self.ledger.family(&id.family).ok()?.members.get(usize::from(target.0)).cloned()
+            })
             .map(|member| member.capability);
         let loadable = restored.as_ref().is_some_and(|capability| self.still_loads(capability));
-        self.rung(id, "load-predecessor", loadable, "the predecessor's bundle is present and its digest true");
+        self.rung(
+            id,
+            "load-predecessor",
+            loadable,
+            "the predecessor's bundle is present and its digest true",
+        );
         let policy_true = self.policy_state_true();
         self.rung(id, "verify-policy", policy_true, "the policy table is the one of the profile");
         self.watches.remove(&id.family);
@@ -73,7 +85,12 @@ impl UpgradeManager {
         let digest = crate::governance::ids::Digest::of_json("holdpoint.rollback.v1", &evidence)?;
         let note = Note {
             cause: Some(ActiveCause::Restore),
-            before: vec![Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Rollback, json, digest }],
+            before: vec![Change::PutEvidence {
+                version: id.clone(),
+                kind: EvidenceKind::Rollback,
+                json,
+                digest,
+            }],
             ..Note::because(trigger)
         };
         self.transition(&id.family, Event::FinishRollback { version, leave }, note)?;
@@ -91,7 +108,13 @@ impl UpgradeManager {
             recovered,
         });
         let priority = self.profile.alarms.rolled_back;
-        self.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &format!("{id} was taken off: {trigger}"));
+        self.raise(
+            &format!("rolled-back:{id}"),
+            "rollback",
+            priority,
+            true,
+            &format!("{id} was taken off: {trigger}"),
+        );
         self.close_audit(id, state)
     }
 
@@ -118,18 +141,14 @@ impl UpgradeManager {
     }
 
     fn rung(&mut self, id: &CapabilityId, rung: &str, ok: bool, text: &str) {
-        self.emit(EventKind::Rung {
-            version: id.clone(),
-            rung: rung.to_owned(),
-            ok,
-            text: text.to_owned(),
-        });
+        self.emit(EventKind::Rung { version: id.clone(), rung: rung.to_owned(), ok, text: text.to_owned() });
     }
 
     /// Loads a version from its texts again and compares its digest.
     fn still_loads(&self, capability: &Capability) -> bool {
         let id = capability.id().to_string();
-        Capability::load(&id, (*capability.package).clone()).is_ok_and(|again| again.digest() == capability.digest())
+        Capability::load(&id, (*capability.package).clone())
+            .is_ok_and(|again| again.digest() == capability.digest())
     }
 
     /// Compiles the profile's policies again and compares their digest.
@@ -144,7 +163,7 @@ impl LiveCell {
     fn descend(&mut self, leaving: &Capability, terms: &Terms) -> Result<Descent, holdpoint_sim::SimError> {
         let started = self.world().tick();
         let mut rungs = Vec::new();
-        let mut guard = terms.guard(leaving.manifest.permissions.authority);
+        let guard = terms.guard(leaving.manifest.permissions.authority);
         let mut skill = leaving.bundle.start(0);
         skill.enter(Hook::SafeAbort);
         let secs = leaving.abort_secs();
@@ -154,14 +173,18 @@ impl LiveCell {
         let mut verdict = GuardVerdict::Allowed;
         let mut seen = body.telemetry();
         for _ in 0..hook_ticks {
-            let observation = body.observe(verdict);
+            let observation = Body::observe(body, verdict);
             let checked = guard.check(&skill.tick(&observation), &seen);
             verdict = checked.verdict;
             body.step(&checked.command)?;
             seen = body.telemetry();
         }
         let by_hook = stands(&seen);
-        let text = if by_hook { "the hook brought the arm to a standstill" } else { "the hook did not stop the arm" };
+        let text = if by_hook {
+            "the hook brought the arm to a standstill"
+        } else {
+            "the hook did not stop the arm"
+        };
         // A hook that fails is no failed ladder: the interrupt is there for it.
         rungs.push(("safe-abort", true, text.to_owned()));
         body.interrupt(Interrupt::Stop);
@@ -187,7 +210,8 @@ impl LiveCell {
                 break;
             }
         }
-        let clear = seen.tool.position[2] > 0.15 && !seen.contacts.robot_fixture && !seen.contacts.robot_clutter;
+        let clear =
+            seen.tool.position[2] > 0.15 && !seen.contacts.robot_fixture && !seen.contacts.robot_clutter;
         rungs.push(("retract", clear && stands(&seen), "the tool stands clear of everything".to_owned()));
         let ended = body.tick();
         Ok(Descent {

@@ -55,6 +55,12 @@ enum Phase {
     Decide,
 }
 
+impl SandboxRun {
+    pub(in crate::pipeline) fn is_of(&self, id: &CapabilityId) -> bool {
+        self.id == *id
+    }
+}
+
 impl UpgradeManager {
     pub(in crate::pipeline) fn begin_sandbox(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let budget = u64::from(self.profile.evaluation.sandbox_pairs);
@@ -98,7 +104,13 @@ impl UpgradeManager {
             Phase::Perturbation { tried } => self.pair_slice(&candidate, &active, tried, &run.binding)?,
             Phase::Adversarial => {
                 let purpose = Purpose::Adversarial;
-                self.mode_episodes(&candidate, "adversarial", Conditions::Sandbox, purpose, ADVERSARIAL_SHARE)?;
+                self.mode_episodes(
+                    &candidate,
+                    "adversarial",
+                    Conditions::Sandbox,
+                    purpose,
+                    ADVERSARIAL_SHARE,
+                )?;
                 Phase::Drills { kind: 0 }
             }
             Phase::Drills { kind } => match DrillKind::ALL.get(kind) {
@@ -126,8 +138,9 @@ impl UpgradeManager {
         let budget = u64::from(self.profile.evaluation.sandbox_pairs);
         let have = self.dossier(&id).pairs.len() as u64;
         let wanted = SLICE_PAIRS.min(budget.saturating_sub(have)).min(ATTEMPTS_FACTOR * budget - tried);
-        let seeds: Vec<u64> =
-            (tried..tried + wanted).map(|index| episode_seed(self.seed, Purpose::Perturbation, index)).collect();
+        let seeds: Vec<u64> = (tried..tried + wanted)
+            .map(|index| episode_seed(self.seed, Purpose::Perturbation, index))
+            .collect();
         let records = self.paired(candidate, active, &seeds)?;
         let dossier = self.dossier(&id);
         for (new, old) in records {
@@ -195,7 +208,13 @@ impl UpgradeManager {
         Ok(pairs)
     }
 
-    fn episode_key(&self, terms: &Terms, version: &Capability, conditions: Conditions, seed: u64) -> EpisodeKey {
+    fn episode_key(
+        &self,
+        terms: &Terms,
+        version: &Capability,
+        conditions: Conditions,
+        seed: u64,
+    ) -> EpisodeKey {
         EpisodeKey {
             bundle: version.bundle.digest(),
             scenario: cache_key(&self.cell, terms, version, conditions, seed),
@@ -205,7 +224,13 @@ impl UpgradeManager {
     }
 
     /// A cached episode; a damaged entry is no entry.
-    fn cached(&self, terms: &Terms, version: &Capability, conditions: Conditions, seed: u64) -> Option<TaskRecord> {
+    fn cached(
+        &self,
+        terms: &Terms,
+        version: &Capability,
+        conditions: Conditions,
+        seed: u64,
+    ) -> Option<TaskRecord> {
         let key = self.episode_key(terms, version, conditions, seed);
         let bytes = self.ledger.store().cached_episode(&key).ok().flatten()?;
         serde_json::from_slice(&bytes).ok()
@@ -255,7 +280,12 @@ impl UpgradeManager {
     }
 
     /// All drills of one kind, of the candidate and of the active version.
-    fn drill_slice(&mut self, candidate: &Capability, active: &Capability, kind: DrillKind) -> Result<(), Fault> {
+    fn drill_slice(
+        &mut self,
+        candidate: &Capability,
+        active: &Capability,
+        kind: DrillKind,
+    ) -> Result<(), Fault> {
         let id = candidate.id();
         let fallback = |version: &Capability| {
             let binding = version.manifest.recovery.fallback.as_ref()?;
@@ -269,13 +299,17 @@ impl UpgradeManager {
         ];
         let terms = [self.terms_of(candidate), self.terms_of(active)];
         let count = u64::from(self.profile.evaluation.drills_per_kind);
-        let seeds: Vec<u64> = (0..count).map(|index| episode_seed(self.seed, Purpose::Drill, index)).collect();
+        let seeds: Vec<u64> =
+            (0..count).map(|index| episode_seed(self.seed, Purpose::Drill, index)).collect();
         let tag = Digest::of_parts("holdpoint.drills.v1", &[kind.name().as_bytes(), &count.to_le_bytes()]);
         let key = EpisodeKey {
             bundle: active.bundle.digest(),
             scenario: Digest::of_parts(
                 "holdpoint.drill.v1",
-                &[cache_key(&self.cell, &terms[1], active, Conditions::Canonical, self.seed).bytes(), tag.bytes()],
+                &[
+                    cache_key(&self.cell, &terms[1], active, Conditions::Canonical, self.seed).bytes(),
+                    tag.bytes(),
+                ],
             ),
             seed: self.seed,
             engine_build: env!("CARGO_PKG_VERSION").to_owned(),
@@ -341,8 +375,11 @@ impl UpgradeManager {
         let Some(before) = dossier.kappas.take() else {
             return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };
-        let kappas =
-            Kappas { behavior: measured.assessment.clone(), recovery: rehearsed.assessment.clone(), ..before };
+        let kappas = Kappas {
+            behavior: measured.assessment.clone(),
+            recovery: rehearsed.assessment.clone(),
+            ..before
+        };
         dossier.conditions = kappas.conditions();
         dossier.behavior = Some(measured);
         dossier.recovery = Some(rehearsed);

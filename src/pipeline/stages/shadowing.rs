@@ -27,6 +27,12 @@ pub struct ShadowRun {
     traces: Vec<ShadowTrace>,
 }
 
+impl ShadowRun {
+    pub(in crate::pipeline) fn is_of(&self, id: &CapabilityId) -> bool {
+        self.id == *id
+    }
+}
+
 impl UpgradeManager {
     pub(in crate::pipeline) fn begin_shadow(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let budget = self.profile.evaluation.shadow_sequences;
@@ -89,7 +95,9 @@ impl UpgradeManager {
         let result = assess_shadow(&evidence, &run.binding, &self.profile);
         let longest = self.profile.evaluation.shadow_sequences_max;
         let lengthened = run.budget >= longest;
-        if result.check == Check::Inconclusive && !lengthened && evidence.sequences.len() as u64 >= u64::from(run.budget)
+        if result.check == Check::Inconclusive
+            && !lengthened
+            && evidence.sequences.len() as u64 >= u64::from(run.budget)
         {
             // Output or envelope divergence decide nothing by themselves: they make shadow longer.
             run.budget = longest;
@@ -126,7 +134,9 @@ impl UpgradeManager {
             |reason| format!("{}: {}", reason.code, reason.text),
         );
         let mut note = self.stage_note(&id, EvidenceKind::Shadow, reason, &decision)?;
-        for trace in run.traces.iter().filter(|trace| trace.values.twin_policy_hit || trace.values.twin_watcher_event) {
+        for trace in
+            run.traces.iter().filter(|trace| trace.values.twin_policy_hit || trace.values.twin_watcher_event)
+        {
             // The disagreements are kept one by one, with their context (paper appendix F.2).
             let body = serde_json::json!({
                 "seed": trace.seed,

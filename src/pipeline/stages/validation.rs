@@ -83,7 +83,8 @@ impl UpgradeManager {
             exports: Some(&exports),
             predecessor_loads: Some(active.is_some()),
             predecessor_digest_true: Some(active.is_some()),
-            fallback_resolves: fallback.map(|binding| self.ledger.resolve(&binding.family, &binding.version).is_some()),
+            fallback_resolves: fallback
+                .map(|binding| self.ledger.resolve(&binding.family, &binding.version).is_some()),
             watcher_knows: &watched,
         });
         Kappas {
@@ -150,7 +151,13 @@ impl UpgradeManager {
         let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
         let body = serde_json::to_string(decision)?;
         let record = AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body };
-        Ok(Note { reason, cause: None, before: vec![evidence, scores], after: Vec::new(), audit: vec![record] })
+        Ok(Note {
+            reason,
+            cause: None,
+            before: vec![evidence, scores],
+            after: Vec::new(),
+            audit: vec![record],
+        })
     }
 
     fn scores(&self, id: &CapabilityId) -> Change {
@@ -180,8 +187,9 @@ impl UpgradeManager {
 pub(in crate::pipeline) fn first_reason<O>(decision: &Decision<O>) -> String {
     let said = |reason: &crate::governance::decision::Reason| format!("{}: {}", reason.code, reason.text);
     // What only reports an improvement or a compatibility is no reason for a rejection, but better than none.
-    let telling = decision.reasons().iter().find(|reason| {
-        !matches!(reason.code, ReasonCode::BehaviorImproved | ReasonCode::CompositionNoData)
-    });
+    let telling = decision
+        .reasons()
+        .iter()
+        .find(|reason| !matches!(reason.code, ReasonCode::BehaviorImproved | ReasonCode::CompositionNoData));
     telling.or_else(|| decision.reasons().first()).map_or_else(|| "no reason was given".to_owned(), said)
 }

@@ -1,0 +1,147 @@
+//! The snapshot of a manager.
+
+use super::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, PairsView, ShadowView, Snapshot};
+use crate::governance::behavior;
+use crate::governance::lifecycle::State;
+use crate::pipeline::dossier::Dossier;
+use crate::pipeline::ledger::Entry;
+use crate::pipeline::manager::UpgradeManager;
+use crate::stats::wilson;
+
+impl UpgradeManager {
+    /// How things stand.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let mut candidates = Vec::new();
+        let mut families = Vec::new();
+        for (family, entry) in self.ledger().families() {
+            families.push(self.family_view(family, entry));
+            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+                let id = member.capability.id();
+                let baseline = member.capability.submission.parent.is_none();
+                if baseline && matches!(version.state, State::Active | State::Superseded) {
+                    continue;
+                }
+                let empty = Dossier::default();
+                let dossier = self.dossier_of(&id).unwrap_or(&empty);
+                let submission = &member.capability.submission;
+                candidates.push(CandidateView {
+                    version: id,
+                    digest: member.capability.digest(),
+                    state: version.state,
+                    flags: version.flags,
+                    row_version: member.row_version,
+                    author: submission.author.clone(),
+                    provenance: submission.provenance.name().to_owned(),
+                    risk: submission.estimated_risk.name().to_owned(),
+                    progress: dossier.progress.clone(),
+                    dimensions: dossier.dimensions(self.profile()),
+                    composite: dossier.composite(self.profile()),
+                    pairs: pairs(dossier),
+                    drills: dossier.drills,
+                    shadow: shadow(dossier),
+                    reasons: dossier.reasons.clone(),
+                    conditions: dossier.conditions.clone(),
+                });
+            }
+        }
+        Snapshot {
+            at_ms: self.clock().now_ms(),
+            profile: self.profile().name.name().to_owned(),
+            robot: self.robot().to_owned(),
+            seed: self.seed(),
+            policy: self.context_digest(),
+            agent: self.agent_hash(),
+            holding: self.holding().map(ToOwned::to_owned),
+            families,
+            candidates,
+            prompts: self.prompts(),
+            alarms: self.alarm_views(),
+            live: self.live_view(),
+        }
+    }
+
+    fn family_view(&self, family: &crate::governance::ids::Family, entry: &Entry) -> FamilyView {
+        let active = entry.state.active();
+        let version = active.and_then(|active| entry.state.get(active));
+        let pinned = version.and_then(|version| version.predecessor);
+        let name = |version: crate::governance::lifecycle::VersionRef| {
+            entry.members.get(usize::from(version.0)).map(|member| member.capability.id())
+        };
+        FamilyView {
+            family: family.clone(),
+            active: active.and_then(name),
+            pinned: pinned.and_then(name),
+            safe_stopped: entry.state.safe_stopped,
+            flags: version.map(|version| version.flags),
+            provisional: self.provisional(family),
+        }
+    }
+
+    fn alarm_views(&self) -> Vec<AlarmView> {
+        self.alarm_book()
+            .open()
+            .into_iter()
+            .map(|alarm| AlarmView {
+                alarm: alarm.key.clone(),
+                subject: alarm.group.clone(),
+                state: crate::pipeline::manager::word(&alarm.state()),
+                priority: crate::pipeline::manager::word(&alarm.priority),
+                text: alarm.text.line().into_string(),
+                since_ms: alarm.first_ms,
+            })
+            .collect()
+    }
+
+    fn live_view(&self) -> LiveView {
+        let (recent, last) = self.recent_work();
+        let n = recent.len();
+        #[allow(clippy::cast_precision_loss, reason = "at most fifty")]
+        let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
+        LiveView {
+            sequences: self.sequences(),
+            recent_success: share,
+            recent: n as u64,
+            last: last.to_vec(),
+            drift: self.drift_name(),
+        }
+    }
+}
+
+fn pairs(dossier: &Dossier) -> Option<PairsView> {
+    let n = dossier.pairs.len() as u64;
+    let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
+    let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
+    let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
+    let succeeded = |of: fn(&crate::governance::evidence::Pair) -> bool| {
+        dossier.pairs.iter().filter(|pair| of(pair)).count()
+    };
+    Some(PairsView {
+        n,
+        active,
+        candidate,
+        candidate_success: interval(succeeded(|pair| pair.candidate.success))?,
+        active_success: interval(succeeded(|pair| pair.active.success))?,
+    })
+}
+
+#[allow(clippy::cast_precision_loss, reason = "sequences are few")]
+fn shadow(dossier: &Dossier) -> Option<ShadowView> {
+    let sequences = &dossier.sequences;
+    let n = sequences.len() as f64;
+    if sequences.is_empty() {
+        return None;
+    }
+    let mean = |of: &dyn Fn(&crate::governance::evidence::ShadowSequence) -> f64| {
+        sequences.iter().map(of).sum::<f64>() / n
+    };
+    let flag = |on: bool| if on { 1.0 } else { 0.0 };
+    Some(ShadowView {
+        n: sequences.len() as u64,
+        output: mean(&|s| s.output_divergence),
+        governance: mean(&|s| {
+            flag(s.twin_policy_hit || s.twin_watcher_event) - flag(s.live_policy_hit || s.live_watcher_event)
+        }),
+        envelope: mean(&|s| s.envelope_divergence),
+    })
+}

@@ -1,0 +1,355 @@
+//! What people and scripts ask for: registration, the operator's verbs, and the clean-up after an
+//! interrupted engine.
+
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+
+use crate::alarms::AlarmEvent;
+use crate::engine::command::{Command, Operation, Refusal, Reply};
+use crate::engine::event::EventKind;
+use crate::governance::decision::{Dimension, Reason, ReasonCode};
+use crate::governance::ids::CapabilityId;
+use crate::governance::lifecycle::{Event, Leave, Stage, State};
+use crate::governance::profile::ProfileName;
+use crate::pipeline::ledger::{LedgerError, Note};
+use crate::pipeline::manager::{Fault, UpgradeManager, registered_event};
+use crate::registry::{AuditBody, Interrupted, StoreError};
+use crate::runtime::capability::{Capability, Package};
+use crate::text::Untrusted;
+
+/// The longest reason and name of a person, bytes.
+const REASON_BYTES_MAX: usize = 4096;
+
+impl UpgradeManager {
+    /// Carries out a command. What cannot be carried out is refused and changes nothing; a fault of
+    /// the engine's own makes it hold.
+    pub fn command(&mut self, command: Command) -> Reply {
+        let refuse_held = |why: &str| Reply::Refused {
+            code: Refusal::Holding,
+            text: format!("the engine is holding: {why}"),
+            hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
+        };
+        if let Some(why) = self.holding() {
+            return refuse_held(why);
+        }
+        match self.carry_out(command) {
+            Ok(reply) => reply,
+            Err(fault) => match refusal_of(&fault) {
+                Some((code, hint)) => Reply::Refused { code, text: fault.to_string(), hint },
+                None => {
+                    self.hold(&fault.to_string());
+                    refuse_held(&fault.to_string())
+                }
+            },
+        }
+    }
+
+    fn carry_out(&mut self, command: Command) -> Result<Reply, Fault> {
+        match command {
+            Command::Register { package, name } => self.register(&name, package),
+            Command::Decide { signed } => self.decide(*signed),
+            Command::Reject(operation) => self.operator_reject(&operation),
+            Command::Rollback(operation) => self.operator_rollback(&operation, Leave::RolledBack),
+            Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
+            Command::Pause(operation) => {
+                self.simple(&operation, "paused", |version| Event::Pause { version })
+            }
+            Command::Resume(operation) => {
+                self.dossier(&operation.version).held = false;
+                self.simple(&operation, "resumed", |version| Event::Resume { version })
+            }
+            Command::Repeat { operation, stage } => {
+                self.dossier(&operation.version).held = false;
+                self.simple(&operation, "to be repeated", |version| Event::Repeat { version, stage })
+            }
+            Command::Restrict(operation) => {
+                let id = self.checked(&operation)?;
+                let text = format!("{} asked for it: {}", operation.by, operation.reason);
+                let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, text);
+                self.restrict(&id, &[reason])?;
+                accepted(&id, "restricted")
+            }
+            Command::Rearm(operation) => {
+                self.simple(&operation, "active again", |version| Event::Rearm { version })
+            }
+            Command::Drift { kind, magnitude } => self.drift(kind.as_deref(), &magnitude),
+            Command::AcknowledgeAlarm { alarm, by } => {
+                self.alarm_event(&AlarmEvent::Acknowledge { key: alarm.clone(), by });
+                Ok(Reply::Accepted { text: format!("{alarm} is acknowledged"), version: None })
+            }
+            // The engine answers these itself.
+            Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
+                code: Refusal::BadInput,
+                text: "this is for the engine, not for the manager".to_owned(),
+                hint: None,
+            }),
+        }
+    }
+
+    /// Stage 1: a candidate enters the registry. It is not executable and no view of the agent shows it.
+    fn register(&mut self, name: &str, package: Package) -> Result<Reply, Fault> {
+        let shown = Untrusted::new(name).line().into_string();
+        let candidate = match Capability::load(&shown, package) {
+            Ok(candidate) => candidate,
+            Err(error) => {
+                return Ok(Reply::Refused { code: Refusal::BadInput, text: error.to_string(), hint: None });
+            }
+        };
+        let id = candidate.id();
+        let event = registered_event(&candidate);
+        let needs_approval = self.profile.activation.approval_bound;
+        let at_ms = self.clock.now_ms();
+        self.ledger.register(candidate, false, needs_approval, at_ms, Note::because("submitted"))?;
+        self.emit(event);
+        accepted(&id, "registered")
+    }
+
+    fn checked(&self, operation: &Operation) -> Result<CapabilityId, Fault> {
+        let long = operation.reason.len() > REASON_BYTES_MAX || operation.by.len() > REASON_BYTES_MAX;
+        if operation.reason.trim().is_empty() || operation.by.trim().is_empty() || long {
+            return Err(Fault::Store(StoreError::Invalid {
+                what: "reason and name",
+                value: String::new(),
+                allowed: "1 to 4096 bytes each".to_owned(),
+            }));
+        }
+        self.ledger.version(&operation.version)?;
+        Ok(operation.version.clone())
+    }
+
+    fn simple(
+        &mut self,
+        operation: &Operation,
+        done: &str,
+        event: impl Fn(crate::governance::lifecycle::VersionRef) -> Event,
+    ) -> Result<Reply, Fault> {
+        let id = self.checked(operation)?;
+        let (version, _, _) = self.ledger.version(&id)?;
+        let note = operator_note(operation, done);
+        let event = event(version);
+        let cause = matches!(event, Event::Rearm { .. }).then_some(crate::registry::ActiveCause::Rearm);
+        self.transition(&id.family, event, Note { cause, ..note })?;
+        accepted(&id, done)
+    }
+
+    fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, Fault> {
+        let id = self.checked(operation)?;
+        let (version, _, _) = self.ledger.version(&id)?;
+        self.transition(&id.family, Event::Reject { version }, operator_note(operation, "rejected"))?;
+        self.forget_work(&id);
+        self.rejected(&id)?;
+        accepted(&id, "rejected")
+    }
+
+    fn operator_rollback(&mut self, operation: &Operation, leave: Leave) -> Result<Reply, Fault> {
+        let id = self.checked(operation)?;
+        let (_, standing, _) = self.ledger.version(&id)?;
+        if standing.state != State::Active {
+            return Ok(Reply::Refused {
+                code: Refusal::NotNow,
+                text: format!("{id} is {}; only an active version is rolled back", standing.state),
+                hint: Some("reject or demote a candidate instead".to_owned()),
+            });
+        }
+        let trigger = format!("operator {}: {}", operation.by, operation.reason);
+        self.dossier(&id).reasons =
+            vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
+        self.roll_back(&id, &trigger, leave)?;
+        accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
+    }
+
+    fn operator_demote(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
+        let id = self.checked(operation)?;
+        let (version, standing, _) = self.ledger.version(&id)?;
+        let state = standing.state;
+        self.dossier(&id).closed.extend(profiles.iter().copied());
+        if state == State::Active {
+            // A profile demotion leaves a version active where it is not closed.
+            if !profiles.is_empty() && !profiles.contains(&self.profile.name) {
+                return accepted(&id, "closed to the profiles named");
+            }
+            return self.operator_rollback(operation, Leave::Demoted);
+        }
+        self.transition(&id.family, Event::Demote { version }, operator_note(operation, "demoted"))?;
+        self.forget_work(&id);
+        accepted(&id, "demoted")
+    }
+
+    /// The running stage of a version that left it.
+    fn forget_work(&mut self, id: &CapabilityId) {
+        self.prompts.remove(id);
+        if self.works_on(id) {
+            self.work = None;
+        }
+    }
+
+    fn drift(&mut self, kind: Option<&str>, magnitude: &str) -> Result<Reply, Fault> {
+        let refuse = |what: &str, value: &str, allowed: &str| {
+            let value = Untrusted::new(value).line().into_string();
+            let text = format!("the {what} {value:?} is not allowed; {allowed} are");
+            Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None })
+        };
+        let drift = match kind {
+            None => None,
+            Some(name) => {
+                let Some(kind) = parse::<DriftKind>(name) else {
+                    return refuse(
+                        "drift",
+                        name,
+                        "sensor_noise, distribution_shift, actuator_delay and combined",
+                    );
+                };
+                let Some(magnitude) = parse::<Magnitude>(magnitude) else {
+                    return refuse("magnitude", magnitude, "mild, middle and strong");
+                };
+                Some(Drift { kind, magnitude })
+            }
+        };
+        self.live.set_drift(drift)?;
+        let body = serde_json::json!({ "kind": kind, "magnitude": magnitude }).to_string();
+        let record = AuditBody { kind: "drift".to_owned(), subject: String::new(), body };
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(Vec::new(), vec![record], at_ms)?;
+        self.emit(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
+        Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
+    }
+
+    /// Finishes or undoes what an interrupted engine left, and says so.
+    pub(in crate::pipeline) fn recover(&mut self) -> Result<(), Fault> {
+        self.reload_dossiers()?;
+        let interrupted = self.ledger.store().opening().interrupted.clone();
+        let mut restarted = std::collections::BTreeSet::new();
+        for left in interrupted {
+            match left {
+                Interrupted::RollbackPending { version } => {
+                    self.say_recovered(&version, "a rollback was under way and is finished now");
+                    self.roll_back(&version, "a rollback was interrupted", Leave::RolledBack)?;
+                }
+                Interrupted::Stage { version, .. } => {
+                    if restarted.insert(version.family.clone()) {
+                        let note = Note::because("the engine came up again: what ran is not done");
+                        self.transition(&version.family, Event::Restart, note)?;
+                    }
+                    self.resume_demoted(&version)?;
+                    self.say_recovered(&version, "a stage was running; it does not count and is run again");
+                }
+                Interrupted::Provisional { version } => self.resume_watch(&version)?,
+            }
+        }
+        self.resume_questions()
+    }
+
+    /// A version whose repeated stage was interrupted goes back to that stage.
+    fn resume_demoted(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let (version, standing, _) = self.ledger.version(id)?;
+        if standing.state == State::Demoted {
+            let event = Event::Repeat { version, stage: Stage::Sandbox };
+            self.transition(&id.family, event, Note::because("the repeated stage was interrupted"))?;
+        }
+        Ok(())
+    }
+
+    /// A provisional version is watched again before its next tick, from the start of its window.
+    fn resume_watch(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let (_, standing, _) = self.ledger.version(id)?;
+        if standing.state != State::Active {
+            return Ok(());
+        }
+        let restricted = standing.flags.restricted;
+        match self.new_watch(id) {
+            Ok(mut watch) => {
+                watch.restricted = restricted;
+                self.watches.insert(id.family.clone(), watch);
+                self.say_recovered(id, "it is provisional; its window begins anew under a new monitor");
+                Ok(())
+            }
+            Err(fault) => {
+                // What cannot be watched does not act.
+                self.say_recovered(id, &format!("it cannot be monitored ({fault}) and is rolled back"));
+                self.roll_back(id, "no monitor could be set up after a restart", Leave::RolledBack)
+            }
+        }
+    }
+
+    /// Questions that were open are asked anew, over the evidence as it was stored.
+    fn resume_questions(&mut self) -> Result<(), Fault> {
+        let mut open = Vec::new();
+        for (family, entry) in self.ledger.families() {
+            for (index, version) in entry.state.versions.iter().enumerate() {
+                if version.flags.awaiting_approval && version.state == State::Shadowed {
+                    open.push((family.clone(), index));
+                }
+            }
+        }
+        for (family, index) in open {
+            let Ok(number) = u16::try_from(index) else { continue };
+            let version = crate::governance::lifecycle::VersionRef(number);
+            let Some(id) = self.ledger.family(&family)?.members.get(index).map(|m| m.capability.id()) else {
+                continue;
+            };
+            let note = Note::because("the engine came up again: people are asked anew");
+            self.transition(&family, Event::ApprovalExpired { version }, note)?;
+            self.say_recovered(&id, "people had been asked; they are asked anew");
+        }
+        Ok(())
+    }
+
+    fn say_recovered(&mut self, version: &CapabilityId, text: &str) {
+        self.emit(EventKind::Recovered { version: version.clone(), text: text.to_owned() });
+    }
+
+    /// Reads the newest evidence of every version that is not history.
+    fn reload_dossiers(&mut self) -> Result<(), Fault> {
+        let views = self.ledger.store().views()?;
+        let mut loaded = Vec::new();
+        for (_, entry) in self.ledger.families() {
+            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+                if version.state.is_terminal() {
+                    continue;
+                }
+                let id = member.capability.id();
+                let evidence = views.evidence(&id, None)?;
+                let newest = evidence.iter().rev().find(|entry| {
+                    use crate::registry::names::EvidenceKind;
+                    matches!(entry.kind, EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow)
+                });
+                if let Some(dossier) = newest.and_then(|entry| serde_json::from_str(&entry.json).ok()) {
+                    loaded.push((id, dossier));
+                }
+            }
+        }
+        drop(views);
+        self.dossiers.extend(loaded);
+        Ok(())
+    }
+}
+
+fn operator_note(operation: &Operation, done: &str) -> Note {
+    Note::because(format!("{done} by {}: {}", operation.by, operation.reason))
+}
+
+fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, Fault> {
+    Ok(Reply::Accepted { text: format!("{id} is {done}"), version: Some(id.clone()) })
+}
+
+/// A fault that is the command's, not the engine's: nothing has changed.
+fn refusal_of(fault: &Fault) -> Option<(Refusal, Option<String>)> {
+    match fault {
+        Fault::Ledger(LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_)) => {
+            Some((Refusal::NotFound, Some("see `holdpoint registry list`".to_owned())))
+        }
+        Fault::Ledger(LedgerError::Exists(_)) => Some((Refusal::Exists, None)),
+        Fault::Ledger(LedgerError::Refused(_)) => Some((Refusal::NotNow, None)),
+        Fault::Store(StoreError::Invalid { .. })
+        | Fault::Ledger(LedgerError::Store(StoreError::Invalid { .. })) => Some((Refusal::BadInput, None)),
+        Fault::Ledger(LedgerError::Store(StoreError::DiskFull { .. }))
+        | Fault::Store(StoreError::DiskFull { .. }) => Some((Refusal::Store, None)),
+        Fault::Ledger(_) | Fault::Store(_) | Fault::Sim(_) | Fault::Canonical(_) | Fault::Impossible(_) => {
+            None
+        }
+    }
+}
+
+/// A unit variant by its serialised name, with `-` read as `_`.
+fn parse<T: serde::de::DeserializeOwned>(name: &str) -> Option<T> {
+    serde_json::from_value(serde_json::Value::String(name.replace('-', "_"))).ok()
+}
