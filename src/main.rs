@@ -1,1 +1,2 @@
+//! Holdpoint.
 fn main() {}

@@ -21,6 +21,7 @@ use self::event::Event;
 use self::snapshot::Snapshot;
 use crate::governance::policy::PolicyTable;
 use crate::governance::profile::{Profile, ProfileName};
+use crate::pipeline::cache::EpisodeCache;
 use crate::pipeline::cell::Cell;
 use crate::pipeline::ledger::{Ledger, LedgerError};
 use crate::pipeline::manager::{Fault, Progress, Settings, UpgradeManager};
@@ -83,6 +84,8 @@ pub struct Config<'a> {
     pub scripted: bool,
     /// The cell.
     pub cell: Cell,
+    /// Where episodes of active versions are kept.
+    pub cache: EpisodeCache,
 }
 
 /// See the module's head.
@@ -124,7 +127,14 @@ impl Engine {
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;
-        let settings = Settings { seed: config.seed, jobs: config.jobs, profile, table, cell: config.cell };
+        let settings = Settings {
+            seed: config.seed,
+            jobs: config.jobs,
+            profile,
+            table,
+            cell: config.cell,
+            cache: config.cache,
+        };
         let manager = UpgradeManager::new(settings, ledger, clock, baselines)?;
         Ok(Self { manager, next_seq: 1, answers: VecDeque::new(), ended: false })
     }

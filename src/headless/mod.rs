@@ -1,2 +1,11 @@
 //! Scripted operation: scenario files, JSON lines and the plain stream.
+//!
+//! The same engine as behind any other front end; what is here reads events and gives commands.
+
+pub mod embedded;
+pub mod plain;
 pub mod script;
+
+mod drive;
+
+pub use drive::{RunPlain, RunScript, run_plain, run_script};

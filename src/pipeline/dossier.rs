@@ -75,12 +75,19 @@ pub struct Dossier {
 }
 
 impl Dossier {
-    /// Digest of everything in it.
+    /// Digest of the evidence in it: what was measured and assessed, not what was concluded since.
     ///
     /// # Errors
     /// Never for values that passed the edge: they are finite.
     pub fn digest(&self) -> Result<Digest, serde_json::Error> {
-        Digest::of_json("holdpoint.evidence.v1", self)
+        let evidence = Self {
+            conditions: Vec::new(),
+            reasons: Vec::new(),
+            closed: BTreeSet::new(),
+            held: false,
+            ..self.clone()
+        };
+        Digest::of_json("holdpoint.evidence.v1", &evidence)
     }
 
     /// The dimensions for display.

@@ -244,8 +244,10 @@ impl Rehearsal<'_, '_> {
     }
 }
 
-/// Waits up to half a second for a standstill.
+/// Stops the arm (a redundant arm may go on turning about a tool that stands) and waits up to half
+/// a second for a standstill.
 fn settle(handle: &mut ActuatorHandle<'_, World>) -> Result<bool, SimError> {
+    handle.step(&Command::Stop)?;
     for _ in 0..RATE_HZ / 2 {
         handle.step(&Command::Hold)?;
         if recovery::stands(&handle.telemetry()) {

@@ -11,6 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_sim::SimError;
 
+use super::cache::EpisodeCache;
 use super::cell::Cell;
 use super::dossier::Dossier;
 use super::ledger::{Ledger, LedgerError, Moved, Note};
@@ -19,7 +20,7 @@ use super::stages::activation::Prompt;
 use super::stages::monitoring::Watch;
 use super::stages::sandbox::SandboxRun;
 use super::stages::shadowing::ShadowRun;
-use crate::alarms::{AlarmBook, AlarmEvent, Priority};
+use crate::alarms::AlarmBook;
 use crate::engine::clock::Clock;
 use crate::engine::event::EventKind;
 use crate::engine::snapshot::ProgressView;
@@ -65,6 +66,8 @@ pub struct Settings {
     pub table: PolicyTable,
     /// The cell.
     pub cell: Cell,
+    /// Where episodes of active versions are kept.
+    pub cache: EpisodeCache,
 }
 
 /// What a slice of work came to.
@@ -94,6 +97,7 @@ pub struct UpgradeManager {
     pub(super) table: Arc<PolicyTable>,
     pub(super) context_digest: Digest,
     pub(super) cell: Cell,
+    pub(super) cache: EpisodeCache,
     pub(super) ledger: Ledger,
     pub(super) clock: Clock,
     pub(super) live: LiveCell,
@@ -122,7 +126,7 @@ impl UpgradeManager {
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
-        let Settings { seed, jobs, profile, table, cell } = settings;
+        let Settings { seed, jobs, profile, table, cell, cache } = settings;
         let profile_digest = profile.digest()?;
         let context_digest =
             Digest::of_parts("holdpoint.context.v1", &[profile_digest.bytes(), table.digest.bytes()]);
@@ -157,6 +161,7 @@ impl UpgradeManager {
             table: Arc::new(table),
             context_digest,
             cell,
+            cache,
             ledger,
             clock,
             live,
@@ -383,80 +388,6 @@ impl UpgradeManager {
         Arc::clone(&self.cancel)
     }
 
-    /// The profile.
-    #[must_use]
-    pub fn profile(&self) -> &Profile {
-        &self.profile
-    }
-
-    /// The robot's name.
-    #[must_use]
-    pub fn robot(&self) -> &str {
-        &self.cell.model.name
-    }
-
-    /// The run's seed.
-    #[must_use]
-    pub const fn seed(&self) -> u64 {
-        self.seed
-    }
-
-    /// Digest of profile and policies.
-    #[must_use]
-    pub const fn context_digest(&self) -> Digest {
-        self.context_digest
-    }
-
-    /// Hash of the agent's identity.
-    #[must_use]
-    pub fn agent_hash(&self) -> Digest {
-        self.live.agent().identity_hash()
-    }
-
-    /// A candidate's evidence.
-    #[must_use]
-    pub fn dossier_of(&self, id: &CapabilityId) -> Option<&Dossier> {
-        self.dossiers.get(id)
-    }
-
-    /// The alarms.
-    #[must_use]
-    pub const fn alarm_book(&self) -> &AlarmBook {
-        &self.alarms
-    }
-
-    /// Success of the last live sequences, and the tasks of the last one.
-    #[must_use]
-    pub fn recent_work(&self) -> (Vec<bool>, &[crate::engine::event::TaskSummary]) {
-        (self.recent.iter().copied().collect(), &self.last_tasks)
-    }
-
-    /// Live sequences worked.
-    #[must_use]
-    pub const fn sequences(&self) -> u64 {
-        self.live.sequences()
-    }
-
-    /// The drift that has set in.
-    #[must_use]
-    pub fn drift_name(&self) -> Option<String> {
-        let drift = self.live.drift()?;
-        Some(format!("{} {}", word(&drift.kind), word(&drift.magnitude)))
-    }
-
-    /// Episodes of a family's provisional window: worked and needed.
-    #[must_use]
-    pub fn provisional(&self, family: &Family) -> Option<(u32, u32)> {
-        let watch = self.watches.get(family).filter(|watch| !watch.confirmed)?;
-        Some((watch.episodes, self.profile.activation.provisional_episodes))
-    }
-
-    /// The ledger, to look at.
-    #[must_use]
-    pub const fn ledger(&self) -> &Ledger {
-        &self.ledger
-    }
-
     /// From now on nothing is approved, activated or begun; what is active stays.
     pub(super) fn hold(&mut self, why: &str) {
         self.holding = Some(why.to_owned());
@@ -535,70 +466,6 @@ impl UpgradeManager {
     /// A registered version.
     pub(super) fn capability(&self, id: &CapabilityId) -> Result<Capability, Fault> {
         Ok(self.ledger.version(id)?.2.capability.clone())
-    }
-
-    /// Raises an alarm and says so.
-    pub(super) fn raise(
-        &mut self,
-        key: &str,
-        group: &str,
-        priority: AlarmPriority,
-        latching: bool,
-        text: &str,
-    ) {
-        let priority = match priority {
-            AlarmPriority::Low => Priority::Low,
-            AlarmPriority::Medium => Priority::High,
-            AlarmPriority::High => Priority::Critical,
-        };
-        let event = AlarmEvent::Raise {
-            key: key.to_owned(),
-            group: group.to_owned(),
-            priority,
-            latching,
-            text: crate::text::Untrusted::new(text),
-        };
-        self.alarm_event(&event);
-    }
-
-    /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
-    /// store that refuses makes the engine hold, without a further alarm.
-    pub(super) fn alarm_event(&mut self, event: &AlarmEvent) {
-        let now_ms = self.clock.now_ms();
-        let changes = match crate::alarms::apply(&self.alarms, event, now_ms) {
-            Ok(changes) => changes,
-            Err(error) => {
-                self.holding.get_or_insert_with(|| error.to_string());
-                return;
-            }
-        };
-        self.alarms.absorb(&changes);
-        let mut stored = Vec::new();
-        for change in &changes {
-            if let crate::alarms::AlarmChange::Set { alarm, .. } = change {
-                let state = word(&alarm.state());
-                let priority = word(&alarm.priority);
-                self.events.push(EventKind::Alarm {
-                    alarm: alarm.key.clone(),
-                    subject: alarm.group.clone(),
-                    state: state.clone(),
-                    priority: priority.clone(),
-                    text: alarm.text.line().into_string(),
-                });
-                stored.push(Change::AlarmChange {
-                    alarm: alarm.key.clone(),
-                    subject: alarm.group.clone(),
-                    state,
-                    priority,
-                    json: serde_json::to_string(alarm).unwrap_or_else(|_| "{}".to_owned()),
-                });
-            }
-        }
-        if !stored.is_empty()
-            && let Err(error) = self.ledger.write(stored, Vec::new(), now_ms)
-        {
-            self.holding.get_or_insert_with(|| error.to_string());
-        }
     }
 
     /// Closes the record of an upgrade: how it ended, and how many records are about it.

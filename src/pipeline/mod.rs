@@ -3,6 +3,8 @@
 //! Owns the Upgrade Manager and what it measures with: cell, episodes, drills, live world, shadow.
 //! Decides nothing by itself; the rules are in `governance`.
 
+mod alarming;
+pub mod cache;
 pub mod cell;
 pub mod dossier;
 pub mod drills;
@@ -13,3 +15,4 @@ pub mod manager;
 pub mod seeds;
 pub mod shadow;
 pub mod stages;
+mod standing;

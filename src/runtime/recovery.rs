@@ -95,7 +95,7 @@ pub fn abort<B: Body>(
             still = 0;
             report.motion_ticks += 1;
         }
-        if still == STANDSTILL_TICKS && tick > 24 {
+        if still >= STANDSTILL_TICKS && tick > 24 {
             report.stopped_by = if tick < hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
             report.ticks_to_standstill = tick + 1 - u64::from(STANDSTILL_TICKS);
             break;

@@ -232,7 +232,7 @@ impl UpgradeManager {
         seed: u64,
     ) -> Option<TaskRecord> {
         let key = self.episode_key(terms, version, conditions, seed);
-        let bytes = self.ledger.store().cached_episode(&key).ok().flatten()?;
+        let bytes = self.cache.get(self.ledger.store(), &key)?;
         serde_json::from_slice(&bytes).ok()
     }
 
@@ -246,7 +246,7 @@ impl UpgradeManager {
         let key = self.episode_key(terms, version, conditions, record.seed);
         // The path is for drawing and shadow; a cached comparison does not need it.
         let record = TaskRecord { path: Vec::new(), ..record.clone() };
-        self.ledger.store().put_cached_episode(&key, &serde_json::to_vec(&record)?)?;
+        self.cache.put(self.ledger.store(), &key, &serde_json::to_vec(&record)?)?;
         Ok(())
     }
 
@@ -314,13 +314,8 @@ impl UpgradeManager {
             seed: self.seed,
             engine_build: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        let known: Option<Vec<DrillResult>> = self
-            .ledger
-            .store()
-            .cached_episode(&key)
-            .ok()
-            .flatten()
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        let known: Option<Vec<DrillResult>> =
+            self.cache.get(self.ledger.store(), &key).and_then(|bytes| serde_json::from_slice(&bytes).ok());
         let both = if known.is_some() { count } else { 2 * count };
         let mut results = Vec::new();
         let cell = &self.cell;
@@ -346,7 +341,7 @@ impl UpgradeManager {
             Some(known) => known,
             None => {
                 let of_active = results.split_off(seeds.len());
-                self.ledger.store().put_cached_episode(&key, &serde_json::to_vec(&of_active)?)?;
+                self.cache.put(self.ledger.store(), &key, &serde_json::to_vec(&of_active)?)?;
                 of_active
             }
         };

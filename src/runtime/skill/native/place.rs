@@ -73,7 +73,6 @@ pub struct Place {
     began: Option<u64>,
     tray: PoseAverage,
     object: PoseAverage,
-    start_height_m: f64,
     /// Height of the object's centre below the tool, m.
     hang_m: f64,
     seat_height_m: f64,
@@ -95,7 +94,6 @@ impl Place {
             began: None,
             tray: PoseAverage::default(),
             object: PoseAverage::default(),
-            start_height_m: 0.0,
             hang_m: 0.0,
             seat_height_m: 0.03,
             target: Pose::IDENTITY,
@@ -191,8 +189,10 @@ impl Place {
 
     fn look(&mut self, seen: &Observation) -> Command {
         let p = self.params.clone();
-        if self.start_height_m == 0.0 {
-            self.start_height_m = seen.tool.position[2];
+        if self.phase_tick == 1 && !holds_something(seen) {
+            // Taken over after the object was let go: only the retreat is left.
+            self.go(Phase::Retreat);
+            return Command::Hold;
         }
         let fresh = |age: u32| self.retries == 0 || u64::from(age) < self.phase_tick;
         if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {

@@ -1,0 +1,468 @@
+//! Drives an engine from a scenario, or through the demonstration, and prints what it tells.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use holdpoint_sim::robot::RobotModel;
+
+use super::embedded;
+use super::plain;
+use super::script::{DriftStep, Expect, Say, Script, Wait};
+use crate::approvals::{Approval, Identity, Nonce, Role};
+use crate::cli::{CliError, Exit};
+use crate::engine::command::{Command, Reply, Request};
+use crate::engine::event::{Event, EventKind};
+use crate::engine::snapshot::CandidateView;
+use crate::engine::{Config, Engine};
+use crate::governance::ids::CapabilityId;
+use crate::governance::lifecycle::State;
+use crate::governance::profile::ProfileName;
+use crate::pipeline::cache::EpisodeCache;
+use crate::pipeline::cell::Cell;
+use crate::pipeline::manager::Progress;
+use crate::registry::names::ApprovalDecision;
+
+/// A scripted run.
+pub struct RunScript<'a> {
+    /// The scenario file.
+    pub script: &'a Path,
+    /// The store's folder; a fresh one that is removed afterwards where none is given.
+    pub data: Option<&'a Path>,
+    /// A folder of cached episodes that runs share.
+    pub cache: Option<&'a Path>,
+    /// The run's seed in place of the script's.
+    pub seed: Option<u64>,
+    /// Workers for evaluation.
+    pub jobs: usize,
+    /// A robot's URDF file in place of the built-in arm.
+    pub robot: Option<&'a Path>,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+}
+
+/// The demonstration, printed as it happens.
+pub struct RunPlain<'a> {
+    /// The store's folder.
+    pub data: &'a Path,
+    /// The profile.
+    pub profile: ProfileName,
+    /// The run's seed.
+    pub seed: u64,
+    /// Workers for evaluation.
+    pub jobs: usize,
+    /// A robot's URDF file in place of the built-in arm.
+    pub robot: Option<&'a Path>,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+}
+
+/// The seed where neither script nor command line name one.
+const DEFAULT_SEED: u64 = 1;
+
+/// Runs a scenario to its end.
+///
+/// # Errors
+/// [`CliError`] with exit code 2 for what is wrong with the input, 70 for what is wrong inside and
+/// for an expectation that does not hold.
+pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let shown = crate::text::Untrusted::new(run.script.display().to_string()).line().into_string();
+    let text = std::fs::read_to_string(run.script)
+        .map_err(|error| CliError::usage(format!("cannot read {shown}: {error}")))?;
+    let script = Script::parse(&shown, &text).map_err(CliError::usage)?;
+    let fresh;
+    let data = match run.data {
+        Some(data) => data,
+        None => {
+            fresh = tempfile::tempdir()
+                .map_err(|error| CliError::usage(format!("cannot make a temporary folder: {error}")))?;
+            fresh.path()
+        }
+    };
+    let engine = Engine::start(Config {
+        data,
+        profile: script.profile,
+        seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
+        jobs: run.jobs,
+        scripted: true,
+        cell: cell(run.robot)?,
+        cache: run.cache.map_or(EpisodeCache::InStore, |folder| EpisodeCache::Shared(folder.to_owned())),
+    })
+    .map_err(start_error)?;
+    let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
+    driver.pump()?;
+    for (index, step) in script.steps.iter().enumerate() {
+        let done = if let Some(folder) = &step.register {
+            driver.register(folder)
+        } else if let Some(wait) = &step.wait {
+            driver.wait(wait)
+        } else if let Some(say) = &step.approve {
+            driver.say(say, ApprovalDecision::Approve)
+        } else if let Some(say) = &step.reject {
+            driver.say(say, ApprovalDecision::Reject)
+        } else if let Some(drift) = &step.drift {
+            driver.drift(drift)
+        } else if let Some(expect) = &step.expect {
+            driver.expect(expect, index)
+        } else {
+            Ok(Step::Done)
+        }?;
+        if done == Step::TimedOut {
+            driver.note(&format!("step {} timed out", index + 1))?;
+            break;
+        }
+    }
+    driver.finish()
+}
+
+/// Runs the demonstration: the first embedded candidate that is not registered yet, to its end.
+///
+/// # Errors
+/// As [`run_script`].
+pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let engine = Engine::start(Config {
+        data: run.data,
+        profile: run.profile,
+        seed: run.seed,
+        jobs: run.jobs,
+        scripted: true,
+        cell: cell(run.robot)?,
+        cache: EpisodeCache::InStore,
+    })
+    .map_err(start_error)?;
+    let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
+    driver.pump()?;
+    let known: Vec<CapabilityId> =
+        driver.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
+    let is_open = |name: &&str| {
+        let loaded = embedded::package(name)
+            .and_then(|package| crate::runtime::capability::Capability::load(name, package).ok());
+        loaded.is_some_and(|capability| !known.contains(&capability.id()))
+    };
+    let Some(name) = embedded::names().find(is_open) else {
+        driver
+            .note("every demonstration candidate is registered; see `holdpoint candidate register <dir>`")?;
+        return driver.finish();
+    };
+    driver.note(&format!("submitting the demonstration candidate {name}"))?;
+    driver.register(name)?;
+    let wait = Wait { state: Some("settled".to_owned()), prompt: None, timeout_s: 1.0e6 };
+    driver.wait(&wait)?;
+    driver.finish()
+}
+
+fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
+    let model = match robot {
+        None => RobotModel::builtin("arm7"),
+        Some(path) => RobotModel::load(path),
+    };
+    model.and_then(Cell::new).map_err(CliError::usage)
+}
+
+/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
+fn start_error(error: crate::engine::StartError) -> CliError {
+    match &error {
+        crate::engine::StartError::Fault(_) => CliError::internal(error),
+        _ => CliError::usage(error),
+    }
+}
+
+/// How a step ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Done,
+    TimedOut,
+}
+
+/// Prints events; a reader that goes away is a clean end.
+struct Printer<'a> {
+    out: &'a mut dyn Write,
+    json: bool,
+    gone: bool,
+}
+
+impl Printer<'_> {
+    fn line(&mut self, line: &str) -> Result<(), CliError> {
+        if self.gone {
+            return Ok(());
+        }
+        match writeln!(self.out, "{line}").and_then(|()| self.out.flush()) {
+            Ok(()) => Ok(()),
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                self.gone = true;
+                Ok(())
+            }
+            Err(error) => Err(CliError::internal(format!("cannot print: {error}"))),
+        }
+    }
+
+    fn event(&mut self, event: &Event) -> Result<(), CliError> {
+        if self.json {
+            let line = serde_json::to_string(event).map_err(CliError::internal)?;
+            return self.line(&crate::text::escape_json(&line));
+        }
+        self.line(&plain::line(event))
+    }
+}
+
+/// A reason that was given for the candidate: at which stage, about what.
+struct Given {
+    stage: String,
+    dimension: String,
+    code: String,
+}
+
+struct Driver<'a> {
+    engine: Engine,
+    printer: Printer<'a>,
+    requests: u64,
+    candidate: Option<CapabilityId>,
+    given: Vec<Given>,
+    confirmed: bool,
+    rolled_back: bool,
+}
+
+impl<'a> Driver<'a> {
+    fn new(engine: Engine, printer: Printer<'a>) -> Self {
+        Self {
+            engine,
+            printer,
+            requests: 0,
+            candidate: None,
+            given: Vec::new(),
+            confirmed: false,
+            rolled_back: false,
+        }
+    }
+
+    fn note(&mut self, text: &str) -> Result<(), CliError> {
+        if self.printer.json {
+            let line = serde_json::json!({ "event": "note", "text": text }).to_string();
+            return self.printer.line(&line);
+        }
+        self.printer.line(&format!("         {text}"))
+    }
+
+    /// Takes and prints what the engine tells.
+    fn pump(&mut self) -> Result<(), CliError> {
+        for event in self.engine.drain_events() {
+            self.learn(&event.kind);
+            self.printer.event(&event)?;
+        }
+        match self.engine.holding() {
+            None => Ok(()),
+            Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
+        }
+    }
+
+    fn learn(&mut self, kind: &EventKind) {
+        let is_ours = |version: &CapabilityId| self.candidate.as_ref() == Some(version);
+        let (stage, reasons) = match kind {
+            EventKind::Decided { version, stage, reasons, .. } if is_ours(version) => (stage.name(), reasons),
+            EventKind::Monitor { version, reasons, .. } if is_ours(version) => ("monitor", reasons),
+            EventKind::Confirmed { version, .. } if is_ours(version) => {
+                self.confirmed = true;
+                return;
+            }
+            EventKind::RolledBack { version, .. } if is_ours(version) => {
+                self.rolled_back = true;
+                return;
+            }
+            _ => return,
+        };
+        let given = reasons.iter().map(|reason| Given {
+            stage: stage.to_owned(),
+            dimension: crate::pipeline::manager::word(&reason.dimension),
+            code: reason.code.to_string(),
+        });
+        self.given.extend(given);
+    }
+
+    fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
+        self.requests += 1;
+        let request = Request { id: format!("script-{}", self.requests), command };
+        let reply = self.engine.submit(request);
+        self.pump()?;
+        Ok(reply)
+    }
+
+    fn accept(&mut self, command: Command) -> Result<Step, CliError> {
+        match self.submit(command)? {
+            Reply::Accepted { .. } | Reply::Snapshot { .. } => Ok(Step::Done),
+            Reply::Refused { text, .. } => Err(CliError::usage(text)),
+        }
+    }
+
+    fn register(&mut self, folder: &str) -> Result<Step, CliError> {
+        let package = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
+        let command = Command::Register { package: package.clone(), name: folder.to_owned() };
+        // The id is known before the events are read, so that none of them is missed.
+        let capability =
+            crate::runtime::capability::Capability::load(folder, package).map_err(CliError::usage)?;
+        self.candidate = Some(capability.id());
+        self.given.clear();
+        self.confirmed = false;
+        self.rolled_back = false;
+        self.accept(command)
+    }
+
+    fn view(&self) -> Option<CandidateView> {
+        let candidate = self.candidate.as_ref()?;
+        self.engine.snapshot().candidates.into_iter().find(|view| view.version == *candidate)
+    }
+
+    /// Works until what is waited for is so, or the time is over.
+    fn wait(&mut self, wait: &Wait) -> Result<Step, CliError> {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
+        let deadline_ms = self.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
+        loop {
+            if self.printer.gone {
+                return Ok(Step::TimedOut);
+            }
+            if self.waited_for(wait, false) {
+                return Ok(Step::Done);
+            }
+            if self.engine.now_ms() >= deadline_ms {
+                return Ok(Step::TimedOut);
+            }
+            let progress = self.engine.advance();
+            self.pump()?;
+            if let Progress::Idle { next_ms } = progress {
+                if self.waited_for(wait, true) {
+                    return Ok(Step::Done);
+                }
+                let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);
+                if !self.engine.jump_to(next_ms) {
+                    return Ok(Step::TimedOut);
+                }
+            }
+        }
+    }
+
+    fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
+        if let Some(prompt) = &wait.prompt {
+            let prompts = self.engine.snapshot().prompts;
+            return prompts.iter().any(|open| prompt == "any" || open.version.to_string() == *prompt);
+        }
+        let Some(view) = self.view() else { return false };
+        match wait.state.as_deref() {
+            Some("confirmed") => self.confirmed,
+            Some("settled") => self.is_settled(&view, idle),
+            Some(state) => view.state.name() == state,
+            None => false,
+        }
+    }
+
+    /// Nothing more happens to the candidate by itself.
+    fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
+        let ended = view.state.is_terminal() || self.confirmed;
+        ended || (idle && self.engine.snapshot().prompts.is_empty() && !view.flags.provisional)
+    }
+
+    /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
+    fn say(&mut self, say: &Say, decision: ApprovalDecision) -> Result<Step, CliError> {
+        let snapshot = self.engine.snapshot();
+        let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
+        let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
+            return Err(CliError::usage("nothing waits for a decision"));
+        };
+        let folder = self.engine.layout().identities();
+        let identity = match Identity::load(&folder, &say.who) {
+            Ok(identity) => identity,
+            Err(_) => {
+                let role = Role::new("engineer").map_err(CliError::usage)?;
+                Identity::create(&folder, &say.who, role).map_err(CliError::usage)?
+            }
+        };
+        let signed = identity.sign(Approval {
+            who: String::new(),
+            role: identity.info().role.clone(),
+            decision,
+            reason: say.reason.clone(),
+            version: prompt.version,
+            candidate_digest: prompt.candidate,
+            row_version: prompt.row_version,
+            evidence_digest: prompt.evidence,
+            policy_digest: prompt.policy,
+            profile: prompt.profile,
+            store_id: prompt.store_id,
+            nonce: Nonce::random().map_err(CliError::internal)?,
+            not_after_ms: prompt.valid_until_ms,
+        });
+        self.accept(Command::Decide { signed: Box::new(signed) })
+    }
+
+    fn drift(&mut self, drift: &DriftStep) -> Result<Step, CliError> {
+        let word = |value: serde_json::Result<serde_json::Value>| {
+            value.ok().and_then(|value| value.as_str().map(ToOwned::to_owned)).unwrap_or_default()
+        };
+        let kind = word(serde_json::to_value(drift.kind));
+        let magnitude = word(serde_json::to_value(drift.magnitude));
+        self.accept(Command::Drift { kind: Some(kind), magnitude })
+    }
+
+    fn expect(&mut self, expect: &Expect, index: usize) -> Result<Step, CliError> {
+        let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
+        let Some(view) = self.view() else { return fail("nothing was registered".to_owned()) };
+        let state =
+            if self.confirmed && view.state == State::Active { "confirmed" } else { view.state.name() };
+        if state != expect.state && view.state.name() != expect.state {
+            return fail(format!("{} is {state}, {} was expected", view.version, expect.state));
+        }
+        let Some(code) = &expect.reason else { return Ok(Step::Done) };
+        let fits = |given: &Given| {
+            given.code == *code
+                && expect.stage.as_ref().is_none_or(|stage| *stage == given.stage)
+                && expect.dimension.as_ref().is_none_or(|dimension| *dimension == given.dimension)
+        };
+        let standing = view.reasons.iter().map(|reason| Given {
+            stage: expect.stage.clone().unwrap_or_default(),
+            dimension: crate::pipeline::manager::word(&reason.dimension),
+            code: reason.code.to_string(),
+        });
+        // What people said is no stage's decision; it stands with the candidate.
+        let standing: Vec<Given> = standing.filter(|given| given.code.starts_with("approval-")).collect();
+        if self.given.iter().chain(&standing).any(fits) {
+            return Ok(Step::Done);
+        }
+        let known: Vec<String> =
+            self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
+        fail(format!("the reason {code:?} was not given; given were {}", known.join(", ")))
+    }
+
+    /// The exit code by what became of the last candidate.
+    fn finish(mut self) -> Result<Exit, CliError> {
+        let exit = match self.view() {
+            None => Exit::Confirmed,
+            Some(view) => match view.state {
+                State::Active if self.confirmed => Exit::Confirmed,
+                State::Rejected => Exit::Rejected,
+                State::RolledBack => Exit::RolledBack,
+                State::Demoted if self.rolled_back => Exit::RolledBack,
+                State::Registered
+                | State::Validated
+                | State::Sandboxed
+                | State::Shadowed
+                | State::Active
+                | State::Demoted
+                | State::Superseded => Exit::Held,
+            },
+        };
+        self.requests += 1;
+        let id = format!("script-{}", self.requests);
+        self.engine.submit(Request { id, command: Command::Shutdown });
+        self.pump()?;
+        self.note(&format!("outcome: {}", outcome(exit)))?;
+        Ok(exit)
+    }
+}
+
+const fn outcome(exit: Exit) -> &'static str {
+    match exit {
+        Exit::Confirmed => "confirmed",
+        Exit::Rejected => "rejected",
+        Exit::Usage => "usage",
+        Exit::Held => "held",
+        Exit::RolledBack => "rolled back",
+        Exit::Internal => "internal error",
+    }
+}

@@ -1,0 +1,58 @@
+//! The candidates that come with the program, so that the first run needs no files.
+
+use std::path::Path;
+
+use crate::runtime::capability::{Package, PackageError};
+
+macro_rules! candidates {
+    ($($name:literal),* $(,)?) => {
+        [$((
+            $name,
+            [
+                include_str!(concat!("../../manifests/candidates/", $name, "/manifest.toml")),
+                include_str!(concat!("../../manifests/candidates/", $name, "/submission.toml")),
+                include_str!(concat!("../../manifests/candidates/", $name, "/params.toml")),
+            ],
+        )),*]
+    };
+}
+
+/// Embedded candidates by folder name. The first that is not registered yet is the demonstration.
+const CANDIDATES: [(&str, [&str; 3]); 8] = candidates![
+    "align-improved",
+    "grasp-hard-grip",
+    "align-low-transit",
+    "grasp-tool-frame",
+    "grasp-direct-bus",
+    "align-no-stop",
+    "grasp-improved",
+    "place-robust",
+];
+
+/// Names of the embedded candidates, the demonstration first.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    CANDIDATES.iter().map(|(name, _)| *name)
+}
+
+/// An embedded candidate.
+#[must_use]
+pub fn package(name: &str) -> Option<Package> {
+    let (_, [manifest, submission, params]) = CANDIDATES.iter().find(|(known, _)| *known == name)?;
+    Some(Package {
+        manifest: (*manifest).to_owned(),
+        submission: (*submission).to_owned(),
+        params: (*params).to_owned(),
+    })
+}
+
+/// A candidate's folder, or the embedded one of that name where there is no such folder.
+///
+/// # Errors
+/// Where there is neither, or the folder is not a candidate.
+pub fn read(path: &Path) -> Result<Package, PackageError> {
+    let name = path.file_name().and_then(|name| name.to_str());
+    match name.and_then(package) {
+        Some(package) if !path.exists() => Ok(package),
+        _ => Package::read(path),
+    }
+}

@@ -1,0 +1,166 @@
+//! One event, one line: the plain stream, which is also what a screen reader gets.
+//!
+//! Foreign text passes the sanitiser; nothing here moves a cursor or draws a box.
+
+use std::fmt::Write as _;
+
+use crate::engine::event::{DimensionResult, Event, EventKind};
+use crate::governance::decision::Reason;
+use crate::text::Untrusted;
+
+/// The longest line, columns.
+const LINE_WIDTH_MAX: usize = 400;
+
+/// The line of an event, without its end.
+#[must_use]
+pub fn line(event: &Event) -> String {
+    let secs = event.at_ms / 1000;
+    let tenths = event.at_ms / 100 % 10;
+    let text = Untrusted::new(text(&event.kind)).display(LINE_WIDTH_MAX).into_string();
+    format!("{secs:>6}.{tenths} {text}")
+}
+
+fn text(kind: &EventKind) -> String {
+    match kind {
+        EventKind::EngineStarted { profile, robot, seed, policy, agent, .. } => format!(
+            "engine   up: profile {profile}, robot {robot}, seed {seed}, policy {}, agent {}",
+            policy.short(),
+            agent.short()
+        ),
+        EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
+        EventKind::Registered { version, digest, author, provenance, risk, parent } => {
+            let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
+            format!("register {version} {} by {author} ({provenance}, {risk} risk{parent})", digest.short())
+        }
+        EventKind::StageStarted { version, stage, budget } => {
+            format!("stage    {version}: {} begins, budget {budget}", stage.name())
+        }
+        EventKind::Progress { version, what, done, budget, .. } => {
+            format!("progress {version}: {what} {done}/{budget}")
+        }
+        EventKind::Decided { version, stage, outcome, dimensions, composite, reasons, conditions } => {
+            let mut line = format!("decide   {version}: {} -> {outcome}", stage.name());
+            for dimension in dimensions {
+                let _ = write!(line, " {}", kappa(dimension));
+            }
+            if let Some(composite) = composite {
+                let _ = write!(line, " composite={composite:.3}");
+            }
+            for reason in reasons.iter().take(4) {
+                let _ = write!(line, "; {}", said(reason));
+            }
+            if !conditions.is_empty() {
+                let _ =
+                    write!(line, "; conditions: {}", serde_json::to_string(conditions).unwrap_or_default());
+            }
+            line
+        }
+        EventKind::StateChanged { version, from, to, reason } => {
+            format!("state    {version}: {from} -> {to} ({reason})")
+        }
+        EventKind::ApprovalRequested { version, replaces, needed, deadline_ms, evidence } => {
+            let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            format!(
+                "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}",
+                deadline_ms / 1000,
+                evidence.short()
+            )
+        }
+        EventKind::ApprovalReceived { version, by, decision, reason, have, needed } => {
+            format!("answer   {version}: {by} says {decision} ({reason}); {have} of {needed}")
+        }
+        EventKind::Activated { version, replaced, modes, provisional_episodes, .. } => {
+            let replaced = replaced.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            let modes: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
+            format!(
+                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes",
+                modes.join("+")
+            )
+        }
+        EventKind::Confirmed { version, episodes } => {
+            format!("confirm  {version}: {episodes} episodes without a trip")
+        }
+        EventKind::Sequence { index, success, tasks, refused } => {
+            let mut line =
+                format!("work     sequence {index}: {}", if *success { "done" } else { "not done" });
+            for task in tasks {
+                let mark = if task.success { "ok" } else { "failed" };
+                let _ = write!(line, ", {} {mark} {:.1} s", task.version, task.time_secs);
+                if task.violation {
+                    line.push_str(" VIOLATION");
+                }
+                if task.anomaly {
+                    line.push_str(" anomaly");
+                }
+            }
+            if let Some(refused) = refused {
+                let _ = write!(line, "; not started: {refused}");
+            }
+            line
+        }
+        EventKind::Monitor { version, decision, reasons } => {
+            let why: Vec<String> = reasons.iter().map(said).collect();
+            format!("monitor  {version}: {decision}; {}", why.join("; "))
+        }
+        EventKind::Rung { version, rung, ok, text } => {
+            format!("ladder   {version}: {rung} {}: {text}", if *ok { "held" } else { "FAILED" })
+        }
+        EventKind::RolledBack {
+            version,
+            restored,
+            trigger,
+            time_to_safe_ms,
+            time_to_rollback_ms,
+            recovered,
+        } => {
+            let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
+            format!(
+                "rollback {version} -> {restored}: {trigger}; safe after {time_to_safe_ms} ms, \
+                 restored after {time_to_rollback_ms} ms, {}",
+                if *recovered { "recovered" } else { "NOT recovered" }
+            )
+        }
+        EventKind::Drift { kind, magnitude } => match kind {
+            Some(kind) => format!("drift    {kind} {magnitude} sets in"),
+            None => "drift    ends".to_owned(),
+        },
+        EventKind::Alarm { alarm, state, priority, text, .. } => {
+            format!("alarm    {alarm} [{priority}, {state}] {text}")
+        }
+        EventKind::Voided { family, reason } => format!("void     {family}: {reason}"),
+        EventKind::AuditClosed { version, outcome, records } => {
+            format!("closed   {version}: {outcome}, {records} audit records")
+        }
+        EventKind::CommandRefused { id, text } => format!("refused  {id}: {text}"),
+        EventKind::Fault { text } => format!("FAULT    {text}; the pipeline holds"),
+    }
+}
+
+fn kappa(dimension: &DimensionResult) -> String {
+    use crate::governance::decision::Dimension;
+    let name = match dimension.dimension {
+        Dimension::Interface => "kI",
+        Dimension::Policy => "kP",
+        Dimension::Behavior => "kB",
+        Dimension::Recovery => "kR",
+        Dimension::Composition
+        | Dimension::Shadow
+        | Dimension::Gate
+        | Dimension::Approval
+        | Dimension::Monitor => "k",
+    };
+    let estimate = if dimension.measured { "" } else { "~" };
+    match dimension.kappa {
+        Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
+        None => format!("{name}=-({})", dimension.outcome),
+    }
+}
+
+fn said(reason: &Reason) -> String {
+    match (reason.evidence, reason.limit) {
+        (Some(found), Some(limit)) => {
+            format!("{}: {} [{found:.3} against {limit:.3}]", reason.code, reason.text)
+        }
+        _ => format!("{}: {}", reason.code, reason.text),
+    }
+}

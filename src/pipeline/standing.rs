@@ -1,0 +1,84 @@
+//! How the manager stands, for whoever looks: nothing here changes anything.
+
+use super::dossier::Dossier;
+use super::ledger::Ledger;
+use super::manager::{UpgradeManager, word};
+use crate::alarms::AlarmBook;
+use crate::governance::ids::{CapabilityId, Digest, Family};
+use crate::governance::profile::Profile;
+
+impl UpgradeManager {
+    /// The profile.
+    #[must_use]
+    pub fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn robot(&self) -> &str {
+        &self.cell.model.name
+    }
+
+    /// The run's seed.
+    #[must_use]
+    pub const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Digest of profile and policies.
+    #[must_use]
+    pub const fn context_digest(&self) -> Digest {
+        self.context_digest
+    }
+
+    /// Hash of the agent's identity.
+    #[must_use]
+    pub fn agent_hash(&self) -> Digest {
+        self.live.agent().identity_hash()
+    }
+
+    /// A candidate's evidence.
+    #[must_use]
+    pub fn dossier_of(&self, id: &CapabilityId) -> Option<&Dossier> {
+        self.dossiers.get(id)
+    }
+
+    /// The alarms.
+    #[must_use]
+    pub const fn alarm_book(&self) -> &AlarmBook {
+        &self.alarms
+    }
+
+    /// Success of the last live sequences, and the tasks of the last one.
+    #[must_use]
+    pub fn recent_work(&self) -> (Vec<bool>, &[crate::engine::event::TaskSummary]) {
+        (self.recent.iter().copied().collect(), &self.last_tasks)
+    }
+
+    /// Live sequences worked.
+    #[must_use]
+    pub const fn sequences(&self) -> u64 {
+        self.live.sequences()
+    }
+
+    /// The drift that has set in.
+    #[must_use]
+    pub fn drift_name(&self) -> Option<String> {
+        let drift = self.live.drift()?;
+        Some(format!("{} {}", word(&drift.kind), word(&drift.magnitude)))
+    }
+
+    /// Episodes of a family's provisional window: worked and needed.
+    #[must_use]
+    pub fn provisional(&self, family: &Family) -> Option<(u32, u32)> {
+        let watch = self.watches.get(family).filter(|watch| !watch.confirmed)?;
+        Some((watch.episodes, self.profile.activation.provisional_episodes))
+    }
+
+    /// The ledger, to look at.
+    #[must_use]
+    pub const fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+}
