@@ -6,7 +6,6 @@
 //! (the peers compute in f64).
 
 use nalgebra::Isometry3;
-use rapier3d::dynamics::JointAxis;
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::build::{self, Cell, Handles, SolverEffort};
@@ -15,6 +14,7 @@ use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::ik::IkOptions;
 use crate::io::{JointVec, Pose, TICK_SECS};
+use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
@@ -171,13 +171,14 @@ impl PeerBench {
         let Some((multibody, _)) = physics.multibody_joints.get_mut(handles.first_joint) else { return };
         for (i, id) in handles.link_ids.iter().enumerate() {
             let Some(link) = multibody.link_mut(*id) else { continue };
-            let motors = &mut link.joint.data.motors;
+            let joint = &mut link.joint;
+            motors::engage_limit(joint, i < q.len());
             if let (Some(angle), Some(old)) = (q.get(i), before.get(i)) {
-                let motor = &mut motors[JointAxis::AngX as usize];
-                motor.target_pos = *angle as f32;
-                motor.target_vel = ((angle - old) / TICK_SECS) as f32;
+                let speed = (angle - old) / TICK_SECS;
+                motors::drive_joint(joint, Reference { position: *angle, speed });
             } else {
-                motors[JointAxis::LinX as usize].target_pos = opening as f32;
+                let reference = Reference { position: opening, speed: 0.0 };
+                motors::drive_finger(joint, reference, self.robot.gripper.force_max_n);
             }
         }
         let effort = match self.fidelity {
