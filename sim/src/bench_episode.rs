@@ -171,14 +171,13 @@ impl PeerBench {
         let Some((multibody, _)) = physics.multibody_joints.get_mut(handles.first_joint) else { return };
         for (i, id) in handles.link_ids.iter().enumerate() {
             let Some(link) = multibody.link_mut(*id) else { continue };
-            let joint = &mut link.joint;
-            motors::engage_limit(joint, i < q.len());
+            motors::engage_limit(&mut link.joint, i < q.len());
             if let (Some(angle), Some(old)) = (q.get(i), before.get(i)) {
                 let speed = (angle - old) / TICK_SECS;
-                motors::drive_joint(joint, Reference { position: *angle, speed });
+                motors::drive_joint(multibody, *id, Reference { position: *angle, speed });
             } else {
                 let reference = Reference { position: opening, speed: 0.0 };
-                motors::drive_finger(joint, reference, self.robot.gripper.force_max_n);
+                motors::drive_finger(&mut link.joint, reference, self.robot.gripper.force_max_n);
             }
         }
         let effort = match self.fidelity {

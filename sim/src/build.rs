@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
 use crate::io::TICK_SECS;
+use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel, Shape};
 use crate::scene::{Clutter, Scene, Table, Tray};
 
@@ -411,6 +412,7 @@ fn set_configuration(
             data.set_motor_model(JointAxis::AngX, MotorModel::ForceBased);
             data.set_motor(JointAxis::AngX, q[i] as f32, 0.0, kp as f32, kd as f32);
             data.set_motor_max_force(JointAxis::AngX, joint.effort_max_n_m as f32);
+            motors::make_spring(multibody, *id, robot.motors.joint_damping_n_m_s_rad as f32);
         } else {
             let g = &robot.gripper;
             data.set_motor_model(JointAxis::LinX, MotorModel::ForceBased);

@@ -3,7 +3,10 @@
 //! Owns what of a joint changes while the robot moves: motor targets, motor force, whether a
 //! position limit takes part in the solver. It decides nothing; the servo does.
 
-use rapier3d::dynamics::{JointAxesMask, JointAxis, MultibodyJoint};
+use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, MultibodyLink};
+
+/// The free axis of an arm joint.
+const TURN: usize = JointAxis::AngX as usize;
 
 /// A limit takes part when the joint is this close to it, rad: nothing that has not diverged gets
 /// further in one tick (48 rad/s), so leaving it out until then changes no bit of the outcome.
@@ -20,10 +23,43 @@ pub struct Reference {
     pub speed: f64,
 }
 
+/// Makes an arm joint's motor a spring and a damper of its dynamics, solved implicitly with them
+/// `tau = kp (q* - q) + kd (dq* - dq)`, both at the end of the substep.
+///
+/// As rows of the contact solver the same motors cost a factorised solve each and converge against
+/// one another sweep by sweep; as part of the dynamics they are exact at any step.
+pub fn make_spring(multibody: &mut Multibody, link_id: usize, joint_damping: f32) {
+    let Some(link) = multibody.link_mut(link_id) else { return };
+    link.joint.data.motor_axes.remove(JointAxesMask::ANG_X);
+    let damping = link.joint.data.motors[TURN].damping;
+    let at = link.assembly_id();
+    multibody.damping_mut()[at] = joint_damping + damping;
+}
+
 /// Hands a reference to an arm joint.
-pub fn drive_joint(joint: &mut MultibodyJoint, reference: Reference) {
-    let motor = &mut joint.data.motors[JointAxis::AngX as usize];
+///
+/// The torque limit is kept by holding back the spring by what the torque asked for had in excess
+/// one tick before.
+pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: Reference) {
+    let Some(link) = multibody.link(link_id) else { return };
+    let torque = joint_torque(multibody, link);
+    let most = f64::from(link.joint.data.motors[TURN].max_force);
+    let excess = torque - torque.clamp(-most, most);
+    let Some(link) = multibody.link_mut(link_id) else { return };
+    let motor = &mut link.joint.data.motors[TURN];
     (motor.target_pos, motor.target_vel) = (reference.position as f32, reference.speed as f32);
+    let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
+    let rest = reference.position + (kd * reference.speed - excess) / kp;
+    link.joint.set_spring(TURN, kp as f32, rest as f32);
+}
+
+/// Torque that the motor law asks for in the present state, N m; the motor gives at most its limit.
+pub fn joint_torque(multibody: &Multibody, link: &MultibodyLink) -> f64 {
+    let motor = &link.joint.data.motors[TURN];
+    let at = f64::from(link.joint.coords()[TURN]);
+    let speed = f64::from(multibody.joint_velocity(link)[0]);
+    let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
+    kp * (f64::from(motor.target_pos) - at) + kd * (f64::from(motor.target_vel) - speed)
 }
 
 /// Hands a reference and the largest force (N) to a finger.

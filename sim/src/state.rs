@@ -132,18 +132,19 @@ impl State {
         let g = &self.servo.gripper;
         for (i, id) in self.handles.link_ids.iter().enumerate() {
             let Some(link) = multibody.link_mut(*id) else { continue };
-            let joint = &mut link.joint;
-            motors::engage_limit(joint, i < self.servo.q.len());
+            motors::engage_limit(&mut link.joint, i < self.servo.q.len());
             if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
-                if self.faults.stuck_joint == Some(i) {
-                    joint.data.motors[JointAxis::AngX as usize].target_vel = 0.0;
-                    continue;
-                }
-                motors::drive_joint(joint, Reference { position: *q, speed: *dq });
+                let reference = if self.faults.stuck_joint == Some(i) {
+                    let held = &link.joint.data.motors[JointAxis::AngX as usize];
+                    Reference { position: f64::from(held.target_pos), speed: 0.0 }
+                } else {
+                    Reference { position: *q, speed: *dq }
+                };
+                motors::drive_joint(multibody, *id, reference);
             } else {
                 let reference = Reference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s };
                 let force = if self.faults.grip_lost { 0.0 } else { g.force_n };
-                motors::drive_finger(joint, reference, force);
+                motors::drive_finger(&mut link.joint, reference, force);
             }
         }
     }
