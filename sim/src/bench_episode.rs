@@ -8,8 +8,9 @@
 use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::build::{self, Cell, Handles, SolverEffort};
+use crate::build::{self, Cell, Handles};
 use crate::chain::Frame;
+use crate::effort::{self, Fidelity, SolverEffort};
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::ik::IkOptions;
@@ -19,7 +20,6 @@ use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
-use crate::world::Fidelity;
 
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
@@ -180,10 +180,7 @@ impl PeerBench {
                 motors::drive_finger(&mut link.joint, reference, self.robot.gripper.force_max_n);
             }
         }
-        let effort = match self.fidelity {
-            Fidelity::Full | Fidelity::Adaptive => SolverEffort::FULL,
-        };
-        physics.integration_parameters.num_solver_iterations = effort.substeps;
-        physics.integration_parameters.num_internal_pgs_iterations = effort.sweeps;
+        let situation = effort::situation(physics, handles);
+        SolverEffort::of(self.fidelity, situation).apply(physics);
     }
 }

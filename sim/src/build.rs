@@ -15,6 +15,7 @@ use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
+use crate::effort::SolverEffort;
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
 use crate::io::TICK_SECS;
@@ -54,20 +55,6 @@ pub struct Handles {
     pub object: RigidBodyHandle,
     /// Kind of the collider with raw index `i`.
     pub kinds: Vec<Kind>,
-}
-
-/// Solver settings of one step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SolverEffort {
-    /// Solver substeps per tick.
-    pub substeps: usize,
-    /// Gauss-Seidel sweeps per substep.
-    pub sweeps: usize,
-}
-
-impl SolverEffort {
-    /// What contact needs.
-    pub const FULL: Self = Self { substeps: 4, sweeps: 4 };
 }
 
 const PROXIMAL: Group = Group::GROUP_1;

@@ -180,7 +180,8 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
     out
 }
 
-fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
+/// What one side of a pair stands for.
+pub(crate) fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
     let collider = if first { pair.collider1 } else { pair.collider2 };
     handles.kinds.get(collider.into_raw_parts().0 as usize).copied()
 }
