@@ -5,6 +5,8 @@
 
 use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, MultibodyLink};
 
+use crate::io::TICK_SECS;
+
 /// The free axis of an arm joint.
 const TURN: usize = JointAxis::AngX as usize;
 
@@ -38,17 +40,21 @@ pub fn make_spring(multibody: &mut Multibody, link_id: usize, joint_damping: f32
 
 /// Hands a reference to an arm joint.
 ///
-/// The torque limit is kept by holding back the spring by what the torque asked for had in excess
-/// one tick before.
+/// The torque limit is kept by holding the spring back by what the motor law would ask for in
+/// excess, were the joint to go on as it does.
 pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: Reference) {
     let Some(link) = multibody.link(link_id) else { return };
-    let torque = joint_torque(multibody, link);
-    let most = f64::from(link.joint.data.motors[TURN].max_force);
+    let motor = link.joint.data.motors[TURN];
+    let speed = f64::from(multibody.joint_velocity(link)[0]);
+    let ahead = f64::from(link.joint().coords()[TURN]) + speed * TICK_SECS;
+    let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
+    // The old speed: a change of speed is mostly followed within the tick.
+    let torque = kp * (reference.position - ahead) + kd * (f64::from(motor.target_vel) - speed);
+    let most = f64::from(motor.max_force);
     let excess = torque - torque.clamp(-most, most);
     let Some(link) = multibody.link_mut(link_id) else { return };
     let motor = &mut link.joint.data.motors[TURN];
     (motor.target_pos, motor.target_vel) = (reference.position as f32, reference.speed as f32);
-    let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
     let rest = reference.position + (kd * reference.speed - excess) / kp;
     link.joint.set_spring(TURN, kp as f32, rest as f32);
 }
@@ -82,4 +88,86 @@ pub fn engage_limit(joint: &mut MultibodyJoint, turns: bool) {
     // A position that is not a number is not far from the limits.
     let far = at > limits.min + near && at < limits.max - near;
     joint.data.limit_axes.set(mask, !far);
+}
+
+#[cfg(test)]
+mod tests {
+    use rapier3d::dynamics::{GenericJointBuilder, MassProperties, MultibodyJointHandle, RigidBodyBuilder};
+    use rapier3d::math::Vector;
+    use rapier3d::pipeline::PhysicsWorld;
+
+    use super::*;
+    use crate::build::empty_world;
+
+    const STIFFNESS: f32 = 4500.0;
+    const TORQUE_MAX_N_M: f32 = 87.0;
+
+    /// A wheel on a motor, free to turn without weight.
+    fn wheel(inertia: f32) -> (PhysicsWorld, MultibodyJointHandle) {
+        let mut world = empty_world();
+        let properties = MassProperties::new(Vector::ZERO, 1.0, Vector::splat(inertia));
+        let base = world.insert_body(RigidBodyBuilder::fixed());
+        let wheel = RigidBodyBuilder::dynamic()
+            .can_sleep(false)
+            .gravity_scale(0.0)
+            .additional_mass_properties(properties);
+        let wheel = world.insert_body(wheel);
+        let joint = GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
+            .limits(JointAxis::AngX, [-1.0, 1.0])
+            .set_motor(JointAxis::AngX, 0.0, 0.0, STIFFNESS, 0.1 * STIFFNESS)
+            .motor_max_force(JointAxis::AngX, TORQUE_MAX_N_M)
+            .build();
+        let handle = world.multibody_joints.insert(base, wheel, joint, true).expect("no loop");
+        let (multibody, id) = world.multibody_joints.get_mut(handle).expect("just inserted");
+        multibody.forward_kinematics(&world.bodies, true);
+        multibody.damping_mut().fill(0.0);
+        make_spring(multibody, id, 0.0);
+        (world, handle)
+    }
+
+    /// Turns the reference at `rate` for `ticks`; position and speed of the wheel afterwards.
+    fn turn(inertia: f32, rate: f64, ticks: u32) -> (f64, f64) {
+        let (mut world, handle) = wheel(inertia);
+        for tick in 1..=ticks {
+            let (multibody, id) = world.multibody_joints.get_mut(handle).expect("still there");
+            let reference = Reference { position: rate * TICK_SECS * f64::from(tick), speed: rate };
+            drive_joint(multibody, id, reference);
+            world.step();
+        }
+        let (multibody, id) = world.multibody_joints.get(handle).expect("still there");
+        let link = multibody.link(id).expect("still there");
+        (f64::from(link.joint().coords()[TURN]), f64::from(multibody.joint_velocity(link)[0]))
+    }
+
+    #[test]
+    fn a_light_joint_follows_its_reference() {
+        for rate in [0.1, -0.5, 0.8] {
+            let (at, speed) = turn(0.1, rate, 240);
+            assert!((at - rate).abs() < 0.002, "{rate}: at {at}");
+            // Within a tick the reference stands at the tick's end, so the speed saws a little.
+            assert!((speed - rate).abs() < 0.02 * rate.abs(), "{rate}: {speed} rad/s");
+        }
+    }
+
+    #[test]
+    fn a_heavy_joint_gets_the_torque_limit_and_no_more() {
+        for inertia in [500.0_f32, 2000.0] {
+            let (_, speed) = turn(inertia, 1.0, 240);
+            let most = f64::from(TORQUE_MAX_N_M / inertia);
+            assert!((0.95..1.05).contains(&(speed / most)), "{speed} rad/s after 1 s, at most {most}");
+        }
+    }
+
+    #[test]
+    fn a_limit_takes_part_only_near_the_ends() {
+        let (mut world, handle) = wheel(1.0);
+        for (at, expected) in [(0.0, false), (0.7, false), (0.9, true), (1.2, true), (-0.85, true)] {
+            let (multibody, id) = world.multibody_joints.get_mut(handle).expect("still there");
+            let link = multibody.link_mut(id).expect("still there");
+            let now = link.joint.coords()[TURN];
+            link.joint.apply_displacement(&[at - now]);
+            engage_limit(&mut link.joint, true);
+            assert_eq!(link.joint.data.limit_axes.contains(JointAxesMask::ANG_X), expected, "at {at}");
+        }
+    }
 }
