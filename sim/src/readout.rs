@@ -80,8 +80,8 @@ impl JointState {
 
 /// Reads positions, speeds and motor torques.
 ///
-/// Torque is the motor law with the end-of-tick state ([`motors::joint_torque`]), clamped to the
-/// motor's limit.
+/// Torque is the motor law with the end-of-tick state,
+/// `tau = kp (q* - q) + kd (dq* - dq)`, clamped to the motor's limit.
 pub fn joint_state(physics: &PhysicsWorld, handles: &Handles, robot: &RobotModel) -> JointState {
     let mut state = JointState::default();
     let Some((multibody, _)) = physics.multibody_joints.get(handles.first_joint) else { return state };
