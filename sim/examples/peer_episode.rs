@@ -1,6 +1,6 @@
 //! Times the engine comparison's episode and prints one JSON line like the peers' scripts.
 //!
-//! Usage: `peer_episode [EPISODES] [full|adaptive]`; single thread, thread CPU time.
+//! Usage: `peer_episode [EPISODES] [full|adaptive|single]`; single thread, thread CPU time.
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
 use holdpoint_sim::Fidelity;
@@ -19,7 +19,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let fidelity = match mode.as_str() {
         "full" => Fidelity::Full,
         "adaptive" => Fidelity::Adaptive,
-        other => return Err(format!("mode \"{other}\"; full or adaptive").into()),
+        "single" => Fidelity::Single,
+        other => return Err(format!("mode \"{other}\"; full, adaptive or single").into()),
     };
     let bench = PeerBench::new(fidelity)?;
     bench.run(episodes)?; // warm-up, as the peers do

@@ -1,6 +1,6 @@
 //! Times one tick of a whole world (servo, physics, sensors, telemetry) by phase of a grasp.
 //!
-//! Usage: `tick_cost [EPISODES] [full|adaptive]`; thread CPU time, one JSON line.
+//! Usage: `tick_cost [EPISODES] [full|adaptive|single]`; thread CPU time, one JSON line.
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
 use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
@@ -19,7 +19,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let fidelity = match args.next().as_deref() {
         None | Some("full") => Fidelity::Full,
         Some("adaptive") => Fidelity::Adaptive,
-        Some(other) => return Err(format!("mode \"{other}\"; full or adaptive").into()),
+        Some("single") => Fidelity::Single,
+        Some(other) => return Err(format!("mode \"{other}\"; full, adaptive or single").into()),
     };
     let (scene, distribution) = (Scene::cell()?, Distribution::sandbox()?);
     let mut world = World::with_config(&RobotModel::builtin("arm7")?, &scene, WorldConfig { fidelity })?;

@@ -6,20 +6,20 @@
 //! (the peers compute in f64).
 
 use nalgebra::Isometry3;
-use rapier3d::dynamics::JointAxis;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::build::{self, Cell, Handles, SolverEffort};
+use crate::build::{self, Cell, Handles};
 use crate::chain::Frame;
+use crate::effort::{self, Fidelity, SolverEffort};
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::ik::IkOptions;
 use crate::io::{JointVec, Pose, TICK_SECS};
+use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
-use crate::world::Fidelity;
 
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
@@ -171,19 +171,16 @@ impl PeerBench {
         let Some((multibody, _)) = physics.multibody_joints.get_mut(handles.first_joint) else { return };
         for (i, id) in handles.link_ids.iter().enumerate() {
             let Some(link) = multibody.link_mut(*id) else { continue };
-            let motors = &mut link.joint.data.motors;
+            motors::engage_limit(&mut link.joint, i < q.len());
             if let (Some(angle), Some(old)) = (q.get(i), before.get(i)) {
-                let motor = &mut motors[JointAxis::AngX as usize];
-                motor.target_pos = *angle as f32;
-                motor.target_vel = ((angle - old) / TICK_SECS) as f32;
+                let speed = (angle - old) / TICK_SECS;
+                motors::drive_joint(multibody, *id, Reference { position: *angle, speed });
             } else {
-                motors[JointAxis::LinX as usize].target_pos = opening as f32;
+                let reference = Reference { position: opening, speed: 0.0 };
+                motors::drive_finger(&mut link.joint, reference, self.robot.gripper.force_max_n);
             }
         }
-        let effort = match self.fidelity {
-            Fidelity::Full | Fidelity::Adaptive => SolverEffort::FULL,
-        };
-        physics.integration_parameters.num_solver_iterations = effort.substeps;
-        physics.integration_parameters.num_internal_pgs_iterations = effort.sweeps;
+        let situation = effort::situation(physics, handles);
+        SolverEffort::of(self.fidelity, situation).apply(physics);
     }
 }

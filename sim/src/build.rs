@@ -15,9 +15,11 @@ use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
+use crate::effort::SolverEffort;
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
 use crate::io::TICK_SECS;
+use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel, Shape};
 use crate::scene::{Clutter, Scene, Table, Tray};
 
@@ -53,20 +55,6 @@ pub struct Handles {
     pub object: RigidBodyHandle,
     /// Kind of the collider with raw index `i`.
     pub kinds: Vec<Kind>,
-}
-
-/// Solver settings of one step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SolverEffort {
-    /// Solver substeps per tick.
-    pub substeps: usize,
-    /// Gauss-Seidel sweeps per substep.
-    pub sweeps: usize,
-}
-
-impl SolverEffort {
-    /// What contact needs.
-    pub const FULL: Self = Self { substeps: 4, sweeps: 4 };
 }
 
 const PROXIMAL: Group = Group::GROUP_1;
@@ -411,6 +399,7 @@ fn set_configuration(
             data.set_motor_model(JointAxis::AngX, MotorModel::ForceBased);
             data.set_motor(JointAxis::AngX, q[i] as f32, 0.0, kp as f32, kd as f32);
             data.set_motor_max_force(JointAxis::AngX, joint.effort_max_n_m as f32);
+            motors::make_spring(multibody, *id, robot.motors.joint_damping_n_m_s_rad as f32);
         } else {
             let g = &robot.gripper;
             data.set_motor_model(JointAxis::LinX, MotorModel::ForceBased);

@@ -19,6 +19,8 @@ pub mod scene;
 pub mod world;
 
 mod build;
+mod effort;
+mod motors;
 pub mod number;
 mod perception;
 pub mod readout;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::build::{Handles, Kind, from_rapier};
 use crate::io::{Contacts, JointVec, TICK_SECS};
+use crate::motors;
 use crate::robot::RobotModel;
 
 /// A contact of the robot, or of the object, with something it should not be confused with.
@@ -79,13 +80,11 @@ impl JointState {
 
 /// Reads positions, speeds and motor torques.
 ///
-/// The engine does not write a multibody's motor impulses back, so torque is the implicit motor law
-/// with the end-of-step state: `tau = kp (q* - q) + kd (dq* - dq) + h kp dq*`, `h` the solver's
-/// substep, clamped to the motor's limit.
+/// Torque is the motor law with the end-of-tick state,
+/// `tau = kp (q* - q) + kd (dq* - dq)`, clamped to the motor's limit.
 pub fn joint_state(physics: &PhysicsWorld, handles: &Handles, robot: &RobotModel) -> JointState {
     let mut state = JointState::default();
     let Some((multibody, _)) = physics.multibody_joints.get(handles.first_joint) else { return state };
-    let substep = TICK_SECS / physics.integration_parameters.num_solver_iterations.max(1) as f64;
     let n = robot.joint_count();
     for (i, id) in handles.link_ids.iter().enumerate() {
         let Some(link) = multibody.link(*id) else { continue };
@@ -93,11 +92,8 @@ pub fn joint_state(physics: &PhysicsWorld, handles: &Handles, robot: &RobotModel
         let at = f64::from(link.joint().coords()[axis]);
         let speed = f64::from(multibody.joint_velocity(link)[0]);
         if i < n {
-            let motor = &link.joint().data.motors[axis];
-            let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
-            let (goal, rate) = (f64::from(motor.target_pos), f64::from(motor.target_vel));
-            let tau = kp * (goal - at) + kd * (rate - speed) + substep * kp * rate;
-            let most = f64::from(motor.max_force);
+            let tau = motors::joint_torque(multibody, link);
+            let most = f64::from(link.joint().data.motors[axis].max_force);
             state.q.push(at);
             state.dq.push(speed);
             state.tau.push(tau.clamp(-most, most));
@@ -184,7 +180,8 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
     out
 }
 
-fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
+/// What one side of a pair stands for.
+pub(crate) fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
     let collider = if first { pair.collider1 } else { pair.collider2 };
     handles.kinds.get(collider.into_raw_parts().0 as usize).copied()
 }

@@ -17,6 +17,7 @@ use crate::error::SimError;
 use crate::fault::Faults;
 use crate::ik::IkOptions;
 use crate::io::{Command, GuardVerdict, JointVec, TaskKind};
+use crate::motors::{self, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
@@ -131,18 +132,19 @@ impl State {
         let g = &self.servo.gripper;
         for (i, id) in self.handles.link_ids.iter().enumerate() {
             let Some(link) = multibody.link_mut(*id) else { continue };
-            let data = &mut link.joint.data;
+            motors::engage_limit(&mut link.joint, i < self.servo.q.len());
             if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
-                let motor = &mut data.motors[JointAxis::AngX as usize];
-                if self.faults.stuck_joint == Some(i) {
-                    motor.target_vel = 0.0;
-                    continue;
-                }
-                (motor.target_pos, motor.target_vel) = (*q as f32, *dq as f32);
+                let reference = if self.faults.stuck_joint == Some(i) {
+                    let held = &link.joint.data.motors[JointAxis::AngX as usize];
+                    Reference { position: f64::from(held.target_pos), speed: 0.0 }
+                } else {
+                    Reference { position: *q, speed: *dq }
+                };
+                motors::drive_joint(multibody, *id, reference);
             } else {
-                let motor = &mut data.motors[JointAxis::LinX as usize];
-                (motor.target_pos, motor.target_vel) = ((0.5 * g.width_m) as f32, (0.5 * g.rate_m_s) as f32);
-                motor.max_force = if self.faults.grip_lost { 0.0 } else { g.force_n as f32 };
+                let reference = Reference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s };
+                let force = if self.faults.grip_lost { 0.0 } else { g.force_n };
+                motors::drive_finger(&mut link.joint, reference, force);
             }
         }
     }

@@ -10,7 +10,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::build::SolverEffort;
+use crate::effort::{self, SolverEffort};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::Fault;
@@ -24,16 +24,7 @@ use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::state::{State, check_command};
 
-/// How much work the solver does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Fidelity {
-    /// The full effort in every tick.
-    #[default]
-    Full,
-    /// Less in free motion, the full effort near and in contact.
-    Adaptive,
-}
+pub use crate::effort::Fidelity;
 
 /// Settings of a world that are not part of scene, robot or episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -443,9 +434,8 @@ impl World {
 
     fn physics_tick(&mut self) -> Result<(), SimError> {
         let s = &mut self.state;
-        let effort = SolverEffort::FULL;
-        s.physics.integration_parameters.num_solver_iterations = effort.substeps;
-        s.physics.integration_parameters.num_internal_pgs_iterations = effort.sweeps;
+        let situation = effort::situation(&s.physics, &s.handles);
+        SolverEffort::of(self.config.fidelity, situation).apply(&mut s.physics);
         s.physics.step();
         s.joints = readout::joint_state(&s.physics, &s.handles, &self.robot);
         s.forces = readout::contact_forces(&s.physics, &s.handles, self.robot.joint_count());

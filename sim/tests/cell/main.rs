@@ -1,6 +1,7 @@
 //! The cell through its public face.
 
 mod determinism;
+mod fidelity;
 mod inputs;
 mod kinematics;
 mod perception;

@@ -1,0 +1,102 @@
+//! How much work the solver does in a tick, and what decides it.
+//!
+//! The rule looks at who is within contact range of whom, nothing else, so that it is the same
+//! function of the physics state after a snapshot as without one.
+
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
+
+use crate::build::{Handles, Kind};
+use crate::readout;
+
+/// How much work the solver does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fidelity {
+    /// The full effort in every tick: the reference.
+    Full,
+    /// One step per tick in free motion and with the object hanging in the hand; the full effort
+    /// where the robot, or what it grips, meets anything else. Same outcomes as the reference.
+    #[default]
+    Adaptive,
+    /// One step per tick everywhere. Grips and places as well, but forces between a gripped object
+    /// and what it stands on come out lower than the reference's.
+    Single,
+}
+
+/// Solver settings of one tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SolverEffort {
+    /// Solver substeps per tick: each solves the arm's dynamics anew.
+    pub substeps: usize,
+    /// Gauss-Seidel sweeps over the contacts per substep.
+    pub sweeps: usize,
+}
+
+impl SolverEffort {
+    /// What it takes where a gripped object meets its surroundings.
+    pub const FULL: Self = Self { substeps: 4, sweeps: 4 };
+    /// One step, with the sweeps that a grip needs.
+    pub const HELD: Self = Self { substeps: 1, sweeps: 8 };
+    /// One step for a robot that touches nothing.
+    pub const FREE: Self = Self { substeps: 1, sweeps: 4 };
+
+    /// The effort of a tick that begins in the given situation.
+    pub fn of(fidelity: Fidelity, situation: Situation) -> Self {
+        match (fidelity, situation) {
+            (Fidelity::Full, _) | (Fidelity::Adaptive, Situation::Contact) => Self::FULL,
+            (Fidelity::Adaptive, Situation::Held) | (Fidelity::Single, _) => Self::HELD,
+            (Fidelity::Adaptive, Situation::Free) => Self::FREE,
+        }
+    }
+
+    /// Applies the settings.
+    pub fn apply(self, physics: &mut PhysicsWorld) {
+        physics.integration_parameters.num_solver_iterations = self.substeps;
+        physics.integration_parameters.num_internal_pgs_iterations = self.sweeps;
+    }
+}
+
+/// What is within contact range of what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Situation {
+    /// The robot is near nothing, and the object rests.
+    Free,
+    /// The pads are at the object, and nothing else is near either.
+    Held,
+    /// Anything else.
+    Contact,
+}
+
+/// An object slower than this rests, m/s.
+const RESTING_M_S: f64 = 0.005;
+
+/// The situation at the end of the last tick. Pairs count from 4 mm apart, more than twice what the
+/// fastest tool covers in a tick, so a touch never finds the solver unprepared.
+pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
+    let (mut gripping, mut standing) = (false, false);
+    for pair in physics.narrow_phase.contact_pairs().filter(|pair| pair.has_any_active_contact()) {
+        let (Some(a), Some(b)) = (readout::kind(handles, pair, true), readout::kind(handles, pair, false))
+        else {
+            return Situation::Contact;
+        };
+        match (a, b) {
+            (Kind::Pad(_), Kind::Object) | (Kind::Object, Kind::Pad(_)) => gripping = true,
+            (Kind::Object, Kind::Table | Kind::Tray | Kind::Clutter(_))
+            | (Kind::Table | Kind::Tray | Kind::Clutter(_), Kind::Object) => standing = true,
+            (Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_), _)
+            | (_, Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_))
+            | (Kind::Object, Kind::Object)
+            | (Kind::Table | Kind::Tray | Kind::Clutter(_), Kind::Table | Kind::Tray | Kind::Clutter(_)) => {
+                return Situation::Contact;
+            }
+        }
+    }
+    let resting = || readout::object_state(physics, handles).1 < RESTING_M_S;
+    match (gripping, standing) {
+        (true, true) => Situation::Contact,
+        (true, false) => Situation::Held,
+        (false, true) if !resting() => Situation::Contact,
+        (false, _) => Situation::Free,
+    }
+}

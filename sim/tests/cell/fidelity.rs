@@ -1,0 +1,67 @@
+//! The cheaper solver modes come to the same outcomes as the full effort.
+
+use holdpoint_sim::bench_episode::{PeerBench, PeerOutcome};
+use holdpoint_sim::io::TaskKind;
+use holdpoint_sim::{EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
+
+use crate::script::{align, canonical, grasp, place, scene};
+
+/// What a scripted sequence came to.
+struct Outcome {
+    done: [bool; 3],
+    grip_n: f64,
+    slip_m: f64,
+    object: [f64; 3],
+}
+
+fn sequence(world: &mut World, seed: u64) -> Outcome {
+    world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene(), &canonical(), seed)).expect("reset");
+    grasp(world);
+    let grasped = world.task_succeeded();
+    let held = world.truth();
+    world.begin_task(TaskKind::Align);
+    align(world);
+    let aligned = world.task_succeeded();
+    world.begin_task(TaskKind::Place);
+    place(world);
+    Outcome {
+        done: [grasped, aligned, world.task_succeeded()],
+        grip_n: held.forces.grip_n(),
+        slip_m: held.slip_m.unwrap_or(f64::NAN),
+        object: world.truth().object.position,
+    }
+}
+
+#[test]
+fn outcomes_are_those_of_the_full_effort() {
+    let world = |fidelity| {
+        let robot = RobotModel::builtin("arm7").expect("the robot parses");
+        World::with_config(&robot, &scene(), WorldConfig { fidelity }).expect("the world builds")
+    };
+    let mut reference = world(Fidelity::Full);
+    let mut cheaper = [Fidelity::Adaptive, Fidelity::Single].map(|fidelity| (fidelity, world(fidelity)));
+    for seed in 100..106 {
+        let a = sequence(&mut reference, seed);
+        for (fidelity, world) in &mut cheaper {
+            let b = sequence(world, seed);
+            assert_eq!(a.done, b.done, "{fidelity:?}, seed {seed}");
+            assert!((a.grip_n - b.grip_n).abs() < 1.0, "{fidelity:?}, {seed}: {} {} N", a.grip_n, b.grip_n);
+            assert!(b.slip_m < a.slip_m + 0.001, "{fidelity:?}, {seed}: {} {} m", a.slip_m, b.slip_m);
+            for (at, other) in a.object.iter().zip(&b.object) {
+                assert!((at - other).abs() < 0.003, "{fidelity:?}, {seed}: {:?} {:?}", a.object, b.object);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_comparison_episode_is_solved_in_every_mode() {
+    for fidelity in [Fidelity::Full, Fidelity::Adaptive, Fidelity::Single] {
+        let bench = PeerBench::new(fidelity).expect("the robot parses");
+        for seed in 0..8 {
+            let PeerOutcome { lifted, placed, place_error_m, .. } =
+                bench.run(seed).expect("the episode runs");
+            assert!(lifted && placed, "{fidelity:?}, seed {seed}: {place_error_m} m");
+        }
+    }
+}
