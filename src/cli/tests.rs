@@ -10,7 +10,7 @@ struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
     fn run(&mut self, _: &Context, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.profile, args.seed));
+        self.0.push(format!("run {:?} {:?}", args.profile(), args.seed));
         Ok(Exit::RolledBack)
     }
     fn register(
@@ -98,8 +98,8 @@ fn every_verb_has_examples_that_parse() {
 fn verbs_reach_the_engine() {
     let signed = ["--as", "mara", "--reason", "because"];
     for (line, reached, code) in [
-        (vec![], "run Sim 0", 4),
-        (vec!["run", "--profile", "human", "--seed", "7"], "run Human 7", 4),
+        (vec![], "run Sim None", 4),
+        (vec!["run", "--profile", "human", "--seed", "7"], "run Human Some(7)", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
         (vec!["status"], "status None 600", 3),
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
@@ -128,6 +128,9 @@ fn bad_lines_are_refused() {
         "run --jobs 0",
         "run --jobs 65",
         "run --script x",
+        "run --headless",
+        "run --headless --script x --profile sim",
+        "run --cache x",
         "run --plain --headless",
         "run --profile live",
         "status --until active",
