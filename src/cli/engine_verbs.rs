@@ -3,8 +3,15 @@
 //! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
 //! anything itself.
 
-use super::{CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
-use crate::headless::{RunPlain, RunScript, run_plain, run_script};
+use super::side::Side;
+use super::{
+    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
+    status_verb,
+};
+use crate::engine::command::Command;
+use crate::headless::{RunPlain, RunScript, embedded, run_plain, run_script};
+use crate::runtime::capability::Capability;
+use crate::text::Untrusted;
 
 /// The seed of a run that names none.
 const SEED_DEFAULT: u64 = 1;
@@ -51,29 +58,38 @@ impl EngineVerbs for RealEngine {
 
     fn register(
         &mut self,
-        _context: &Context,
-        _args: &candidate::RegisterArgs,
-        _out: &mut Output<'_>,
+        context: &Context,
+        args: &candidate::RegisterArgs,
+        out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::usage("registering needs an engine that this build does not start by itself"))
+        // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
+        let package = embedded::read(&args.folder).map_err(CliError::usage)?;
+        let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
+        Capability::load(&name, package.clone()).map_err(CliError::usage)?;
+        let mut side = Side::open(context)?;
+        let exit = side.carry_out(Command::Register { package, name }, out)?;
+        if side.is_own() && !out.is_json() {
+            out.line("no engine is running; `holdpoint run` takes it through the stages")?;
+        }
+        Ok(exit)
     }
 
     fn status(
         &mut self,
-        _context: &Context,
-        _args: &status::StatusArgs,
-        _out: &mut Output<'_>,
+        context: &Context,
+        args: &status::StatusArgs,
+        out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::usage("the status needs an engine that this build does not start by itself"))
+        status_verb::run(context, args, out)
     }
 
     fn decide(
         &mut self,
-        _context: &Context,
-        _asked: &decide::Asked,
-        _out: &mut Output<'_>,
+        context: &Context,
+        asked: &decide::Asked,
+        out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::usage("deciding needs an engine that this build does not start by itself"))
+        decide_verb::run(context, asked, out)
     }
 
     fn bench(

@@ -10,6 +10,7 @@ pub mod candidate;
 pub mod completions;
 pub mod data;
 pub mod decide;
+mod decide_verb;
 pub mod doctor;
 mod engine_verbs;
 pub mod error;
@@ -18,7 +19,10 @@ pub mod output;
 pub mod profile;
 pub mod registry;
 pub mod run;
+mod side;
 pub mod status;
+mod status_report;
+mod status_verb;
 
 use std::ffi::OsString;
 use std::path::PathBuf;

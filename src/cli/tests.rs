@@ -34,7 +34,7 @@ impl EngineVerbs for Recorder {
     fn decide(&mut self, _: &Context, asked: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
         use decide::Asked;
         self.0.push(match asked {
-            Asked::Approve(args) => format!("approve {} {}", args.version, args.digest),
+            Asked::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
             Asked::Reject(args) => format!("reject {}", args.version),
             Asked::Rollback(args) => format!("rollback {}", args.family),
             Asked::Demote(args) => format!("demote {}", args.version),
@@ -105,7 +105,7 @@ fn verbs_reach_the_engine() {
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
         (
             ["approve", "grasp@1.3.0", "--digest", "0123abcd"].into_iter().chain(signed).collect(),
-            "approve grasp@1.3.0 0123abcd",
+            "approve grasp@1.3.0 Some(\"0123abcd\")",
             1,
         ),
         (["reject", "grasp@1.3.0"].into_iter().chain(signed).collect(), "reject grasp@1.3.0", 1),
@@ -135,7 +135,7 @@ fn bad_lines_are_refused() {
         "run --profile live",
         "status --until active",
         "status grasp --until active --timeout 0",
-        "approve grasp@1.3.0 --as mara --reason because",
+        "approve grasp@1.3.0 --digest 0123abcd --as mara",
         "approve grasp --digest 0123abcd --as mara --reason because",
         "approve grasp@1.3.0 --digest 0123ABCD --as mara --reason because",
         "reject grasp@1.3.0 --as Mara --reason because",
