@@ -54,14 +54,12 @@ pub enum CandidateVerb {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Example:
-  holdpoint candidate register manifests/candidates/grasp-improved --as otto")]
+  holdpoint candidate register manifests/candidates/grasp-improved")]
 pub struct RegisterArgs {
-    /// The folder with manifest.toml and submission.toml.
+    /// The folder with manifest.toml and submission.toml, or the name of an embedded candidate. Whoever its
+    /// submission names as author cannot approve it later.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// The identity that asks for it; it cannot approve it later.
-    #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
-    pub identity: Option<String>,
 }
 
 /// The arguments of `candidate show` and `candidate check`.

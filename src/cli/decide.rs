@@ -30,7 +30,7 @@ pub enum Asked {
 /// Who decides, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct Signature {
-    /// The identity that signs (see `holdpoint identity`).
+    /// The identity that signs (see `holdpoint identity`); a verb that only stops something takes any name.
     #[arg(long = "as", value_name = "IDENTITY", value_parser = parse_identity)]
     pub identity: String,
     /// Why; goes into the audit log.
@@ -42,7 +42,7 @@ pub struct Signature {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The short digest binds the approval to the evidence you have read;
-`holdpoint registry show` prints it.
+`holdpoint status` prints it. The profile `human` demands it.
 
 Example:
   holdpoint approve grasp@1.3.0 --digest 9f3c2a10 --as mara --reason 'drills and shadow read'")]
@@ -52,7 +52,7 @@ pub struct ApproveArgs {
     pub version: CapabilityId,
     /// The first eight digits of the evidence digest that was read.
     #[arg(long, value_name = "DIGITS", value_parser = parse_short_digest)]
-    pub digest: String,
+    pub digest: Option<String>,
     /// Who and why.
     #[command(flatten)]
     pub signature: Signature,
@@ -94,7 +94,7 @@ Examples:
   holdpoint pause --as mara --reason 'maintenance'
   holdpoint resume grasp --as mara --reason 'maintenance done'")]
 pub struct PauseArgs {
-    /// One family; all where none is named.
+    /// One family; all where none is named. What is registered later is not paused.
     #[arg(value_parser = parse_family)]
     pub family: Option<Family>,
     /// Who and why.

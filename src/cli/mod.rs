@@ -10,20 +10,26 @@ pub mod candidate;
 pub mod completions;
 pub mod data;
 pub mod decide;
+mod decide_verb;
 pub mod doctor;
+mod engine_verbs;
 pub mod error;
 pub mod identity;
 pub mod output;
 pub mod profile;
 pub mod registry;
 pub mod run;
+mod side;
 pub mod status;
+mod status_report;
+mod status_verb;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+pub use engine_verbs::RealEngine;
 pub use error::{CliError, Exit};
 pub use output::Output;
 
@@ -96,6 +102,8 @@ pub enum Verb {
 pub struct Context {
     /// The store's folder; it may not exist yet.
     pub data: PathBuf,
+    /// Whether that folder was asked for; a scenario keeps away from the default one.
+    pub data_given: bool,
     /// Whether answers are JSON.
     pub json: bool,
 }
@@ -177,8 +185,10 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
 /// [`CliError`] with the exit code to end with.
 pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     use decide::Asked;
-    let context =
-        || Ok::<Context, CliError>(Context { data: data::folder(cli.data.as_deref())?, json: cli.json });
+    let context = || {
+        let data = data::folder(cli.data.as_deref())?;
+        Ok::<Context, CliError>(Context { data, data_given: cli.data.is_some(), json: cli.json })
+    };
     match &cli.verb {
         None => engine.run(&context()?, &run::RunArgs::default(), out),
         Some(Verb::Run(args)) => engine.run(&context()?, args, out),

@@ -71,6 +71,25 @@ pub enum Until {
     Superseded,
 }
 
+impl Until {
+    /// Its name, as the command line writes it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Validated => "validated",
+            Self::Sandboxed => "sandboxed",
+            Self::Shadowed => "shadowed",
+            Self::AwaitingApproval => "awaiting-approval",
+            Self::Active => "active",
+            Self::Confirmed => "confirmed",
+            Self::Demoted => "demoted",
+            Self::Rejected => "rejected",
+            Self::RolledBack => "rolled-back",
+            Self::Superseded => "superseded",
+        }
+    }
+}
+
 fn parse_subject(text: &str) -> Result<Subject, String> {
     if text.contains('@') {
         text.parse()

@@ -10,7 +10,7 @@ struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
     fn run(&mut self, _: &Context, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.profile, args.seed));
+        self.0.push(format!("run {:?} {:?}", args.profile(), args.seed));
         Ok(Exit::RolledBack)
     }
     fn register(
@@ -34,7 +34,7 @@ impl EngineVerbs for Recorder {
     fn decide(&mut self, _: &Context, asked: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
         use decide::Asked;
         self.0.push(match asked {
-            Asked::Approve(args) => format!("approve {} {}", args.version, args.digest),
+            Asked::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
             Asked::Reject(args) => format!("reject {}", args.version),
             Asked::Rollback(args) => format!("rollback {}", args.family),
             Asked::Demote(args) => format!("demote {}", args.version),
@@ -98,14 +98,14 @@ fn every_verb_has_examples_that_parse() {
 fn verbs_reach_the_engine() {
     let signed = ["--as", "mara", "--reason", "because"];
     for (line, reached, code) in [
-        (vec![], "run Sim 0", 4),
-        (vec!["run", "--profile", "human", "--seed", "7"], "run Human 7", 4),
+        (vec![], "run Sim None", 4),
+        (vec!["run", "--profile", "human", "--seed", "7"], "run Human Some(7)", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
         (vec!["status"], "status None 600", 3),
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
         (
             ["approve", "grasp@1.3.0", "--digest", "0123abcd"].into_iter().chain(signed).collect(),
-            "approve grasp@1.3.0 0123abcd",
+            "approve grasp@1.3.0 Some(\"0123abcd\")",
             1,
         ),
         (["reject", "grasp@1.3.0"].into_iter().chain(signed).collect(), "reject grasp@1.3.0", 1),
@@ -128,11 +128,14 @@ fn bad_lines_are_refused() {
         "run --jobs 0",
         "run --jobs 65",
         "run --script x",
+        "run --headless",
+        "run --headless --script x --profile sim",
+        "run --cache x",
         "run --plain --headless",
         "run --profile live",
         "status --until active",
         "status grasp --until active --timeout 0",
-        "approve grasp@1.3.0 --as mara --reason because",
+        "approve grasp@1.3.0 --digest 0123abcd --as mara",
         "approve grasp --digest 0123abcd --as mara --reason because",
         "approve grasp@1.3.0 --digest 0123ABCD --as mara --reason because",
         "reject grasp@1.3.0 --as Mara --reason because",

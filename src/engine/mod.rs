@@ -6,7 +6,9 @@
 
 pub mod clock;
 pub mod command;
+pub mod door;
 pub mod event;
+pub mod service;
 pub mod snapshot;
 mod view;
 

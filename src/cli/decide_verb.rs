@@ -1,0 +1,229 @@
+//! `holdpoint approve | reject | rollback | demote | pause | resume`, carried out.
+//!
+//! Approvals and refusals of what waits are signed with the identity's key; the verbs that stop something name who
+//! asked and need no key, because stopping must never be harder than going on.
+
+use super::decide::{ApproveArgs, Asked, FamilyArgs, PauseArgs, Signature, VersionArgs};
+use super::side::{Side, running};
+use super::{CliError, Context, Exit, Output, audit};
+use crate::approvals::{Approval, Identity, Nonce};
+use crate::engine::command::{Command, Operation};
+use crate::engine::snapshot::{PromptView, Snapshot};
+use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::lifecycle::State;
+use crate::governance::profile::ProfileName;
+use crate::registry::names::ApprovalDecision;
+use crate::registry::{Layout, Views};
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`]; nothing has changed then.
+pub(super) fn run(context: &Context, asked: &Asked, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    // What does not exist is said before an engine is opened, so that the store stays as it was.
+    let views = audit::open(&context.data)?;
+    match asked {
+        Asked::Approve(args) => approve(context, &views, args, out),
+        Asked::Reject(args) => reject(context, &views, args, out),
+        Asked::Rollback(args) => rollback(context, &views, args, out),
+        Asked::Demote(args) => {
+            known_version(&views, &args.version)?;
+            let operation = operation(&args.version, &args.signature);
+            Side::open(context)?.carry_out(Command::Demote { operation, profiles: Vec::new() }, out)
+        }
+        Asked::Pause(args) => pause(context, &views, args, Pausing::Pause, out),
+        Asked::Resume(args) => {
+            // Going on needs somebody who can be named for it.
+            identity(context, &args.signature)?;
+            pause(context, &views, args, Pausing::Resume, out)
+        }
+    }
+}
+
+fn approve(
+    context: &Context,
+    views: &Views,
+    args: &ApproveArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let Some(client) = running(context)? else {
+        return Err(CliError::held(
+            "held: no engine is running on this store, so nothing waits for an approval\nHint: start one with \
+             `holdpoint run`; it asks again on the evidence as stored",
+        ));
+    };
+    let mut side = Side::Running(client);
+    let snapshot = side.snapshot()?;
+    let Some(prompt) = open_prompt(&snapshot, &args.version) else {
+        return Err(CliError::held(format!(
+            "held: nothing waits for a decision on {}\nHint: see `holdpoint status {}`",
+            args.version, args.version
+        )));
+    };
+    check_digest(args.digest.as_deref(), prompt)?;
+    sign(&mut side, &who, prompt, ApprovalDecision::Approve, &args.signature, out)?;
+    // An approval that is not enough, or does not count, leaves the version held.
+    let open = open_prompt(&side.snapshot()?, &args.version).is_some();
+    Ok(if open { Exit::Held } else { Exit::Confirmed })
+}
+
+/// The approval is bound to the evidence that was read, where it was named; a profile with people nearby asks for it.
+fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError> {
+    let waits = prompt.evidence.short();
+    match given {
+        Some(given) if given == waits => Ok(()),
+        Some(given) => Err(CliError::held(format!(
+            "held: {} waits with the evidence {waits}, not {given}\nHint: read it again, then approve that",
+            prompt.version
+        ))),
+        None if prompt.profile == ProfileName::Human.name() => Err(CliError::usage(format!(
+            "the profile {:?} needs --digest with the evidence that was read\nHint: `holdpoint status` shows it",
+            prompt.profile
+        ))),
+        None => Ok(()),
+    }
+}
+
+fn reject(
+    context: &Context,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let mut side = Side::open(context)?;
+    let snapshot = side.snapshot()?;
+    let who = identity(context, &args.signature).ok();
+    if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
+        return sign(&mut side, &who, prompt, ApprovalDecision::Reject, &args.signature, out);
+    }
+    side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
+}
+
+fn rollback(
+    context: &Context,
+    views: &Views,
+    args: &FamilyArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_family(views, &args.family)?;
+    let mut side = Side::open(context)?;
+    let snapshot = side.snapshot()?;
+    let family = snapshot.families.iter().find(|view| view.family == args.family);
+    let Some(active) = family.and_then(|view| view.active.clone()) else {
+        return Err(CliError::held(format!("held: {} is safe-stopped, no version is active", args.family)));
+    };
+    side.carry_out(Command::Rollback(operation(&active, &args.signature)), out)
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pausing {
+    Pause,
+    Resume,
+}
+
+/// Pauses what is on its way, or resumes what is paused: of one family, or of all.
+fn pause(
+    context: &Context,
+    views: &Views,
+    args: &PauseArgs,
+    pausing: Pausing,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    if let Some(family) = &args.family {
+        known_family(views, family)?;
+    }
+    let mut side = Side::open(context)?;
+    let fits = |view: &&crate::engine::snapshot::CandidateView| {
+        let on_its_way = match view.state {
+            State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => {
+                true
+            }
+            State::Active => view.flags.provisional || view.flags.paused,
+            State::Rejected | State::RolledBack | State::Superseded => false,
+        };
+        let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
+        on_its_way && of_family && view.flags.paused == (pausing == Pausing::Resume)
+    };
+    let versions: Vec<CapabilityId> =
+        side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
+    if versions.is_empty() {
+        let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
+        return Err(CliError::held(match pausing {
+            Pausing::Pause => format!("nothing was paused: no version{of} is on its way"),
+            Pausing::Resume => format!("nothing was resumed: no version{of} is paused"),
+        }));
+    }
+    for version in versions {
+        let operation = operation(&version, &args.signature);
+        let command = match pausing {
+            Pausing::Pause => Command::Pause(operation),
+            Pausing::Resume => Command::Resume(operation),
+        };
+        side.carry_out(command, out)?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn sign(
+    side: &mut Side,
+    who: &Identity,
+    prompt: &PromptView,
+    decision: ApprovalDecision,
+    signature: &Signature,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let approval = Approval {
+        who: who.info().name.clone(),
+        role: who.info().role.clone(),
+        decision,
+        reason: signature.reason.raw().to_owned(),
+        version: prompt.version.clone(),
+        candidate_digest: prompt.candidate,
+        row_version: prompt.row_version,
+        evidence_digest: prompt.evidence,
+        policy_digest: prompt.policy,
+        profile: prompt.profile.clone(),
+        store_id: prompt.store_id.clone(),
+        nonce: Nonce::random().map_err(CliError::internal)?,
+        not_after_ms: prompt.valid_until_ms,
+    };
+    side.carry_out(Command::Decide { signed: Box::new(who.sign(approval)) }, out)
+}
+
+fn identity(context: &Context, signature: &Signature) -> Result<Identity, CliError> {
+    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)
+}
+
+fn operation(version: &CapabilityId, signature: &Signature) -> Operation {
+    Operation {
+        version: version.clone(),
+        by: signature.identity.clone(),
+        reason: signature.reason.raw().to_owned(),
+    }
+}
+
+fn open_prompt<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'a PromptView> {
+    snapshot.prompts.iter().find(|prompt| prompt.version == *version)
+}
+
+pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(), CliError> {
+    if views.version(version).map_err(CliError::usage)?.is_some() {
+        return Ok(());
+    }
+    Err(CliError::usage(format!(
+        "there is no version {:?} in the store\nHint: `holdpoint registry list` names all",
+        version.to_string()
+    )))
+}
+
+pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {
+    let families = views.families().map_err(CliError::usage)?;
+    if families.iter().any(|known| known.name == family.as_str()) {
+        return Ok(());
+    }
+    let names: Vec<&str> = families.iter().map(|known| known.name.as_str()).collect();
+    Err(CliError::usage(format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "))))
+}

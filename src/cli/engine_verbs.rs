@@ -1,0 +1,103 @@
+//! The verbs that need the engine, carried out by the real one.
+//!
+//! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
+//! anything itself.
+
+use super::side::Side;
+use super::{
+    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
+    status_verb,
+};
+use crate::engine::command::Command;
+use crate::headless::{RunPlain, RunScript, embedded, run_plain, run_script};
+use crate::runtime::capability::Capability;
+use crate::text::Untrusted;
+
+/// The seed of a run that names none.
+const SEED_DEFAULT: u64 = 1;
+
+/// The engine of this program.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RealEngine;
+
+impl EngineVerbs for RealEngine {
+    fn run(
+        &mut self,
+        context: &Context,
+        args: &run::RunArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        let json = context.json;
+        let robot = args.robot.as_deref();
+        match &args.script {
+            Some(script) => {
+                let run = RunScript {
+                    script,
+                    data: context.data_given.then_some(context.data.as_path()),
+                    cache: args.cache.as_deref(),
+                    seed: args.seed,
+                    jobs: args.jobs(),
+                    robot,
+                    json,
+                };
+                run_script(&run, out.sink())
+            }
+            None => {
+                let run = RunPlain {
+                    data: &context.data,
+                    profile: args.profile(),
+                    seed: args.seed.unwrap_or(SEED_DEFAULT),
+                    jobs: args.jobs(),
+                    robot,
+                    json,
+                };
+                run_plain(&run, out.sink())
+            }
+        }
+    }
+
+    fn register(
+        &mut self,
+        context: &Context,
+        args: &candidate::RegisterArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
+        let package = embedded::read(&args.folder).map_err(CliError::usage)?;
+        let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
+        Capability::load(&name, package.clone()).map_err(CliError::usage)?;
+        let mut side = Side::open(context)?;
+        let exit = side.carry_out(Command::Register { package, name }, out)?;
+        if side.is_own() && !out.is_json() {
+            out.line("no engine is running; `holdpoint run` takes it through the stages")?;
+        }
+        Ok(exit)
+    }
+
+    fn status(
+        &mut self,
+        context: &Context,
+        args: &status::StatusArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        status_verb::run(context, args, out)
+    }
+
+    fn decide(
+        &mut self,
+        context: &Context,
+        asked: &decide::Asked,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        decide_verb::run(context, asked, out)
+    }
+
+    fn bench(
+        &mut self,
+        _context: &Context,
+        _args: &bench::BenchArgs,
+        _out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        Err(CliError::usage("this build does not measure yet"))
+    }
+}

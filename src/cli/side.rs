@@ -1,0 +1,140 @@
+//! Who carries out a verb: the engine that runs on the store, or one that is opened for this verb alone.
+//!
+//! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
+//! does.
+
+use super::{CliError, Context, Exit, Output, audit};
+use crate::approvals::Nonce;
+use crate::engine::command::{Command, Refusal, Reply, Request};
+use crate::engine::door::{Client, DoorError};
+use crate::engine::snapshot::Snapshot;
+use crate::engine::{Config, Engine, StartError};
+use crate::governance::profile::ProfileName;
+use crate::pipeline::cache::EpisodeCache;
+use crate::pipeline::cell::Cell;
+use crate::registry::Layout;
+
+/// Who carries out a verb.
+pub(super) enum Side {
+    /// An engine in another process.
+    Running(Client),
+    /// One of this verb's own; nothing but commands is carried out, no stage is begun.
+    Own(Box<Engine>),
+}
+
+/// The engine that runs on the store; `None` where none does.
+pub(super) fn running(context: &Context) -> Result<Option<Client>, CliError> {
+    Client::connect(&Layout::new(&context.data)).map_err(door_error)
+}
+
+impl Side {
+    /// The engine that runs on the store, else one of this verb's own, which makes the store where there is none.
+    pub(super) fn open(context: &Context) -> Result<Self, CliError> {
+        if let Some(client) = running(context)? {
+            return Ok(Self::Running(client));
+        }
+        let config = Config {
+            data: &context.data,
+            profile: last_profile(context)?,
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().map_err(CliError::internal)?,
+            cache: EpisodeCache::InStore,
+        };
+        Ok(Self::Own(Box::new(Engine::start(config).map_err(start_error)?)))
+    }
+
+    /// Whether the engine is one of this verb's own.
+    pub(super) const fn is_own(&self) -> bool {
+        matches!(self, Self::Own(_))
+    }
+
+    /// The engine's reply.
+    pub(super) fn ask(&mut self, command: Command) -> Result<Reply, CliError> {
+        match self {
+            Self::Running(client) => client.ask(command).map_err(door_error),
+            Self::Own(engine) => {
+                let id = Nonce::random().map_err(CliError::internal)?.as_str().to_owned();
+                let reply = engine.submit(Request { id, command });
+                // What happened is in the audit log; nobody listens here.
+                drop(engine.drain_events());
+                Ok(reply)
+            }
+        }
+    }
+
+    /// How things stand.
+    pub(super) fn snapshot(&mut self) -> Result<Snapshot, CliError> {
+        match self.ask(Command::Snapshot)? {
+            Reply::Snapshot { snapshot } => Ok(*snapshot),
+            Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
+            Reply::Accepted { .. } => Err(CliError::internal("the engine answered without a snapshot")),
+        }
+    }
+
+    /// Asks for something to be done and prints the reply.
+    ///
+    /// # Errors
+    /// Where the engine refused, with the exit code that fits.
+    pub(super) fn carry_out(&mut self, command: Command, out: &mut Output<'_>) -> Result<Exit, CliError> {
+        let reply = self.ask(command)?;
+        match &reply {
+            Reply::Accepted { text, version: _ } => {
+                out.answer(&reply, |out| out.line(text))?;
+                Ok(Exit::Confirmed)
+            }
+            Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
+            Reply::Snapshot { .. } => Err(CliError::internal("the engine answered with a snapshot")),
+        }
+    }
+}
+
+/// The profile the store was last used with; another one would void what was measured under it.
+fn last_profile(context: &Context) -> Result<ProfileName, CliError> {
+    if !Layout::new(&context.data).database().exists() {
+        return Ok(ProfileName::Sim);
+    }
+    let last = audit::open(&context.data)?.context().map_err(CliError::usage)?;
+    let Some((name, _, _)) = last else { return Ok(ProfileName::Sim) };
+    let known = ProfileName::ALL.into_iter().find(|profile| profile.name() == name);
+    known.ok_or_else(|| CliError::usage(format!("the store was last used with the unknown profile {name:?}")))
+}
+
+/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
+pub(super) fn start_error(error: StartError) -> CliError {
+    match &error {
+        StartError::Fault(_) => CliError::internal(error),
+        StartError::Store(_)
+        | StartError::Ledger(_)
+        | StartError::Profile(_)
+        | StartError::Policy(_)
+        | StartError::Baseline(_)
+        | StartError::Sim(_) => CliError::usage(error),
+    }
+}
+
+/// An engine that does not answer, or ended, holds; the rest the caller can put right.
+pub(super) fn door_error(error: DoorError) -> CliError {
+    match &error {
+        DoorError::NoAnswer { .. } | DoorError::Ended { .. } => CliError::held(error),
+        DoorError::PathTooLong { .. }
+        | DoorError::Taken { .. }
+        | DoorError::Io { .. }
+        | DoorError::Foreign { .. }
+        | DoorError::Protocol { .. } => CliError::usage(error),
+        DoorError::Random(_) => CliError::internal(error),
+    }
+}
+
+/// What a refusal is to the caller: something wrong with the command, or something to wait for.
+pub(super) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
+    let message = match hint {
+        Some(hint) => format!("{text}\nHint: {hint}"),
+        None => text.to_owned(),
+    };
+    match code {
+        Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(message),
+        Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding => CliError::held(message),
+    }
+}

@@ -1,0 +1,270 @@
+//! What `holdpoint status` shows: read from the store, completed by what a running engine adds.
+//!
+//! The store is the authority on states; only progress, holding and the provisional window come from the engine.
+//! One formatter for all forms of the verb.
+
+use serde::Serialize;
+
+use super::CliError;
+use super::status::Subject;
+use crate::engine::snapshot::Snapshot;
+use crate::governance::ids::CapabilityId;
+use crate::registry::names::{StageName, StateName};
+use crate::registry::{VersionFilter, VersionSummary, Views};
+
+/// How things stand.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct StatusReport {
+    /// Whether an engine runs on the store and answers.
+    pub(super) engine_running: bool,
+    /// Why it holds, where it does.
+    pub(super) holding: Option<String>,
+    /// The profile the store was last used with.
+    pub(super) profile: Option<String>,
+    pub(super) families: Vec<FamilyRow>,
+    pub(super) versions: Vec<VersionRow>,
+    pub(super) waiting: Vec<WaitingRow>,
+    pub(super) alarms: Vec<AlarmRow>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct FamilyRow {
+    pub(super) family: String,
+    pub(super) active: Option<CapabilityId>,
+    pub(super) rollback_target: Option<CapabilityId>,
+    /// Why no version is active, where none may be.
+    pub(super) safe_stopped: Option<String>,
+    /// Episodes worked and needed, while the active version is provisional and an engine runs.
+    pub(super) provisional_episodes: Option<(u32, u32)>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct VersionRow {
+    pub(super) version: CapabilityId,
+    pub(super) state: StateName,
+    pub(super) running: Option<StageName>,
+    pub(super) paused: bool,
+    pub(super) awaiting_approval: bool,
+    pub(super) provisional: bool,
+    pub(super) restricted: bool,
+    pub(super) rollback_pending: bool,
+    /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent where not measured.
+    pub(super) kappas: [Option<f64>; 4],
+    /// What the running stage does: so many done of so many.
+    pub(super) progress: Option<ProgressRow>,
+    /// The first reason of the last decision, where an engine runs.
+    pub(super) reason: Option<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct ProgressRow {
+    pub(super) what: String,
+    pub(super) done: u64,
+    pub(super) budget: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct WaitingRow {
+    pub(super) version: CapabilityId,
+    /// The first eight digits of the evidence's digest; an approval names them.
+    pub(super) evidence: String,
+    pub(super) needed: u32,
+    pub(super) approved_by: Vec<String>,
+    pub(super) deadline_ms: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct AlarmRow {
+    pub(super) alarm: String,
+    pub(super) priority: String,
+    pub(super) state: String,
+    pub(super) text: String,
+}
+
+impl StatusReport {
+    /// What concerns the subject, or everything.
+    pub(super) fn new(
+        views: &Views,
+        engine: Option<&Snapshot>,
+        subject: Option<&Subject>,
+    ) -> Result<Self, CliError> {
+        let wanted = |version: &CapabilityId| match subject {
+            None => true,
+            Some(Subject::Family(family)) => version.family == *family,
+            Some(Subject::Version(one)) => version == one,
+        };
+        let family_of = subject.map(|subject| match subject {
+            Subject::Family(family) => family.to_string(),
+            Subject::Version(version) => version.family.to_string(),
+        });
+        let filter = VersionFilter { family: family_of.clone(), ..VersionFilter::default() };
+        let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
+        let rows = versions.iter().filter(|version| wanted(&version.id));
+        let families = views.families().map_err(CliError::usage)?;
+        let families = families
+            .into_iter()
+            .filter(|status| family_of.as_ref().is_none_or(|name| *name == status.name))
+            .map(|status| FamilyRow {
+                provisional_episodes: engine.and_then(|engine| {
+                    engine.families.iter().find(|view| view.family.as_str() == status.name)?.provisional
+                }),
+                active: status.active,
+                rollback_target: status.pinned,
+                safe_stopped: status.safe_stopped.then_some(status.reason),
+                family: status.name,
+            })
+            .collect();
+        let requests = views.open_requests().map_err(CliError::usage)?;
+        let waiting = requests
+            .into_iter()
+            .filter(|request| wanted(&request.version))
+            .map(|request| WaitingRow {
+                approved_by: engine
+                    .and_then(|engine| engine.prompts.iter().find(|prompt| prompt.version == request.version))
+                    .map(|prompt| prompt.approved_by.clone())
+                    .unwrap_or_default(),
+                evidence: request.evidence_digest.short(),
+                needed: request.needed,
+                deadline_ms: request.deadline_ms,
+                version: request.version,
+            })
+            .collect();
+        Ok(Self {
+            engine_running: engine.is_some(),
+            holding: engine.and_then(|engine| engine.holding.clone()),
+            profile: views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile),
+            families,
+            versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
+            waiting,
+            alarms: alarms(views)?,
+        })
+    }
+
+    /// One line a row, for people. A line says all of its row, so that lines can be compared.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        let profile = self.profile.as_deref().unwrap_or("none");
+        lines.push(match (self.engine_running, &self.holding) {
+            (true, None) => format!("engine   running, profile {profile}"),
+            (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
+            (false, _) => format!("engine   not running, last profile {profile}"),
+        });
+        lines.extend(self.families.iter().map(FamilyRow::line));
+        lines.extend(self.versions.iter().map(VersionRow::line));
+        lines.extend(self.waiting.iter().map(WaitingRow::line));
+        lines.extend(self.alarms.iter().map(AlarmRow::line));
+        lines
+    }
+}
+
+impl FamilyRow {
+    fn line(&self) -> String {
+        let name =
+            |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+        let mut line = format!(
+            "family   {}: active {}, rollback target {}",
+            self.family,
+            name(&self.active),
+            name(&self.rollback_target)
+        );
+        if let Some((worked, needed)) = self.provisional_episodes {
+            line.push_str(&format!(", provisional {worked} of {needed} episodes"));
+        }
+        if let Some(why) = &self.safe_stopped {
+            line.push_str(&format!(", SAFE-STOPPED: {why}"));
+        }
+        line
+    }
+}
+
+impl VersionRow {
+    fn new(version: &VersionSummary, engine: Option<&Snapshot>) -> Self {
+        let view = engine
+            .and_then(|engine| engine.candidates.iter().find(|candidate| candidate.version == version.id));
+        let flags = &version.flags;
+        let progress = view.and_then(|view| view.progress.as_ref()).filter(|_| flags.running.is_some());
+        Self {
+            version: version.id.clone(),
+            state: version.state,
+            running: flags.running,
+            paused: flags.paused,
+            awaiting_approval: flags.awaiting_approval,
+            provisional: flags.provisional,
+            restricted: flags.restricted,
+            rollback_pending: flags.rollback_pending,
+            kappas: version.kappas,
+            progress: progress.map(|progress| ProgressRow {
+                what: progress.what.clone(),
+                done: progress.done,
+                budget: progress.budget,
+            }),
+            reason: view
+                .and_then(|view| view.reasons.first())
+                .map(|reason| format!("{}: {}", reason.code, reason.text)),
+        }
+    }
+
+    fn line(&self) -> String {
+        let mut line = format!("version  {}: {}", self.version, self.state);
+        if let Some(stage) = self.running {
+            line.push_str(&format!(", running {stage}"));
+        }
+        let flags = [
+            (self.paused, "paused"),
+            (self.awaiting_approval, "awaiting approval"),
+            (self.provisional, "provisional"),
+            (self.restricted, "restricted"),
+            (self.rollback_pending, "being rolled back"),
+        ];
+        for (_, word) in flags.iter().filter(|(set, _)| *set) {
+            line.push_str(", ");
+            line.push_str(word);
+        }
+        if let Some(ProgressRow { what, done, budget }) = &self.progress {
+            line.push_str(&format!(", {what} {done} of {budget}"));
+        }
+        if self.kappas.iter().any(Option::is_some) {
+            for (name, value) in ["κI", "κP", "κB", "κR"].iter().zip(self.kappas) {
+                let shown = value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+                line.push_str(&format!("  {name} {shown}"));
+            }
+        }
+        if let Some(reason) = &self.reason {
+            line.push_str(&format!("  ({reason})"));
+        }
+        line
+    }
+}
+
+impl WaitingRow {
+    fn line(&self) -> String {
+        let have =
+            if self.approved_by.is_empty() { "nobody yet".to_owned() } else { self.approved_by.join(", ") };
+        format!(
+            "waiting  {} for {} to approve the evidence {} by {} s; approved by {have}",
+            self.version,
+            if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) },
+            self.evidence,
+            self.deadline_ms / 1000,
+        )
+    }
+}
+
+impl AlarmRow {
+    fn line(&self) -> String {
+        format!("alarm    {} {}, {}: {}", self.priority, self.alarm, self.state, self.text)
+    }
+}
+
+/// Alarms that are not normal.
+fn alarms(views: &Views) -> Result<Vec<AlarmRow>, CliError> {
+    let entries = views.alarms().map_err(CliError::usage)?;
+    let open = entries.into_iter().filter(|entry| entry.state != "normal");
+    Ok(open
+        .map(|entry| {
+            let body: serde_json::Value = serde_json::from_str(&entry.json).unwrap_or_default();
+            let text = body.get("text").and_then(serde_json::Value::as_str).unwrap_or_default().to_owned();
+            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text }
+        })
+        .collect())
+}

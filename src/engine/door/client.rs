@@ -1,0 +1,225 @@
+//! The other side of the door, for verbs and consoles: synchronous, every wait bounded.
+
+use std::io::{self, BufRead, BufReader, Read as _, Write as _};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, PROTOCOL};
+use super::{DoorError, socket, socket_path};
+use crate::approvals::Nonce;
+use crate::engine::command::{Command, Reply, Request};
+use crate::engine::event::Event;
+use crate::registry::Layout;
+
+/// How long the first line may take.
+const HELLO_SECS: u64 = 5;
+
+/// How long a reply may take: the engine answers between two slices of work, and a rollback is carried out first.
+const REPLY_SECS: u64 = 120;
+
+/// A connection to a running engine.
+#[derive(Debug)]
+pub struct Client {
+    lines: Lines,
+}
+
+/// A stream of events from a running engine.
+#[derive(Debug)]
+pub struct Subscription {
+    lines: Lines,
+}
+
+/// What a subscriber is told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    /// Something happened.
+    Event(Box<Event>),
+    /// So many events were dropped, because they were not read in time.
+    Missed(u64),
+}
+
+impl Client {
+    /// Connects to the engine that runs on a store; `None` where none does.
+    ///
+    /// # Errors
+    /// [`DoorError`] where something answers that is not one's own engine of this version.
+    pub fn connect(layout: &Layout) -> Result<Option<Self>, DoorError> {
+        let path = socket_path(layout);
+        // No engine can listen at a path that is too long.
+        if socket::check_length(&path).is_err() {
+            return Ok(None);
+        }
+        let stream = match UnixStream::connect(&path) {
+            Ok(stream) => stream,
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused | io::ErrorKind::NotADirectory
+                ) =>
+            {
+                return Ok(None);
+            }
+            Err(error) => return Err(DoorError::io("connect to", &path)(error)),
+        };
+        let peer = rustix::net::sockopt::socket_peercred(&stream)
+            .map_err(|error| DoorError::io("look who serves", &path)(error.into()))?;
+        if peer.uid != rustix::process::geteuid() {
+            return Err(DoorError::Foreign { path, uid: peer.uid.as_raw() });
+        }
+        let mut lines = Lines { path, reader: BufReader::new(stream), line: Vec::new() };
+        match lines.expect(HELLO_SECS)? {
+            Answer::Hello { protocol: PROTOCOL, .. } => Ok(Some(Self { lines })),
+            Answer::Hello { protocol, version, .. } => {
+                Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
+            }
+            Answer::Closed { text } => Err(lines.protocol(text)),
+            Answer::Reply { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
+                Err(lines.protocol("its first line is no hello".to_owned()))
+            }
+        }
+    }
+
+    /// Asks for something and waits for the reply. Where the connection breaks before it, the same request is
+    /// sent once more over a new one: the engine carries out an id only once.
+    ///
+    /// # Errors
+    /// [`DoorError`]; after [`DoorError::NoAnswer`] the outcome is not known.
+    pub fn ask(&mut self, command: Command) -> Result<Reply, DoorError> {
+        let id = Nonce::random()?.as_str().to_owned();
+        let call = Call::Ask { request: Box::new(Request { id, command }) };
+        match self.call(&call) {
+            Err(DoorError::Ended { .. }) => {
+                let layout = Layout::new(self.lines.path.parent().unwrap_or(Path::new("")));
+                let Some(again) = Self::connect(&layout)? else {
+                    return Err(DoorError::Ended { path: self.lines.path.clone() });
+                };
+                *self = again;
+                self.call(&call)
+            }
+            other => other,
+        }
+    }
+
+    fn call(&mut self, call: &Call) -> Result<Reply, DoorError> {
+        self.lines.send(call)?;
+        match self.lines.expect(REPLY_SECS)? {
+            Answer::Reply { reply } => Ok(*reply),
+            Answer::Closed { text } => Err(self.lines.protocol(text)),
+            Answer::Hello { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
+                Err(self.lines.protocol("that is no reply".to_owned()))
+            }
+        }
+    }
+
+    /// Turns the connection into a stream of events.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn subscribe(mut self) -> Result<Subscription, DoorError> {
+        self.lines.send(&Call::Subscribe)?;
+        match self.lines.expect(HELLO_SECS)? {
+            Answer::Subscribed => Ok(Subscription { lines: self.lines }),
+            Answer::Closed { text } => Err(self.lines.protocol(text)),
+            Answer::Hello { .. } | Answer::Reply { .. } | Answer::Event { .. } | Answer::Lagged { .. } => {
+                Err(self.lines.protocol("that is no subscription".to_owned()))
+            }
+        }
+    }
+}
+
+impl Subscription {
+    /// What was told next; `None` where nothing was within `at_most`.
+    ///
+    /// # Errors
+    /// [`DoorError::Ended`] where the engine has ended; else as [`Client::ask`].
+    pub fn next(&mut self, at_most: Duration) -> Result<Option<Told>, DoorError> {
+        match self.lines.next(at_most)? {
+            None => Ok(None),
+            Some(Answer::Event { event }) => Ok(Some(Told::Event(event))),
+            Some(Answer::Lagged { missed }) => Ok(Some(Told::Missed(missed))),
+            Some(Answer::Closed { text }) => Err(self.lines.protocol(text)),
+            Some(Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed) => {
+                Err(self.lines.protocol("that is no event".to_owned()))
+            }
+        }
+    }
+}
+
+/// Lines of bounded length over a socket.
+#[derive(Debug)]
+struct Lines {
+    path: PathBuf,
+    reader: BufReader<UnixStream>,
+    /// What was read of a line that is not complete.
+    line: Vec<u8>,
+}
+
+impl Lines {
+    fn send(&mut self, call: &Call) -> Result<(), DoorError> {
+        let line = wire::line(call).map_err(|error| self.protocol(error.to_string()))?;
+        if line.len() > CALL_BYTES_MAX {
+            let text = format!("the request has {} bytes; at most {CALL_BYTES_MAX} are allowed", line.len());
+            return Err(DoorError::io("send to", &self.path)(io::Error::other(text)));
+        }
+        let path = self.path.clone();
+        let stream = self.reader.get_mut();
+        stream
+            .set_write_timeout(Some(Duration::from_secs(HELLO_SECS)))
+            .and_then(|()| stream.write_all(line.as_bytes()))
+            .map_err(|error| broken("send to", path, error))
+    }
+
+    fn expect(&mut self, secs: u64) -> Result<Answer, DoorError> {
+        match self.next(Duration::from_secs(secs))? {
+            Some(answer) => Ok(answer),
+            None => Err(DoorError::NoAnswer { path: self.path.clone(), secs }),
+        }
+    }
+
+    fn next(&mut self, at_most: Duration) -> Result<Option<Answer>, DoorError> {
+        let until = Instant::now() + at_most;
+        loop {
+            // A timeout of zero would mean none.
+            let left = until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
+            let path = self.path.clone();
+            self.reader
+                .get_ref()
+                .set_read_timeout(Some(left))
+                .map_err(|error| broken("read from", path.clone(), error))?;
+            let room = (ANSWER_BYTES_MAX + 1 - self.line.len().min(ANSWER_BYTES_MAX)) as u64;
+            match self.reader.by_ref().take(room).read_until(b'\n', &mut self.line) {
+                Ok(_) if self.line.last() == Some(&b'\n') => {
+                    let parsed = serde_json::from_slice(&self.line);
+                    self.line.clear();
+                    return parsed.map(Some).map_err(|error| self.protocol(error.to_string()));
+                }
+                Ok(_) if self.line.len() > ANSWER_BYTES_MAX => {
+                    return Err(self.protocol("a line is too long".to_owned()));
+                }
+                Ok(_) => return Err(DoorError::Ended { path }),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                    if Instant::now() >= until {
+                        return Ok(None);
+                    }
+                }
+                Err(error) => return Err(broken("read from", path, error)),
+            }
+        }
+    }
+
+    fn protocol(&self, problem: String) -> DoorError {
+        DoorError::Protocol { path: self.path.clone(), problem }
+    }
+}
+
+/// A connection that broke is an engine that ended, as far as a client can know.
+fn broken(what: &'static str, path: PathBuf, error: io::Error) -> DoorError {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset | io::ErrorKind::UnexpectedEof => {
+            DoorError::Ended { path }
+        }
+        _ => DoorError::Io { what, path, source: error },
+    }
+}

@@ -1,0 +1,242 @@
+//! The engine's door for other processes: a unix socket in the store's folder, JSON lines both ways.
+//!
+//! The engine is synchronous and belongs to one thread; the socket is served by another. Requests reach the
+//! engine through a bounded queue and are carried out between two slices ([`Door::poll`]); what it tells goes to
+//! every subscriber through a bounded ring ([`Door::publish`]), of which a slow one loses the oldest and is told
+//! how many. Who may connect is the process's own user and nobody else.
+//!
+//! Must not decide anything, and must not keep the engine waiting: nothing here blocks it but [`Door::wait`].
+
+mod client;
+mod server;
+mod socket;
+pub mod wire;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tokio::sync::{broadcast, oneshot};
+use tokio_util::sync::CancellationToken;
+
+pub use client::{Client, Subscription, Told};
+pub use socket::socket_path;
+
+use super::Engine;
+use super::command::{Reply, Request};
+use super::event::Event;
+use crate::registry::Layout;
+
+/// The most connections at a time.
+pub const CONNECTIONS_MAX: usize = 32;
+
+/// The most requests that wait for the engine.
+pub const REQUESTS_MAX: usize = 64;
+
+/// The most events kept for a subscriber that reads slowly.
+pub const EVENTS_KEPT: usize = 1024;
+
+/// The door cannot be opened or used.
+#[derive(Debug, thiserror::Error)]
+pub enum DoorError {
+    /// The socket's path does not fit.
+    #[error(
+        "the socket's path {path:?} has {bytes} bytes; at most {allowed} are allowed. Hint: choose a shorter \
+         folder with --data"
+    )]
+    PathTooLong {
+        /// The path.
+        path: PathBuf,
+        /// Its length.
+        bytes: usize,
+        /// How long it may be.
+        allowed: usize,
+    },
+    /// Something that is no socket has the socket's name, or another engine answers there.
+    #[error("{path:?} {problem}")]
+    Taken {
+        /// The path.
+        path: PathBuf,
+        /// What is there.
+        problem: &'static str,
+    },
+    /// A step failed.
+    #[error("cannot {what} {path:?}: {source}")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// The socket.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The other side belongs to somebody else.
+    #[error("{path:?} is served by the user {uid}, not by you")]
+    Foreign {
+        /// The socket.
+        path: PathBuf,
+        /// Whose it is.
+        uid: u32,
+    },
+    /// The other side does not speak this protocol.
+    #[error(
+        "{path:?} answers something else than expected: {problem}. Hint: use the same version of holdpoint"
+    )]
+    Protocol {
+        /// The socket.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// No answer in time.
+    #[error(
+        "the engine at {path:?} did not answer within {secs} s; whether the command was carried out is not known"
+    )]
+    NoAnswer {
+        /// The socket.
+        path: PathBuf,
+        /// How long was waited, s.
+        secs: u64,
+    },
+    /// The engine ended meanwhile.
+    #[error("the engine at {path:?} has ended")]
+    Ended {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// The system gave no random numbers for a command's id.
+    #[error(transparent)]
+    Random(#[from] crate::approvals::ApprovalError),
+}
+
+impl DoorError {
+    fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { what, path, source }
+    }
+}
+
+/// Whether the process's signals to end (SIGTERM, SIGINT, SIGHUP) are taken by the door.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signals {
+    /// They make [`Door::endings_asked`] count; the process goes on until its loop ends.
+    Taken,
+    /// They do what they did.
+    Left,
+}
+
+/// What comes in from the socket's thread.
+enum Incoming {
+    Request(Box<Request>, oneshot::Sender<Reply>),
+    /// Something else is to be looked at.
+    Wake,
+}
+
+/// The engine's side of the door. Closes it when dropped.
+pub struct Door {
+    incoming: Receiver<Incoming>,
+    waiting: Option<Incoming>,
+    events: broadcast::Sender<Arc<str>>,
+    endings: Arc<AtomicUsize>,
+    stop: CancellationToken,
+    thread: Option<JoinHandle<()>>,
+    socket: PathBuf,
+}
+
+impl Door {
+    /// Opens the door of the store that the caller's engine has. A socket left by an engine that is gone is
+    /// removed. A second signal to end sets `cancel`, which interrupts the slice that runs.
+    ///
+    /// # Errors
+    /// [`DoorError`].
+    pub fn open(layout: &Layout, cancel: Arc<AtomicBool>, signals: Signals) -> Result<Self, DoorError> {
+        let socket = socket_path(layout);
+        let listener = socket::bind(&socket)?;
+        let (sender, incoming) = sync_channel(REQUESTS_MAX);
+        let (events, _) = broadcast::channel(EVENTS_KEPT);
+        let endings = Arc::new(AtomicUsize::new(0));
+        let stop = CancellationToken::new();
+        let serve = server::Server {
+            requests: sender,
+            events: events.clone(),
+            endings: Arc::clone(&endings),
+            cancel,
+            stop: stop.clone(),
+        };
+        let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
+        Ok(Self { incoming, waiting: None, events, endings, stop, thread: Some(thread), socket })
+    }
+
+    /// Hands every request that waits to the engine, without blocking. Returns how many there were.
+    pub fn poll(&mut self, engine: &mut Engine) -> usize {
+        let mut done = 0;
+        // A bound, so that a busy client cannot keep the engine from its work.
+        while done < REQUESTS_MAX {
+            let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) else { break };
+            match next {
+                Incoming::Request(request, answer) => {
+                    // Whoever asked may be gone; what was asked is done all the same.
+                    drop(answer.send(engine.submit(*request)));
+                    done += 1;
+                }
+                Incoming::Wake => {}
+            }
+        }
+        done
+    }
+
+    /// Tells every subscriber.
+    pub fn publish(&self, events: &[Event]) {
+        if self.events.receiver_count() == 0 {
+            return;
+        }
+        for event in events {
+            if let Ok(line) = wire::line(&wire::Answer::Event { event: Box::new(event.clone()) }) {
+                // No subscriber left in between is no error.
+                drop(self.events.send(line.into()));
+            }
+        }
+    }
+
+    /// Waits until something came in, or for `at_most`.
+    pub fn wait(&mut self, at_most: Duration) {
+        if self.waiting.is_some() {
+            return;
+        }
+        match self.incoming.recv_timeout(at_most) {
+            Ok(next) => self.waiting = Some(next),
+            Err(RecvTimeoutError::Timeout) => {}
+            // Nobody serves the socket any more; the loop must not spin for that.
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(at_most),
+        }
+    }
+
+    /// How often a signal asked the process to end.
+    #[must_use]
+    pub fn endings_asked(&self) -> usize {
+        self.endings.load(Ordering::Acquire)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn socket(&self) -> &Path {
+        &self.socket
+    }
+}
+
+impl Drop for Door {
+    fn drop(&mut self) {
+        self.stop.cancel();
+        // Requests that wait are answered by their connections: the engine ends.
+        self.waiting = None;
+        while self.incoming.try_recv().is_ok() {}
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+        // The store's lock is still held: the name is this engine's own.
+        drop(std::fs::remove_file(&self.socket));
+    }
+}

@@ -1,0 +1,243 @@
+//! The socket's thread: accepts, checks who it is, reads calls, writes answers.
+
+use std::io;
+use std::os::unix::net::UnixListener as StdListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::net::{UnixListener, UnixStream};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::{broadcast, oneshot};
+use tokio::task::JoinSet;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+use super::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, ID_BYTES_MAX, PROTOCOL};
+use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, Signals};
+use crate::engine::command::{Refusal, Reply};
+
+/// How long a connection may say nothing.
+const IDLE_MAX: Duration = Duration::from_secs(60);
+
+/// How long a reply may take to be read.
+const WRITE_MAX: Duration = Duration::from_secs(10);
+
+/// How long open connections are waited for when the door closes.
+const CLOSING_MAX: Duration = Duration::from_millis(500);
+
+/// Pause after a failed accept, so that a lack of file descriptors does not take a core.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// What the socket's thread works with.
+#[derive(Clone)]
+pub(super) struct Server {
+    pub(super) requests: SyncSender<Incoming>,
+    pub(super) events: broadcast::Sender<Arc<str>>,
+    pub(super) endings: Arc<AtomicUsize>,
+    pub(super) cancel: Arc<AtomicBool>,
+    pub(super) stop: CancellationToken,
+}
+
+impl Server {
+    /// Starts the thread.
+    pub(super) fn start(self, listener: StdListener, signals: Signals) -> io::Result<JoinHandle<()>> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let listener = {
+            let _inside = runtime.enter();
+            if signals == Signals::Taken {
+                for kind in [SignalKind::terminate(), SignalKind::interrupt(), SignalKind::hangup()] {
+                    let (server, mut signal) = (self.clone(), signal(kind)?);
+                    runtime.spawn(async move {
+                        while signal.recv().await.is_some() {
+                            if server.endings.fetch_add(1, Ordering::AcqRel) > 0 {
+                                server.cancel.store(true, Ordering::Release);
+                            }
+                            // A full queue wakes the engine just as well.
+                            drop(server.requests.try_send(Incoming::Wake));
+                        }
+                    });
+                }
+            }
+            UnixListener::from_std(listener)?
+        };
+        std::thread::Builder::new().name("engine-door".to_owned()).spawn(move || {
+            runtime.block_on(self.accept(listener));
+            runtime.shutdown_timeout(CLOSING_MAX);
+        })
+    }
+
+    async fn accept(self, listener: UnixListener) {
+        let own_uid = rustix::process::geteuid().as_raw();
+        let mut open = JoinSet::new();
+        loop {
+            let accepted = tokio::select! {
+                () = self.stop.cancelled() => break,
+                Some(_) = open.join_next(), if !open.is_empty() => continue,
+                accepted = listener.accept() => accepted,
+            };
+            let Ok((stream, _)) = accepted else {
+                tokio::time::sleep(ACCEPT_PAUSE).await;
+                continue;
+            };
+            // Somebody else's process gets no word.
+            if !stream.peer_cred().is_ok_and(|peer| peer.uid() == own_uid) {
+                continue;
+            }
+            let full = open.len() >= CONNECTIONS_MAX;
+            let server = self.clone();
+            if full {
+                let text = format!("{CONNECTIONS_MAX} connections are open, which is all there may be");
+                // The one line fits the socket's buffer; who does not read it is cut off with it.
+                if let Ok(line) = wire::line(&Answer::Closed { text }) {
+                    drop(stream.try_write(line.as_bytes()));
+                }
+                continue;
+            }
+            open.spawn(async move {
+                // A client that goes away, or does not read, has only itself to tell.
+                drop(server.connection(stream).await);
+            });
+        }
+        drop(listener);
+        drop(timeout(CLOSING_MAX, async { while open.join_next().await.is_some() {} }).await);
+    }
+
+    async fn connection(self, stream: UnixStream) -> io::Result<()> {
+        let (reader, mut writer) = stream.into_split();
+        let mut reader = BufReader::new(reader);
+        let version = env!("CARGO_PKG_VERSION").to_owned();
+        write(&mut writer, &Answer::Hello { protocol: PROTOCOL, version, process: std::process::id() })
+            .await?;
+        loop {
+            let call = tokio::select! {
+                () = self.stop.cancelled() => return Ok(()),
+                read = timeout(IDLE_MAX, read_call(&mut reader)) => match read {
+                    Ok(call) => call?,
+                    Err(_) => return Ok(()),
+                },
+            };
+            match call {
+                Read::Nothing => return Ok(()),
+                Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
+                Read::Call(Call::Subscribe) => return self.tell(reader, writer).await,
+                Read::Call(Call::Ask { request }) => {
+                    let reply = self.ask(request).await;
+                    write(&mut writer, &Answer::Reply { reply: Box::new(reply) }).await?;
+                }
+            }
+        }
+    }
+
+    async fn ask(&self, request: Box<crate::engine::command::Request>) -> Reply {
+        let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
+        if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {
+            let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
+            return refused(Refusal::BadInput, &text);
+        }
+        let (answer, reply) = oneshot::channel();
+        match self.requests.try_send(Incoming::Request(request, answer)) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => {
+                return Reply::Refused {
+                    code: Refusal::NotNow,
+                    text: format!("{REQUESTS_MAX} requests wait already"),
+                    hint: Some("try again in a moment".to_owned()),
+                };
+            }
+            Err(TrySendError::Disconnected(_)) => return refused(Refusal::NotNow, "the engine has ended"),
+        }
+        // An engine that ends drops what waits; whoever comes first says so.
+        tokio::select! {
+            biased;
+            reply = reply => reply.unwrap_or_else(|_| refused(Refusal::NotNow, "the engine is ending")),
+            () = self.stop.cancelled() => refused(Refusal::NotNow, "the engine is ending"),
+        }
+    }
+
+    /// Tells events until the client goes away or the door closes. A slow client is told what it missed.
+    async fn tell(&self, mut reader: BufReader<OwnedReadHalf>, mut writer: OwnedWriteHalf) -> io::Result<()> {
+        let mut events = self.events.subscribe();
+        write(&mut writer, &Answer::Subscribed).await?;
+        loop {
+            let told = tokio::select! {
+                () = self.stop.cancelled() => return self.rest(events, writer).await,
+                // The end of the client, or something it must not say here.
+                _ = reader.fill_buf() => return Ok(()),
+                told = events.recv() => told,
+            };
+            let line = match told {
+                Ok(line) => line,
+                Err(broadcast::error::RecvError::Lagged(missed)) => {
+                    wire::line(&Answer::Lagged { missed })?.into()
+                }
+                Err(broadcast::error::RecvError::Closed) => return Ok(()),
+            };
+            tokio::select! {
+                () = self.stop.cancelled() => return Ok(()),
+                _ = reader.fill_buf() => return Ok(()),
+                written = writer.write_all(line.as_bytes()) => written?,
+            }
+        }
+    }
+
+    /// What was still to be told when the door closed.
+    async fn rest(
+        &self,
+        mut events: broadcast::Receiver<Arc<str>>,
+        mut writer: OwnedWriteHalf,
+    ) -> io::Result<()> {
+        let tell = async {
+            loop {
+                let line = match events.try_recv() {
+                    Ok(line) => line,
+                    Err(broadcast::error::TryRecvError::Lagged(missed)) => {
+                        wire::line(&Answer::Lagged { missed })?.into()
+                    }
+                    Err(broadcast::error::TryRecvError::Empty | broadcast::error::TryRecvError::Closed) => {
+                        return Ok(());
+                    }
+                };
+                writer.write_all(line.as_bytes()).await?;
+            }
+        };
+        timeout(CLOSING_MAX, tell).await.unwrap_or(Ok(()))
+    }
+}
+
+enum Read {
+    Call(Call),
+    Nothing,
+    Bad(String),
+}
+
+async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
+    let mut line = Vec::new();
+    let limit = CALL_BYTES_MAX as u64 + 1;
+    reader.take(limit).read_until(b'\n', &mut line).await?;
+    if line.last() != Some(&b'\n') {
+        let long = line.len() > CALL_BYTES_MAX;
+        let text = format!("a line has more than {CALL_BYTES_MAX} bytes, which is not allowed");
+        return Ok(if long { Read::Bad(text) } else { Read::Nothing });
+    }
+    Ok(match serde_json::from_slice(&line) {
+        Ok(call) => Read::Call(call),
+        Err(error) => Read::Bad(format!("this is no call: {error}")),
+    })
+}
+
+async fn write(writer: &mut OwnedWriteHalf, answer: &Answer) -> io::Result<()> {
+    let mut line = wire::line(answer)?;
+    if line.len() > ANSWER_BYTES_MAX {
+        let text = format!("the answer has {} bytes; at most {ANSWER_BYTES_MAX} are allowed", line.len());
+        line = wire::line(&Answer::Closed { text })?;
+    }
+    match timeout(WRITE_MAX, writer.write_all(line.as_bytes())).await {
+        Ok(written) => written,
+        Err(_) => Err(io::ErrorKind::TimedOut.into()),
+    }
+}

@@ -1,0 +1,51 @@
+//! The socket's file: its name, its limits, and what an engine that is gone left.
+
+use std::fs::{self, Permissions};
+use std::io::ErrorKind;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+
+use super::DoorError;
+use crate::registry::Layout;
+
+/// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
+pub(super) const PATH_BYTES_MAX: usize = 107;
+
+/// Where the engine of a store listens.
+#[must_use]
+pub fn socket_path(layout: &Layout) -> PathBuf {
+    layout.folder().join("engine.sock")
+}
+
+/// Listens at `path`. The caller's engine holds the store's lock, so a socket nobody answers at is a leftover.
+pub(super) fn bind(path: &Path) -> Result<UnixListener, DoorError> {
+    check_length(path)?;
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        Err(error) => return Err(DoorError::io("look at", path)(error)),
+        Ok(found) if !found.file_type().is_socket() => {
+            let problem = "is not a socket. Hint: move it away, or choose another folder with --data";
+            return Err(DoorError::Taken { path: path.to_owned(), problem });
+        }
+        Ok(_) if UnixStream::connect(path).is_ok() => {
+            let problem = "is served by another engine. Hint: end that one first";
+            return Err(DoorError::Taken { path: path.to_owned(), problem });
+        }
+        Ok(_) => fs::remove_file(path).map_err(DoorError::io("remove the old socket", path))?,
+    }
+    let listener = UnixListener::bind(path).map_err(DoorError::io("listen at", path))?;
+    fs::set_permissions(path, Permissions::from_mode(0o600))
+        .map_err(DoorError::io("set the permissions of", path))?;
+    listener.set_nonblocking(true).map_err(DoorError::io("listen at", path))?;
+    Ok(listener)
+}
+
+pub(super) fn check_length(path: &Path) -> Result<(), DoorError> {
+    let bytes = path.as_os_str().as_bytes().len();
+    if bytes > PATH_BYTES_MAX {
+        return Err(DoorError::PathTooLong { path: path.to_owned(), bytes, allowed: PATH_BYTES_MAX });
+    }
+    Ok(())
+}
