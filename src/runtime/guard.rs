@@ -137,10 +137,10 @@ impl Guard {
         };
         let target = self.target_of(command, seen)?;
         let zone = self.zone_of(target).ok_or(PolicyHit::OutsideWorkspace)?;
-        let cap = self.mode_cap(&ModeKey { channel, command: kind, zone, authority: self.authority })?;
+        let cap = self.mode_cap(ModeKey { channel, command: kind, zone, authority: self.authority })?;
         match command {
             Command::ToolPose { pose, max_speed_m_s } => {
-                if !pose.is_valid() || !(*max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
+                if !(pose.is_valid() && *max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
                     return Err(PolicyHit::NotFinite);
                 }
                 let start = seen.tool.position;
@@ -181,8 +181,8 @@ impl Guard {
     }
 
     /// The envelope a mode may use.
-    fn mode_cap(&self, mode: &ModeKey) -> Result<Envelope, PolicyHit> {
-        match self.table.verdict(mode) {
+    fn mode_cap(&self, mode: ModeKey) -> Result<Envelope, PolicyHit> {
+        match self.table.verdict(&mode) {
             Verdict::Allow => Ok(self.envelope),
             Verdict::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
             Verdict::Review => Err(PolicyHit::ModeUnreviewed),
