@@ -223,7 +223,7 @@ impl Guard {
     }
 
     /// Holds one tick of telemetry against the envelope. Speed has to be over its limit for three
-    /// ticks, a force for [`TRANSIENT_TICKS`], or for two ticks over [`TRANSIENT_FACTOR`] times it.
+    /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over `TRANSIENT_FACTOR` times it.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
         let e = &self.envelope;
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
@@ -250,7 +250,7 @@ impl Guard {
             || seen.contact_force_n.max(seen.gripper_force_n) > e.near_share * e.contact_force_max_n
     }
 
-    /// Whether going on as now for [`LOOK_AHEAD_SECS`] would strike the table or the arm itself.
+    /// Whether going on as now for `LOOK_AHEAD_SECS` would strike the table or the arm itself.
     #[must_use]
     pub fn predicts_collision(&self, seen: &Telemetry) -> bool {
         let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();
