@@ -1,4 +1,10 @@
 //! The verbs that only read, on a store that holds something, in both output forms.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
 
 #[path = "support/store.rs"]
 #[allow(dead_code, reason = "the store's own tests use the rest")]
@@ -131,7 +137,9 @@ fn a_forged_record_is_named_and_ends_with_a_rejection() {
         let places: Vec<usize> =
             (0..bytes.len() - from.len()).filter(|at| bytes[*at..].starts_with(from)).collect();
         assert!(!places.is_empty(), "the evidence is not in the file");
-        places.into_iter().for_each(|at| bytes[at..at + to.len()].copy_from_slice(to));
+        for at in places {
+            bytes[at..at + to.len()].copy_from_slice(to);
+        }
         bytes
     };
     std::fs::write(&database, forged).unwrap();

@@ -8,6 +8,12 @@
 //!
 //! Counters are brought back to "the present one" or "an earlier one" after each step, so that the space is
 //! finite without a bound on the length of a history.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
 
 use std::collections::{HashSet, VecDeque};
 

@@ -1,4 +1,10 @@
 //! The store from outside: what it keeps, what it refuses, what survives.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
 
 #[path = "support/store.rs"]
 mod support;

@@ -2,6 +2,17 @@
 //!
 //! Works on code with comments, strings and test modules blanked out, so that a rule is about what the program
 //! names and not about what it says.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
+
+#[path = "tidy/data.rs"]
+mod data;
+#[path = "tidy/readme.rs"]
+mod readme;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,8 +21,7 @@ use std::path::{Path, PathBuf};
 const LINES_MAX: usize = 600;
 
 /// Files that are still to be split, with the length they may not pass meanwhile.
-const LONGER: &[(&str, usize)] =
-    &[("sim/src/world.rs", 760), ("src/registry/apply.rs", 810), ("src/registry/views.rs", 625)];
+const LONGER: &[(&str, usize)] = &[("src/pipeline/manager.rs", 650)];
 
 /// Shorter files need no module comment.
 const UNCOMMENTED_LINES_MAX: usize = 5;

@@ -4,6 +4,10 @@
 //! and MuJoCo, so that engines can be timed side by side: a 5 cm cube of 0.1 kg, friction 1.0
 //! everywhere, the robot not colliding with itself, inverse kinematics in every tick. f32 physics
 //! (the peers compute in f64).
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "physics is f32: values are narrowed here and nowhere else"
+)]
 
 use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;

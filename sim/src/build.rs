@@ -3,6 +3,10 @@
 //! This file, `readout.rs` and `world.rs` are the only ones that name rapier types; everything else
 //! is f64 and nalgebra. The settings below were found by experiment (240 Hz, a gripped cube must
 //! neither slip nor creep): change one and run the outcome tests.
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "physics is f32: values are narrowed here and nowhere else"
+)]
 
 use nalgebra::Isometry3;
 use rapier3d::dynamics::{
@@ -262,6 +266,7 @@ impl Builder<'_> {
         }
     }
 
+    #[allow(clippy::large_types_passed_by_value, reason = "the engine takes it by value")]
     fn join(
         &mut self,
         parent: RigidBodyHandle,
@@ -371,7 +376,9 @@ fn set_configuration(
     multibody.forward_kinematics(&world.bodies, true);
     let mut displacement = vec![0.0_f32; multibody.ndofs()];
     for (i, id) in handles.link_ids.iter().enumerate() {
-        let Some(at) = multibody.link(*id).map(|link| link.assembly_id()) else { continue };
+        let Some(at) = multibody.link(*id).map(rapier3d::dynamics::MultibodyLink::assembly_id) else {
+            continue;
+        };
         displacement[at] = q.get(i).map_or(0.5 * width_m, |angle| *angle) as f32;
         multibody.damping_mut()[at] = robot.motors.joint_damping_n_m_s_rad as f32;
         let armature = if i < n { robot.motors.armature_kg_m2 } else { robot.gripper.armature_kg };

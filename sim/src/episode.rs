@@ -266,6 +266,7 @@ impl HeldDraw {
     }
 }
 
+#[allow(clippy::cast_possible_truncation, reason = "a scene has at most 16 pieces of clutter")]
 fn clutter(d: &Distribution, scene: &Scene, seed: u64) -> ArrayVec<u8, 16> {
     let mut stream = Stream::new(seed, Purpose::Clutter);
     let probability = d.clutter.probability.draw(&mut stream);
@@ -344,6 +345,11 @@ fn tool_windows(d: &Distribution, seed: u64) -> ArrayVec<ToolWindow, 4> {
     windows
 }
 
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "never negative; a cast saturates"
+)]
 fn ticks(seconds: f64) -> u64 {
     libm::round(seconds.max(0.0) * f64::from(RATE_HZ)) as u64
 }

@@ -92,6 +92,11 @@ impl Camera {
         let seen = [self.perceived(object, 0), self.perceived(target, 1)];
         // A picture never overtakes the one before it.
         let after = self.under_way.last().map_or(0, |picture| picture.due);
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a cast saturates, NaN is 0"
+        )]
         let due = (tick + libm::round(delay) as u64).max(after);
         self.sequence += 1;
         let picture = Picture { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };

@@ -186,6 +186,7 @@ fn message(panic: &(dyn std::any::Any + Send)) -> String {
 mod tests {
     use super::*;
 
+    #[allow(clippy::unnecessary_wraps, reason = "stands for a maker of workers that can fail")]
     fn no_worker() -> Result<(), SimError> {
         Ok(())
     }

@@ -2,6 +2,10 @@
 //!
 //! One serialisable value: what is not in here does not survive a snapshot, so nothing that affects
 //! the future may live elsewhere.
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "physics is f32: values are narrowed here and nowhere else"
+)]
 
 use std::collections::VecDeque;
 

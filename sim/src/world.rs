@@ -202,6 +202,11 @@ impl World {
         check_command(command, self.robot.joint_count())?;
         let s = &mut self.state;
         let jitter = s.setup.action.jitter.unit() * s.setup.action.jitter_ticks;
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a cast saturates, NaN is 0"
+        )]
         let delay = libm::round(s.setup.action.latency_ticks + jitter) as u64;
         s.last_due = s.last_due.max(s.tick + delay);
         if !matches!(command, Command::Hold) && s.queue.len() < QUEUE_MAX {

@@ -262,7 +262,8 @@ mod tests {
         let signed = ada.sign(approval());
         signed.verify(ada.info()).unwrap();
         let other = Digest::of_parts("t", &[b"x"]);
-        let edits: [(&str, fn(&mut Approval, Digest)); 13] = [
+        type Edit = fn(&mut Approval, Digest);
+        let edits: [(&str, Edit); 13] = [
             ("who", |a, _| a.who = "eve".into()),
             ("role", |a, _| a.role = Role::new("chief").unwrap()),
             ("decision", |a, _| a.decision = ApprovalDecision::Reject),

@@ -39,6 +39,7 @@ pub use output::Output;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "holdpoint", bin_name = "holdpoint", version, max_term_width = 100, after_help = AFTER_HELP)]
 pub struct Cli {
+    #[allow(clippy::doc_markdown, reason = "the help prints it as it stands")]
     /// The store's folder [default: $XDG_DATA_HOME/holdpoint or ~/.local/share/holdpoint].
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,

@@ -107,7 +107,7 @@ reason_codes! {
 
     /// No component is worse beyond its tolerance.
     BehaviorCompatible = "behavior-compatible",
-    /// The established worsening brings kappa_B below the threshold.
+    /// The established worsening brings `kappa_B` below the threshold.
     BehaviorEstablishedWorse = "behavior-established-worse",
     /// A component may be worse than its tolerance; the evidence does not exclude it.
     BehaviorSuspicious = "behavior-suspicious",

@@ -89,7 +89,7 @@ fn line_of(text: &str, path: &str) -> usize {
     for (index, line) in text.lines().enumerate() {
         let line = line.trim();
         let here = if let Some(name) = line.strip_prefix('[') {
-            table = name.trim_matches(|c| c == '[' || c == ']' || c == ' ').to_owned();
+            name.trim_matches(|c| c == '[' || c == ']' || c == ' ').clone_into(&mut table);
             table.clone()
         } else if let Some((key, _)) = line.split_once('=') {
             let key = key.trim();

@@ -48,6 +48,7 @@ struct Job {
 
 /// An open store. It belongs to this process until it is dropped.
 #[derive(Debug)]
+#[allow(clippy::struct_field_names, reason = "the store's id is not the id of a thing in it")]
 pub struct Store {
     jobs: Option<SyncSender<Job>>,
     writer: Option<JoinHandle<()>>,

@@ -111,7 +111,7 @@ impl std::fmt::Debug for Capability {
         f.debug_struct("Capability")
             .field("id", &self.id().to_string())
             .field("digest", &self.digest)
-            .finish()
+            .finish_non_exhaustive()
     }
 }
 

@@ -137,10 +137,10 @@ impl Guard {
         };
         let target = self.target_of(command, seen)?;
         let zone = self.zone_of(target).ok_or(PolicyHit::OutsideWorkspace)?;
-        let cap = self.mode_cap(&ModeKey { channel, command: kind, zone, authority: self.authority })?;
+        let cap = self.mode_cap(ModeKey { channel, command: kind, zone, authority: self.authority })?;
         match command {
             Command::ToolPose { pose, max_speed_m_s } => {
-                if !pose.is_valid() || !(*max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
+                if !(pose.is_valid() && *max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
                     return Err(PolicyHit::NotFinite);
                 }
                 let start = seen.tool.position;
@@ -181,8 +181,8 @@ impl Guard {
     }
 
     /// The envelope a mode may use.
-    fn mode_cap(&self, mode: &ModeKey) -> Result<Envelope, PolicyHit> {
-        match self.table.verdict(mode) {
+    fn mode_cap(&self, mode: ModeKey) -> Result<Envelope, PolicyHit> {
+        match self.table.verdict(&mode) {
             Verdict::Allow => Ok(self.envelope),
             Verdict::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
             Verdict::Review => Err(PolicyHit::ModeUnreviewed),
@@ -223,7 +223,7 @@ impl Guard {
     }
 
     /// Holds one tick of telemetry against the envelope. Speed has to be over its limit for three
-    /// ticks, a force for [`TRANSIENT_TICKS`], or for two ticks over [`TRANSIENT_FACTOR`] times it.
+    /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over `TRANSIENT_FACTOR` times it.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
         let e = &self.envelope;
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
@@ -250,7 +250,7 @@ impl Guard {
             || seen.contact_force_n.max(seen.gripper_force_n) > e.near_share * e.contact_force_max_n
     }
 
-    /// Whether going on as now for [`LOOK_AHEAD_SECS`] would strike the table or the arm itself.
+    /// Whether going on as now for `LOOK_AHEAD_SECS` would strike the table or the arm itself.
     #[must_use]
     pub fn predicts_collision(&self, seen: &Telemetry) -> bool {
         let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();

@@ -335,7 +335,7 @@ fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {
 }
 
 fn note_path(record: &mut TaskRecord, seen: &Telemetry, tick: u64) {
-    if tick % PATH_EVERY_TICKS == 0 {
+    if tick.is_multiple_of(PATH_EVERY_TICKS) {
         // Drawing and envelopes need a tenth of a millimetre; f32 holds far more.
         #[allow(clippy::cast_possible_truncation)]
         record.path.push(PathPoint {

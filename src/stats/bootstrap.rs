@@ -96,6 +96,7 @@ fn resample(
 }
 
 /// The linearly interpolated quantile (type 7) of sorted values.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a position within the list")]
 fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p.clamp(0.0, 1.0) * (sorted.len() as f64 - 1.0);
     let (below, above) = (position.floor(), position.ceil());
@@ -126,6 +127,7 @@ impl Stream {
     }
 
     /// An index below `len` (multiply-shift; its bias is below `len` / 2^64).
+    #[allow(clippy::cast_possible_truncation, reason = "below `len`")]
     fn index(&mut self, len: usize) -> usize {
         ((u128::from(self.next()) * len as u128) >> 64) as usize
     }

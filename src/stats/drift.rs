@@ -106,7 +106,7 @@ impl Cusum {
     }
 }
 
-/// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm where the mean of R_i reaches the
+/// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm where the mean of `R_i` reaches the
 /// wanted run length.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

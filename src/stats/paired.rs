@@ -280,6 +280,7 @@ mod tests {
     }
 
     proptest::proptest! {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
         #[test]
         fn binary_bounds_hold_the_mean_and_narrow(n in 4u64..300, w in 0.0..0.5f64, b in 0.0..0.5f64) {
             let counts = PairedCounts {

@@ -115,6 +115,7 @@ mod tests {
     }
 
     proptest::proptest! {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
         #[test]
         fn contain_the_estimate_and_narrow_with_n(n in 1u64..400, part in 0.0..1.0f64, level in 0.5..0.999) {
             let k = (part * n as f64).round() as u64;

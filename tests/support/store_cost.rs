@@ -1,4 +1,11 @@
 //! Prints what the store costs: committing, and listing 10,000 versions. `cargo run --example store_cost`
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
+#![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
 // The tests use the rest of it.
 #[allow(dead_code)]
