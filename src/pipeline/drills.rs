@@ -20,7 +20,7 @@ use crate::runtime::agent::dispatcher::admit;
 use crate::runtime::arm::{ActuatorHandle, Arm};
 use crate::runtime::capability::Capability;
 use crate::runtime::guard::Guard;
-use crate::runtime::recovery::{self, StoppedBy};
+use crate::runtime::recovery::{self, Standstill, StoppedBy};
 use crate::runtime::skill::{Hook, Skill};
 use crate::runtime::task::{self, Supervision};
 use crate::runtime::terms::Terms;
@@ -146,7 +146,6 @@ impl Rehearsal<'_, '_> {
         Ok(report.stopped_by == StoppedBy::Hook
             && report.violation.is_none()
             && !watcher.has(WatcherSignal::UnexpectedContact)
-            && recovery::stands(&after)
             && safe_pose(held, &after))
     }
 
@@ -248,9 +247,10 @@ impl Rehearsal<'_, '_> {
 /// a second for a standstill.
 fn settle(handle: &mut ActuatorHandle<'_, World>) -> Result<bool, SimError> {
     handle.step(&Command::Stop)?;
+    let mut standstill = Standstill::default();
     for _ in 0..RATE_HZ / 2 {
         handle.step(&Command::Hold)?;
-        if recovery::stands(&handle.telemetry()) {
+        if standstill.observe(&handle.telemetry()) {
             return Ok(true);
         }
     }

@@ -5,8 +5,9 @@
 //! from what a hook returns.
 
 use holdpoint_sim::SimError;
-use holdpoint_sim::io::{GuardVerdict, Interrupt, RATE_HZ, Telemetry};
+use holdpoint_sim::io::{GuardVerdict, Interrupt, JointVec, RATE_HZ, Telemetry};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 use super::arm::{ActuatorHandle, Body};
 use super::guard::{Guard, PolicyHit};
@@ -17,7 +18,7 @@ use super::watcher::Watcher;
 pub const STANDSTILL_RAD_S: f64 = 0.02;
 
 /// How long a standstill has to last, ticks.
-const STANDSTILL_TICKS: u32 = 12;
+const STANDSTILL_TICKS: usize = 12;
 
 /// How a standstill was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,10 +45,32 @@ pub struct RecoveryReport {
     pub violation: Option<PolicyHit>,
 }
 
-/// Whether every joint stands.
-#[must_use]
-pub fn stands(seen: &Telemetry) -> bool {
-    seen.dq.iter().all(|dq| dq.abs() < STANDSTILL_RAD_S)
+/// Tells a standstill from joint speeds, through the sensors' noise: the mean speed of every joint
+/// over the last [`STANDSTILL_TICKS`] ticks (50 ms) lies below [`STANDSTILL_RAD_S`].
+#[derive(Clone, Debug, Default)]
+pub struct Standstill {
+    window: VecDeque<JointVec>,
+}
+
+impl Standstill {
+    /// Takes one tick; tells whether the arm stands by now.
+    pub fn observe(&mut self, seen: &Telemetry) -> bool {
+        self.window.push_back(seen.dq.clone());
+        if self.window.len() > STANDSTILL_TICKS {
+            self.window.pop_front();
+        }
+        self.window.len() == STANDSTILL_TICKS && self.is_slow()
+    }
+
+    /// Whether the mean speed over what was seen so far is that of a standstill.
+    fn is_slow(&self) -> bool {
+        let joints = self.window.front().map_or(0, |dq| dq.len());
+        #[allow(clippy::cast_precision_loss, reason = "twelve ticks")]
+        let n = self.window.len() as f64;
+        // Written so that a speed that is no number is no standstill.
+        (0..joints)
+            .all(|i| self.window.iter().filter_map(|dq| dq.get(i)).sum::<f64>().abs() / n < STANDSTILL_RAD_S)
+    }
 }
 
 /// Aborts a running skill. `hook_secs` is the stop time the version declares.
@@ -72,7 +95,7 @@ pub fn abort<B: Body>(
         motion_ticks: 0,
         violation: None,
     };
-    let mut still = 0;
+    let mut standstill = Standstill::default();
     let mut verdict = GuardVerdict::Allowed;
     for tick in 0..give_up {
         if tick == hook_ticks {
@@ -89,17 +112,52 @@ pub fn abort<B: Body>(
         if let Some(hit) = guard.measure(&after) {
             report.violation.get_or_insert(hit);
         }
-        if stands(&after) {
-            still += 1;
-        } else {
-            still = 0;
+        let stands = standstill.observe(&after);
+        if !standstill.is_slow() {
             report.motion_ticks += 1;
         }
-        if still >= STANDSTILL_TICKS && tick > 24 {
+        if stands && tick > 24 {
             report.stopped_by = if tick < hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
-            report.ticks_to_standstill = tick + 1 - u64::from(STANDSTILL_TICKS);
+            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS as u64);
             break;
         }
     }
     Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_sim::io::{Contacts, Pose};
+
+    fn seen(dq: f64) -> Telemetry {
+        Telemetry {
+            tick: 0,
+            q: JointVec::from_iter([0.0; 3]),
+            dq: JointVec::from_iter([0.0, dq, 0.0]),
+            tracking_error_rad: 0.0,
+            tool: Pose::IDENTITY,
+            tool_speed_m_s: 0.0,
+            gripper_width_m: 0.0,
+            gripper_force_n: 0.0,
+            contact_force_n: 0.0,
+            contacts: Contacts::default(),
+            slip_m: None,
+            picture_age_ticks: None,
+            tool_available: true,
+        }
+    }
+
+    #[test]
+    fn noise_about_zero_is_a_standstill_and_motion_is_not() {
+        let run = |speed: &dyn Fn(usize) -> f64| {
+            let mut standstill = Standstill::default();
+            (0..60).map(|tick| standstill.observe(&seen(speed(tick)))).next_back()
+        };
+        assert_eq!(run(&|_| 0.0), Some(true));
+        // Alternating noise of three times the limit has no mean.
+        assert_eq!(run(&|tick| if tick % 2 == 0 { 0.06 } else { -0.06 }), Some(true));
+        assert_eq!(run(&|_| 0.05), Some(false));
+        assert_eq!(run(&|_| f64::NAN), Some(false));
+    }
 }

@@ -14,7 +14,7 @@ use crate::registry::names::EvidenceKind;
 use crate::registry::{ActiveCause, Change};
 use crate::runtime::arm::Body;
 use crate::runtime::capability::Capability;
-use crate::runtime::recovery::stands;
+use crate::runtime::recovery::Standstill;
 use crate::runtime::skill::Hook;
 use crate::runtime::terms::Terms;
 
@@ -172,31 +172,31 @@ impl LiveCell {
         let body = self.body_mut();
         let mut verdict = GuardVerdict::Allowed;
         let mut seen = body.telemetry();
+        let mut standstill = Standstill::default();
+        let mut stands = false;
         for _ in 0..hook_ticks {
             let observation = Body::observe(body, verdict);
             let checked = guard.check(&skill.tick(&observation), &seen);
             verdict = checked.verdict;
             body.step(&checked.command)?;
             seen = body.telemetry();
+            stands = standstill.observe(&seen);
         }
-        let by_hook = stands(&seen);
-        let text = if by_hook {
-            "the hook brought the arm to a standstill"
-        } else {
-            "the hook did not stop the arm"
-        };
+        let text =
+            if stands { "the hook brought the arm to a standstill" } else { "the hook did not stop the arm" };
         // A hook that fails is no failed ladder: the interrupt is there for it.
         rungs.push(("safe-abort", true, text.to_owned()));
         body.interrupt(Interrupt::Stop);
         for _ in 0..RATE_HZ {
             body.step(&Command::Hold)?;
             seen = body.telemetry();
-            if stands(&seen) {
+            stands = standstill.observe(&seen);
+            if stands {
                 break;
             }
         }
         let safe_tick = body.tick();
-        rungs.push(("hold", stands(&seen), "every joint stands".to_owned()));
+        rungs.push(("hold", stands, "every joint stands".to_owned()));
         body.interrupt(Interrupt::Release);
         let mut up = seen.tool;
         up.position[2] = up.position[2].max(0.2);
@@ -206,13 +206,14 @@ impl LiveCell {
         for _ in 0..4 * RATE_HZ {
             body.step(&Command::Hold)?;
             seen = body.telemetry();
-            if seen.tool.distance_m(&up) < 0.01 && stands(&seen) {
+            stands = standstill.observe(&seen);
+            if seen.tool.distance_m(&up) < 0.01 && stands {
                 break;
             }
         }
         let clear =
             seen.tool.position[2] > 0.15 && !seen.contacts.robot_fixture && !seen.contacts.robot_clutter;
-        rungs.push(("retract", clear && stands(&seen), "the tool stands clear of everything".to_owned()));
+        rungs.push(("retract", clear && stands, "the tool stands clear of everything".to_owned()));
         let ended = body.tick();
         Ok(Descent {
             rungs,
