@@ -17,6 +17,7 @@ use super::{CliError, Context, EngineVerbs, Exit, Output};
 use crate::governance::ids::Digest;
 use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
+use crate::runtime::capability::{Capability, Package};
 use crate::text::Untrusted;
 
 /// The most differences `diff` prints.
@@ -246,7 +247,14 @@ pub fn run(
     match &args.verb {
         CandidateVerb::Register(args) => return engine.register(context, args, out),
         CandidateVerb::Show(args) => show(&Folder::read(&args.folder)?, out)?,
-        CandidateVerb::Check(args) => check(&Folder::read(&args.folder)?, out)?,
+        CandidateVerb::Check(args) => {
+            let folder = Folder::read(&args.folder)?;
+            // The controller knows its parameters; what it would refuse at registration is said here too.
+            let package = Package::read(&args.folder).map_err(CliError::usage)?;
+            let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
+            Capability::load(&name, package).map_err(CliError::usage)?;
+            check(&folder, out)?;
+        }
         CandidateVerb::Diff(args) => diff(&Folder::read(&args.old)?, &Folder::read(&args.new)?, out)?,
     }
     Ok(Exit::Confirmed)

@@ -117,7 +117,7 @@ impl Client {
     /// # Errors
     /// As [`Client::ask`].
     pub fn subscribe(mut self) -> Result<Subscription, DoorError> {
-        self.lines.send(&Call::Subscribe)?;
+        self.lines.send(&Call::Subscribe {})?;
         match self.lines.expect(HELLO_SECS)? {
             Answer::Subscribed => Ok(Subscription { lines: self.lines }),
             Answer::Closed { text } => Err(self.lines.protocol(text)),

@@ -124,7 +124,7 @@ impl Server {
             match call {
                 Read::Nothing => return Ok(()),
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
-                Read::Call(Call::Subscribe) => return self.tell(reader, writer).await,
+                Read::Call(Call::Subscribe {}) => return self.tell(reader, writer).await,
                 Read::Call(Call::Ask { request }) => {
                     let reply = self.ask(request).await;
                     write(&mut writer, &Answer::Reply { reply: Box::new(reply) }).await?;

@@ -27,7 +27,7 @@ pub enum Call {
         request: Box<Request>,
     },
     /// From now on this connection only tells events.
-    Subscribe,
+    Subscribe {},
 }
 
 /// What the engine's side sends.
