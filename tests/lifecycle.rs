@@ -101,15 +101,17 @@ fn key(world: &World) -> u128 {
             flags.restricted,
             flags.rollback_pending,
         ];
-        bits.into_iter().for_each(|bit| put(u128::from(bit), 1));
+        for bit in bits {
+            put(u128::from(bit), 1);
+        }
         put(version.predecessor.map_or(0, |p| u128::from(p.0) + 1), 2);
         put(stamp_code(version.sandbox), 3);
         put(stamp_code(version.shadow), 3);
         put(stamp_code(version.gate), 3);
         put(stamp_code(version.approval), 3);
-        [truth.sandbox, truth.shadow, truth.gate, truth.approval]
-            .into_iter()
-            .for_each(|bit| put(u128::from(bit), 1));
+        for bit in [truth.sandbox, truth.shadow, truth.gate, truth.approval] {
+            put(u128::from(bit), 1);
+        }
         put(stage_code(truth.started), 3);
     }
     assert!(at <= 128);
@@ -136,7 +138,7 @@ fn events(world: &World, part: Part) -> Vec<Event> {
     out.extend([Event::Bootstrap, Event::Restart]);
     out.extend([true, false].map(|needs_approval| Event::ContextChanged { needs_approval }));
     for index in 0..world.family.versions.len() {
-        let version = VersionRef(index as u16);
+        let version = VersionRef(u16::try_from(index).unwrap());
         for stage in Stage::ALL {
             out.push(Event::Start { version, stage });
             out.push(Event::Pass { version, stage });

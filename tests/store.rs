@@ -5,6 +5,7 @@
     clippy::panic,
     reason = "a test says what it expects by failing"
 )]
+#![allow(clippy::print_stdout, reason = "a child tells its parent what it did")]
 
 #[path = "support/store.rs"]
 mod support;

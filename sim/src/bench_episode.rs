@@ -6,7 +6,7 @@
 //! (the peers compute in f64).
 #![allow(
     clippy::cast_possible_truncation,
-    reason = "physics is f32: values are narrowed here and nowhere else"
+    reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
 use nalgebra::Isometry3;

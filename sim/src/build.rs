@@ -5,7 +5,7 @@
 //! neither slip nor creep): change one and run the outcome tests.
 #![allow(
     clippy::cast_possible_truncation,
-    reason = "physics is f32: values are narrowed here and nowhere else"
+    reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
 use nalgebra::Isometry3;

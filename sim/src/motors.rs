@@ -2,6 +2,10 @@
 //!
 //! Owns what of a joint changes while the robot moves: motor targets, motor force, whether a
 //! position limit takes part in the solver. It decides nothing; the servo does.
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "physics is f32: values are narrowed here on their way to the engine"
+)]
 
 use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, MultibodyLink};
 

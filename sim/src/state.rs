@@ -4,7 +4,7 @@
 //! the future may live elsewhere.
 #![allow(
     clippy::cast_possible_truncation,
-    reason = "physics is f32: values are narrowed here and nowhere else"
+    reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
 use std::collections::VecDeque;

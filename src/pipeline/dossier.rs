@@ -29,7 +29,7 @@ pub struct ModeMetrics {
     pub mode: String,
     /// Episodes.
     pub episodes: u32,
-    /// m_succ, m_viol, m_anom, m_retry, m_recover, as means per episode.
+    /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`, as means per episode.
     pub candidate: Signature,
 }
 

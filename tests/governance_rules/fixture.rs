@@ -189,7 +189,7 @@ fn assessment<O>(outcome: O, kappa: f64) -> Assessment<O> {
 /// Assessments as the thresholds alone make them of four values.
 pub fn kappas(profile: &Profile, [i, p, b, r]: [f64; 4]) -> Kappas {
     let t = &profile.thresholds;
-    let pick = |good: bool| if good { 1 } else { 0 };
+    let pick = |good: bool| usize::from(good);
     Kappas {
         interface: assessment(
             [InterfaceOutcome::Incompatible, InterfaceOutcome::Compatible][pick(i >= t.interface())],

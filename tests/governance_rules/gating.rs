@@ -211,7 +211,8 @@ fn what_closes_the_gate() {
             "frozen",
             ProfileName::Sim,
             |c| {
-                c.profile.freeze = vec![FreezeWindow { from_s: 50.0, until_s: 150.0, reason: "audit".into() }]
+                c.profile.freeze =
+                    vec![FreezeWindow { from_s: 50.0, until_s: 150.0, reason: "audit".into() }];
             },
             Hold,
             GateFrozen,
@@ -256,7 +257,8 @@ fn what_closes_the_gate() {
             "asked under other rules",
             ProfileName::Human,
             |c| {
-                c.approval = Some(ApprovalResult { outcome: ApprovalOutcome::NotNeeded, reasons: Vec::new() })
+                c.approval =
+                    Some(ApprovalResult { outcome: ApprovalOutcome::NotNeeded, reasons: Vec::new() });
             },
             AwaitApproval,
             ApprovalPending,

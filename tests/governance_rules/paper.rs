@@ -9,7 +9,7 @@ use holdpoint::governance::recovery;
 
 use crate::fixture::{drills, kappas, made_under, profile};
 
-/// Table 11 (readings 2.1): kappa_I, kappa_P, kappa_B, kappa_R, composite, accepted.
+/// Table 11 (readings 2.1): `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`, composite, accepted.
 const TABLE_11: [(&str, [f64; 4], f64, bool); 14] = [
     ("B1", [1.0, 1.0, 1.0, 1.0], 0.999, true),
     ("B2", [1.0, 1.0, 0.99, 1.0], 0.997, true),

@@ -192,7 +192,7 @@ fn flipped_bits_are_found_or_harmless() {
         seed ^= seed << 13;
         seed ^= seed >> 7;
         seed ^= seed << 17;
-        let bit = (seed % (good.len() as u64 * 8)) as usize;
+        let bit = usize::try_from(seed % (good.len() as u64 * 8)).unwrap();
         let mut bad = good.clone();
         bad[bit / 8] ^= 1 << (bit % 8);
         fs::write(&database, &bad).unwrap();

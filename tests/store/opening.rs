@@ -137,7 +137,7 @@ fn broken_registries_and_keys_are_refused() {
         (
             "nobody active",
             |folder| {
-                run(folder, "UPDATE version SET state = 'demoted', provisional = 0 WHERE state = 'active'")
+                run(folder, "UPDATE version SET state = 'demoted', provisional = 0 WHERE state = 'active'");
             },
             "pointer",
         ),
@@ -152,7 +152,7 @@ fn broken_registries_and_keys_are_refused() {
                 run(
                     folder,
                     "DROP TRIGGER audit_no_delete; DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)",
-                )
+                );
             },
             "ends at",
         ),

@@ -144,7 +144,11 @@ fn refused_changes_leave_the_store_as_it_was() {
             transaction(
                 "t",
                 1,
-                vec![Change::SetFamily { family: family("grasp"), safe_stopped: true, reason: "".into() }],
+                vec![Change::SetFamily {
+                    family: family("grasp"),
+                    safe_stopped: true,
+                    reason: String::new(),
+                }],
             ),
             "safe-stopped",
         ),

@@ -22,7 +22,7 @@ use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, Signals};
 use crate::engine::command::{Refusal, Reply};
 
 /// How long a connection may say nothing.
-const IDLE_MAX: Duration = Duration::from_secs(60);
+const IDLE_MAX: Duration = Duration::from_mins(1);
 
 /// How long a reply may take to be read.
 const WRITE_MAX: Duration = Duration::from_secs(10);

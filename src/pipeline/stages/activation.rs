@@ -83,7 +83,7 @@ impl UpgradeManager {
         let decision = &result.decision;
         self.dossier(id).reasons = decision.reasons().to_vec();
         if let Some(passed) = &result.passed {
-            self.dossier(id).conditions = passed.terms().conditions.clone();
+            self.dossier(id).conditions.clone_from(&passed.terms().conditions);
         }
         self.decided(id, Stage::Activation, decision)?;
         let (version, _, _) = self.ledger.version(id)?;
@@ -314,7 +314,7 @@ impl UpgradeManager {
             }
             ApprovalOutcome::Refused { person } => {
                 let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
-                self.dossier(id).reasons = result.reasons.clone();
+                self.dossier(id).reasons.clone_from(&result.reasons);
                 let note = self.request_note(id, &prompt, RequestState::Refused, &reason);
                 self.transition(&id.family, Event::Reject { version }, note)?;
                 self.clear_prompt_alarm(id);
@@ -324,7 +324,7 @@ impl UpgradeManager {
             ApprovalOutcome::TimedOut => {
                 let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
                 let dossier = self.dossier(id);
-                dossier.reasons = result.reasons.clone();
+                dossier.reasons.clone_from(&result.reasons);
                 dossier.held = true;
                 let note = self.request_note(id, &prompt, RequestState::Expired, &reason);
                 self.transition(&id.family, Event::ApprovalExpired { version }, note)?;

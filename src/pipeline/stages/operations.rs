@@ -327,6 +327,7 @@ fn operator_note(operation: &Operation, done: &str) -> Note {
     Note::because(format!("{done} by {}: {}", operation.by, operation.reason))
 }
 
+#[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
 fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, Fault> {
     Ok(Reply::Accepted { text: format!("{id} is {done}"), version: Some(id.clone()) })
 }

@@ -62,7 +62,7 @@ impl UpgradeManager {
                 self.ledger.family(&id.family).ok()?.members.get(usize::from(target.0)).cloned()
             })
             .map(|member| member.capability);
-        let loadable = restored.as_ref().is_some_and(|capability| self.still_loads(capability));
+        let loadable = restored.as_ref().is_some_and(Self::still_loads);
         self.rung(
             id,
             "load-predecessor",
@@ -145,7 +145,7 @@ impl UpgradeManager {
     }
 
     /// Loads a version from its texts again and compares its digest.
-    fn still_loads(&self, capability: &Capability) -> bool {
+    fn still_loads(capability: &Capability) -> bool {
         let id = capability.id().to_string();
         Capability::load(&id, (*capability.package).clone())
             .is_ok_and(|again| again.digest() == capability.digest())

@@ -114,7 +114,7 @@ impl UpgradeManager {
         let under = self.made_under(&candidate, digest);
         let has_approver = self.profile.has_approver();
         let decision = psi(&kappas, PsiContext { has_approver }, under);
-        self.dossier(&id).reasons = result.reasons.clone();
+        self.dossier(&id).reasons.clone_from(&result.reasons);
         let outcome = crate::pipeline::manager::word(&result.check);
         let profile = self.profile.clone();
         let dossier = self.dossier(&id);

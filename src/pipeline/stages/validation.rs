@@ -114,6 +114,7 @@ impl UpgradeManager {
     }
 
     /// Tells a decision.
+    #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
     pub(in crate::pipeline) fn decided<O: serde::Serialize>(
         &mut self,
         id: &CapabilityId,
