@@ -1,5 +1,6 @@
 //! Measures versions on calibration episodes (seeds from 1,000,000): the tool every parameter and
-//! threshold was set with.
+//! threshold was set with. With `--from` it measures frozen versions on other seeds; the versions
+//! after the first are compared with it in pairs.
 //!
 //! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED]`
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
@@ -17,6 +18,7 @@ use holdpoint::pipeline::evaluate::{Job, batch};
 use holdpoint::runtime::capability::{Capability, Package};
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::Terms;
+use holdpoint::stats::{PairedCounts, binary_pairs};
 
 fn main() -> Result<()> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -42,11 +44,24 @@ fn main() -> Result<()> {
         .map(|folder| Ok(Capability::load(folder, Package::read(Path::new(folder))?)?))
         .collect::<Result<Vec<_>>>()?;
     let versions: Vec<(&Capability, &Terms)> = capabilities.iter().map(|c| (c, &terms)).collect();
+    let mut first: Option<Vec<TaskRecord>> = None;
     for (version, capability) in capabilities.iter().enumerate() {
         let jobs: Vec<Job> = (0..n).map(|i| Job { version, seed: from + i }).collect();
         let start = std::time::Instant::now();
         let records = batch(2, &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
         println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
+        match &first {
+            None => first = Some(records),
+            Some(first) if first.iter().zip(&records).all(|(a, b)| a.task == b.task) => {
+                let pairs = first.iter().zip(&records).map(|(a, b)| (b.success, a.success));
+                let bound = binary_pairs(PairedCounts::of(pairs), 0.05)?;
+                println!(
+                    "    success against the first, paired: {:+.3}, one-sided 95 % bounds {:+.3} and {:+.3}",
+                    bound.mean, bound.lower, bound.upper
+                );
+            }
+            Some(_) => {}
+        }
     }
     Ok(())
 }

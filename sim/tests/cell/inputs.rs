@@ -155,7 +155,7 @@ fn a_bad_distribution_names_file_and_key() {
         ("x_m = [0.42, 0.56]", "x_m = [0.42, inf]", &["x_m", "not finite"]),
         ("x_m = [0.42, 0.56]", "x_m = 0.42", &["x_m"]),
         ("mass_kg = [0.05, 0.35]", "mass_kg = [-0.05, 0.35]", &["object.mass_kg", "-0.05"]),
-        ("correlation = [0.6, 0.9]", "correlation = [0.6, 1.5]", &["camera.correlation", "1.5"]),
+        ("correlation = [0.3, 0.7]", "correlation = [0.6, 1.5]", &["camera.correlation", "1.5"]),
         ("[tool]", "[tools]", &["tools"]),
     ];
     for (old, new, parts) in cases {
