@@ -115,7 +115,13 @@ fn rollback(
     let Some(active) = family.and_then(|view| view.active.clone()) else {
         return Err(CliError::held(format!("held: {} is safe-stopped, no version is active", args.family)));
     };
-    side.carry_out(Command::Rollback(operation(&active, &args.signature)), out)
+    let exit = side.carry_out(Command::Rollback(operation(&active, &args.signature)), out)?;
+    let family = side.snapshot()?.families.into_iter().find(|view| view.family == args.family);
+    if family.is_none_or(|view| view.active.is_none()) {
+        // Taken off, and nobody took over: that is a stop, not a rollback.
+        return Err(CliError::held(format!("held: safe-stopped, no version of {} is active", args.family)));
+    }
+    Ok(exit)
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -3,14 +3,16 @@
 //! The store is the authority on states; only progress, holding and the provisional window come from the engine.
 //! One formatter for all forms of the verb.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::CliError;
 use super::status::Subject;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{PromptView, Snapshot};
 use crate::governance::ids::CapabilityId;
 use crate::registry::names::{StageName, StateName};
-use crate::registry::{VersionFilter, VersionSummary, Views};
+use crate::registry::{ApprovalRequest, VersionFilter, VersionSummary, Views};
 
 /// How things stand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -114,28 +116,30 @@ impl StatusReport {
                 family: status.name,
             })
             .collect();
-        let requests = views.open_requests().map_err(CliError::usage)?;
-        let waiting = requests
-            .into_iter()
-            .filter(|request| wanted(&request.version))
-            .map(|request| WaitingRow {
-                approved_by: engine
-                    .and_then(|engine| engine.prompts.iter().find(|prompt| prompt.version == request.version))
-                    .map(|prompt| prompt.approved_by.clone())
-                    .unwrap_or_default(),
-                evidence: request.evidence_digest.short(),
-                needed: request.needed,
-                deadline_ms: request.deadline_ms,
-                version: request.version,
-            })
-            .collect();
+        // A running engine knows what it asks now; without one the store tells what was asked last.
+        let waiting = match engine {
+            Some(engine) => engine.prompts.iter().map(WaitingRow::asked).collect(),
+            None => {
+                // An engine that was interrupted may have left an earlier question of the same version.
+                let requests = views.open_requests().map_err(CliError::usage)?;
+                let asked = |id: &CapabilityId| {
+                    versions.iter().any(|version| version.id == *id && version.flags.awaiting_approval)
+                };
+                let newest: BTreeMap<_, _> = requests
+                    .into_iter()
+                    .filter(|request| asked(&request.version))
+                    .map(|request| (request.version.clone(), WaitingRow::stored(request)))
+                    .collect();
+                newest.into_values().collect::<Vec<_>>()
+            }
+        };
         Ok(Self {
             engine_running: engine.is_some(),
             holding: engine.and_then(|engine| engine.holding.clone()),
             profile: views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile),
             families,
             versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
-            waiting,
+            waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
             alarms: alarms(views)?,
         })
     }
@@ -237,6 +241,26 @@ impl VersionRow {
 }
 
 impl WaitingRow {
+    fn asked(prompt: &PromptView) -> Self {
+        Self {
+            version: prompt.version.clone(),
+            evidence: prompt.evidence.short(),
+            needed: prompt.needed,
+            approved_by: prompt.approved_by.clone(),
+            deadline_ms: prompt.deadline_ms,
+        }
+    }
+
+    fn stored(request: ApprovalRequest) -> Self {
+        Self {
+            version: request.version,
+            evidence: request.evidence_digest.short(),
+            needed: request.needed,
+            approved_by: Vec::new(),
+            deadline_ms: request.deadline_ms,
+        }
+    }
+
     fn line(&self) -> String {
         let have =
             if self.approved_by.is_empty() { "nobody yet".to_owned() } else { self.approved_by.join(", ") };
