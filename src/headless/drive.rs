@@ -12,6 +12,7 @@ use crate::approvals::{Approval, Identity, Nonce, Role};
 use crate::cli::{CliError, Exit};
 use crate::engine::command::{Command, Reply, Request};
 use crate::engine::event::{Event, EventKind};
+use crate::engine::service;
 use crate::engine::snapshot::CandidateView;
 use crate::engine::{Config, Engine};
 use crate::governance::ids::CapabilityId;
@@ -55,6 +56,9 @@ pub struct RunPlain<'a> {
     /// Whether events are printed as JSON lines.
     pub json: bool,
 }
+
+/// The pause of the demonstration while it waits for people.
+const IDLE_PAUSE: std::time::Duration = std::time::Duration::from_millis(200);
 
 /// The seed where neither script nor command line name one.
 const DEFAULT_SEED: u64 = 1;
@@ -114,7 +118,8 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
     driver.finish()
 }
 
-/// Runs the demonstration: the first embedded candidate that is not registered yet, to its end.
+/// Runs the demonstration in real time: the first embedded candidate that is not registered yet, to
+/// its end. Other programs can talk to the engine meanwhile.
 ///
 /// # Errors
 /// As [`run_script`].
@@ -124,11 +129,12 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
         profile: run.profile,
         seed: run.seed,
         jobs: run.jobs,
-        scripted: true,
+        scripted: false,
         cell: cell(run.robot)?,
         cache: EpisodeCache::InStore,
     })
     .map_err(start_error)?;
+    let mut door = service::open(&engine).map_err(CliError::usage)?;
     let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
     driver.pump()?;
     let known: Vec<CapabilityId> =
@@ -145,9 +151,21 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
     };
     driver.note(&format!("submitting the demonstration candidate {name}"))?;
     driver.register(name)?;
-    let wait = Wait { state: Some("settled".to_owned()), prompt: None, timeout_s: 1.0e6 };
-    driver.wait(&wait)?;
-    driver.finish()
+    loop {
+        service::step_requests(&mut driver.engine, &mut door);
+        let progress = driver.engine.advance();
+        let events = driver.engine.drain_events();
+        door.publish(&events);
+        driver.tell(&events)?;
+        let idle = matches!(progress, Progress::Idle { .. });
+        let settled = driver.view().is_some_and(|view| driver.is_settled(&view, idle));
+        if settled || driver.printer.gone || driver.engine.has_ended() {
+            return driver.finish();
+        }
+        if idle {
+            door.wait(IDLE_PAUSE);
+        }
+    }
 }
 
 fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
@@ -244,9 +262,15 @@ impl<'a> Driver<'a> {
 
     /// Takes and prints what the engine tells.
     fn pump(&mut self) -> Result<(), CliError> {
-        for event in self.engine.drain_events() {
+        let events = self.engine.drain_events();
+        self.tell(&events)
+    }
+
+    /// Prints events, and holds where the engine does.
+    fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
+        for event in events {
             self.learn(&event.kind);
-            self.printer.event(&event)?;
+            self.printer.event(event)?;
         }
         match self.engine.holding() {
             None => Ok(()),

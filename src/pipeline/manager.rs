@@ -7,7 +7,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_sim::SimError;
 
@@ -230,6 +230,8 @@ impl UpgradeManager {
         }
         match self.slice() {
             Ok(progress) => progress,
+            // Interrupted on purpose: the stage stays marked as running and is run again at the next start.
+            Err(_) if self.cancel.load(Ordering::Relaxed) => Progress::Idle { next_ms: None },
             Err(fault) => {
                 self.hold(&fault.to_string());
                 Progress::Idle { next_ms: None }
