@@ -1,5 +1,6 @@
 //! Bad input, through the real program: one error that names what is wrong, exit code 2, and a store that is as
 //! it was.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
 use std::fs;
 use std::path::{Path, PathBuf};

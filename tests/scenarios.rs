@@ -1,6 +1,7 @@
 //! The program runs its scenarios as a user would: exit code, verified audit, equal logs.
 //!
 //! The fast ones run here; all ten run in the checks of a change, with one shared cache.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -71,7 +71,7 @@ impl Standstill {
 
     /// Whether the mean speed over what was seen so far is that of a standstill.
     fn is_slow(&self) -> bool {
-        let joints = self.window.front().map_or(0, |dq| dq.len());
+        let joints = self.window.front().map_or(0, JointVec::len);
         #[allow(clippy::cast_precision_loss, reason = "twelve ticks")]
         let n = self.window.len() as f64;
         // Written so that a speed that is no number is no standstill.
