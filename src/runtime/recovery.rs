@@ -33,7 +33,7 @@ pub enum StoppedBy {
     /// The skill's safe-abort hook.
     Hook,
     /// The interrupt, after the hook's time was over. A braked arm that is jammed may still tremble
-    /// or creep by contact, within [`CREEP_MAX_M`].
+    /// or creep by contact, within 2 cm.
     Interrupt,
     /// Neither: the arm goes on.
     Nothing,
@@ -53,7 +53,7 @@ pub struct RecoveryReport {
 }
 
 /// Tells a standstill from joint speeds, through the sensors' noise: the mean speed of every joint
-/// over the last [`STANDSTILL_TICKS`] ticks (50 ms) lies below [`STANDSTILL_RAD_S`].
+/// over the last twelve ticks (50 ms) lies below [`STANDSTILL_RAD_S`].
 #[derive(Clone, Debug, Default)]
 pub struct Standstill {
     window: VecDeque<JointVec>,
