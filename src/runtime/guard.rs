@@ -43,6 +43,8 @@ pub enum PolicyHit {
     SpeedMeasured,
     /// A force was measured larger than allowed.
     ForceMeasured,
+    /// More new attempts than allowed.
+    RetriesExceeded,
 }
 
 impl PolicyHit {

@@ -257,6 +257,10 @@ pub fn run<B: Body>(
         }
         denials = if verdict == GuardVerdict::Denied { denials + 1 } else { 0 };
         attempts.note(&checked.command, &seen);
+        if attempts.retries() > guard.envelope().retries_max {
+            note_hit(&mut record, tick, PolicyHit::RetriesExceeded);
+            wants_recovery = true;
+        }
         watcher.note_command(&checked.command, &seen);
         handle.step(&checked.command)?;
         seen = handle.telemetry();

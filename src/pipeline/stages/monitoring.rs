@@ -1,7 +1,6 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
 use holdpoint_sim::io::TaskKind;
-use holdpoint_sim::world::World;
 
 use crate::engine::event::{EventKind, TaskSummary};
 use crate::governance::decision::Reason;
@@ -14,9 +13,9 @@ use crate::pipeline::live::{Listener, Nobody, SequenceReport};
 use crate::pipeline::manager::{Fault, UpgradeManager};
 use crate::pipeline::seeds::{Purpose, episode_seed};
 use crate::pipeline::shadow::Shadow;
-use crate::registry::AuditBody;
+use crate::registry::{AuditBody, Batch};
 use crate::runtime::guard::PolicyHit;
-use crate::runtime::task::{Supervision, TaskRecord, Tick};
+use crate::runtime::task::TaskRecord;
 use crate::runtime::watcher::WatcherSignal;
 use crate::stats::wilson_upper;
 
@@ -58,7 +57,7 @@ impl UpgradeManager {
         let index = self.live.sequences();
         let seed = episode_seed(self.seed, Purpose::Live, index);
         let mut nobody = Nobody;
-        let mut watched = Watched { inner: shadow.map_or(&mut nobody as &mut dyn Listener, |shadow| shadow) };
+        let listener = shadow.map_or(&mut nobody as &mut dyn Listener, |shadow| shadow);
         // The terms are made before the live world is borrowed.
         let terms: Vec<_> = TaskKind::SEQUENCE
             .into_iter()
@@ -73,7 +72,7 @@ impl UpgradeManager {
                 .find(|(known, _)| *known == id)
                 .map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
-        let report = self.live.run_sequence(&self.ledger, &choose, seed, &mut watched);
+        let report = self.live.run_sequence(&self.ledger, &choose, seed, listener);
         self.clock.advance(report.duration_ms);
         let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
         self.recent.push_back(report.succeeded());
@@ -88,6 +87,7 @@ impl UpgradeManager {
             refused: report.refused.as_ref().map(ToString::to_string),
         });
         for dispatched in &report.tasks {
+            self.keep_telemetry(&dispatched.id, &dispatched.record, report.duration_ms)?;
             self.watch(&dispatched.id, &dispatched.record)?;
         }
         Ok(report)
@@ -100,6 +100,33 @@ impl UpgradeManager {
             self.cell.model.clone(),
             self.cell.scene.clone(),
         )
+    }
+
+    /// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain.
+    fn keep_telemetry(
+        &mut self,
+        id: &CapabilityId,
+        record: &TaskRecord,
+        duration_ms: u64,
+    ) -> Result<(), Fault> {
+        if !self.watches.get(&id.family).is_some_and(|watch| watch.id == *id) {
+            return Ok(());
+        }
+        let to_ms = self.clock.now_ms();
+        let batch = Batch {
+            version: id.clone(),
+            stream: "live".to_owned(),
+            from_ms: to_ms.saturating_sub(duration_ms),
+            to_ms,
+            rows: record.path.len().max(1) as u64,
+            body: serde_json::to_vec(record)?,
+        };
+        self.ledger.store().append_telemetry(&batch)?;
+        let seals = self.ledger.store().seal_telemetry()?;
+        if !seals.is_empty() {
+            self.ledger.write(seals, Vec::new(), to_ms)?;
+        }
+        Ok(())
     }
 
     /// Feeds one live task to the monitor of its version.
@@ -232,21 +259,6 @@ impl UpgradeManager {
     }
 }
 
-/// Listens to a live sequence and stops the arm at once where a limit is passed by far.
-struct Watched<'a> {
-    inner: &'a mut dyn Listener,
-}
-
-impl Listener for Watched<'_> {
-    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
-        self.inner.before_task(world, task, seed);
-    }
-
-    fn tick(&mut self, task: TaskKind, passed: &Tick<'_>) -> Supervision {
-        self.inner.tick(task, passed)
-    }
-}
-
 fn summary(dispatched: &crate::runtime::agent::dispatcher::Dispatched) -> TaskSummary {
     let record = &dispatched.record;
     TaskSummary {
@@ -271,7 +283,10 @@ fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
         PolicyHit::ModeUncovered | PolicyHit::ModeForbidden | PolicyHit::ModeUnreviewed => {
             Some(SafetyEvent::PermissionBreach)
         }
-        PolicyHit::OutsideWorkspace | PolicyHit::SpeedClamped | PolicyHit::ForceClamped => None,
+        PolicyHit::OutsideWorkspace
+        | PolicyHit::RetriesExceeded
+        | PolicyHit::SpeedClamped
+        | PolicyHit::ForceClamped => None,
     };
     let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(hit));
     let collided = record.signals.iter().any(|raised| raised.signal == WatcherSignal::UnexpectedContact);
