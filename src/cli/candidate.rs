@@ -15,7 +15,11 @@ use serde_json::Value;
 use super::output::Table;
 use super::{CliError, Context, EngineVerbs, Exit, Output};
 use crate::governance::ids::Digest;
+use crate::governance::interface::{self, InterfaceInput, Registered};
 use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
+use crate::governance::outcome::{InterfaceOutcome, PolicyOutcome};
+use crate::governance::policy::{self, PolicyInput, PolicyTable};
+use crate::governance::profile::{Profile, ProfileName};
 use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
 use crate::runtime::capability::{Capability, Package};
 use crate::text::Untrusted;
@@ -232,6 +236,17 @@ struct Checked {
     provenance: &'static str,
     estimated_risk: &'static str,
     summary: Untrusted,
+    /// Against the embedded baseline, profile by profile.
+    verdicts: Vec<Verdict>,
+}
+
+#[derive(Serialize)]
+struct Verdict {
+    profile: &'static str,
+    admitted: bool,
+    interface: InterfaceOutcome,
+    policy: PolicyOutcome,
+    reasons: Vec<String>,
 }
 
 /// Does what was asked for; `register` goes to the engine.
@@ -252,8 +267,8 @@ pub fn run(
             // The controller knows its parameters; what it would refuse at registration is said here too.
             let package = Package::read(&args.folder).map_err(CliError::usage)?;
             let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
-            Capability::load(&name, package).map_err(CliError::usage)?;
-            check(&folder, out)?;
+            let candidate = Capability::load(&name, package).map_err(CliError::usage)?;
+            return check(&folder, &candidate, out);
         }
         CandidateVerb::Diff(args) => diff(&Folder::read(&args.old)?, &Folder::read(&args.new)?, out)?,
     }
@@ -267,8 +282,52 @@ fn show(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
     })
 }
 
-fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
+/// What the static checks say of a candidate under one profile, against the embedded baseline.
+fn verdict(candidate: &Capability, name: ProfileName) -> Result<Verdict, CliError> {
+    let profile = Profile::builtin(name).map_err(CliError::internal)?;
+    let table = PolicyTable::builtin(&profile).map_err(CliError::internal)?;
+    let baselines = crate::engine::baselines().map_err(CliError::internal)?;
+    let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
+    let exports = candidate.bundle.interface();
+    let registered: Vec<Registered> = baselines
+        .iter()
+        .map(|baseline| Registered {
+            id: baseline.id(),
+            active: true,
+            dependencies: baseline.manifest.deployment.dependencies.clone(),
+        })
+        .collect();
+    let input = InterfaceInput {
+        candidate: &candidate.manifest,
+        exports: Some(&exports),
+        active: active.map(|active| &*active.manifest),
+        registered: &registered,
+    };
+    let interface = interface::assess(&input, &profile.thresholds).assessment;
+    let input = PolicyInput {
+        permissions: &candidate.manifest.permissions,
+        environments: &candidate.manifest.deployment.environments,
+        exports: Some(&exports),
+        active: active.map(|active| &active.manifest.permissions),
+    };
+    let policy = policy::assess(&input, &table, &profile).assessment;
+    let reasons = interface.reasons.iter().chain(&policy.reasons).map(ToString::to_string).collect();
+    Ok(Verdict {
+        profile: name.name(),
+        admitted: interface.outcome != InterfaceOutcome::Incompatible
+            && policy.outcome != PolicyOutcome::Incompatible,
+        interface: interface.outcome,
+        policy: policy.outcome,
+        reasons,
+    })
+}
+
+/// Well formed, and what the static checks say under each profile. The rest is measured, not read.
+fn check(folder: &Folder, candidate: &Capability, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let Folder { manifest, submission, params: _ } = folder;
+    let verdicts =
+        ProfileName::ALL.into_iter().map(|name| verdict(candidate, name)).collect::<Result<Vec<_>, _>>()?;
+    let admitted = verdicts.iter().any(|verdict| verdict.admitted);
     let checked = Checked {
         id: manifest.id().to_string(),
         digest: manifest.digest().map_err(CliError::internal)?,
@@ -277,6 +336,7 @@ fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
         provenance: submission.provenance.name(),
         estimated_risk: submission.estimated_risk.name(),
         summary: submission.summary.as_str().into(),
+        verdicts,
     };
     out.answer(&checked, |out| {
         out.line(&format!("{} is well formed", checked.id))?;
@@ -284,12 +344,22 @@ fn check(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
         out.line(&format!("bundle     {}", checked.bundle))?;
         out.line(&format!("submitted  by {} ({})", checked.author, checked.provenance))?;
         out.line(&format!("risk       {} (the author's estimate)", checked.estimated_risk))?;
-        if checked.summary.is_blank() {
-            Ok(())
-        } else {
-            out.line(&format!("summary    {}", checked.summary.line()))
+        if !checked.summary.is_blank() {
+            out.line(&format!("summary    {}", checked.summary.line()))?;
         }
-    })
+        for verdict in &checked.verdicts {
+            let (interface, policy) = (
+                crate::pipeline::manager::word(&verdict.interface),
+                crate::pipeline::manager::word(&verdict.policy),
+            );
+            out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;
+            for reason in &verdict.reasons {
+                out.line(&format!("           {reason}"))?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(if admitted { Exit::Confirmed } else { Exit::Rejected })
 }
 
 fn diff(old: &Folder, new: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {

@@ -197,7 +197,7 @@ fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
         None => finding(
             "viewer",
             Standing::Limited,
-            "`rerun` is not on PATH: recordings are written but cannot be opened from here",
+            "`rerun` is not on PATH; this version writes no scene recordings yet",
         ),
     }
 }

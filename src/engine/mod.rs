@@ -106,6 +106,24 @@ const BASELINES: [(&str, [&str; 3]); 4] = [
     embedded_baseline!("place"),
 ];
 
+/// The embedded first versions of every family.
+///
+/// # Errors
+/// Where an embedded file does not load.
+pub fn baselines() -> Result<Vec<Capability>, PackageError> {
+    BASELINES
+        .into_iter()
+        .map(|(name, [manifest, submission, params])| {
+            let package = Package {
+                manifest: manifest.to_owned(),
+                submission: submission.to_owned(),
+                params: params.to_owned(),
+            };
+            Capability::load(name, package)
+        })
+        .collect()
+}
+
 impl Engine {
     /// Opens the store and starts; finishes or undoes what an interrupted engine left.
     ///
@@ -114,17 +132,7 @@ impl Engine {
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
         let profile = Profile::builtin(config.profile)?;
         let table = PolicyTable::builtin(&profile)?;
-        let baselines = BASELINES
-            .into_iter()
-            .map(|(name, [manifest, submission, params])| {
-                let package = Package {
-                    manifest: manifest.to_owned(),
-                    submission: submission.to_owned(),
-                    params: params.to_owned(),
-                };
-                Capability::load(name, package)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
+        let baselines = baselines()?;
         let store = Store::open(config.data)?;
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };

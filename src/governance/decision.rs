@@ -289,6 +289,16 @@ impl Reason {
     }
 }
 
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.code, self.text)?;
+        match (self.evidence, self.limit) {
+            (Some(found), Some(limit)) => write!(f, " [{found:.3} against {limit:.3}]"),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// The four questions every decision answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

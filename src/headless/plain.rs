@@ -5,7 +5,6 @@
 use std::fmt::Write as _;
 
 use crate::engine::event::{DimensionResult, Event, EventKind};
-use crate::governance::decision::Reason;
 use crate::text::Untrusted;
 
 /// The longest line, columns.
@@ -47,7 +46,7 @@ fn text(kind: &EventKind) -> String {
                 let _ = write!(line, " composite={composite:.3}");
             }
             for reason in reasons.iter().take(4) {
-                let _ = write!(line, "; {}", said(reason));
+                let _ = write!(line, "; {reason}");
             }
             if !conditions.is_empty() {
                 let _ =
@@ -99,7 +98,7 @@ fn text(kind: &EventKind) -> String {
             line
         }
         EventKind::Monitor { version, decision, reasons } => {
-            let why: Vec<String> = reasons.iter().map(said).collect();
+            let why: Vec<String> = reasons.iter().map(ToString::to_string).collect();
             format!("monitor  {version}: {decision}; {}", why.join("; "))
         }
         EventKind::Rung { version, rung, ok, text } => {
@@ -153,14 +152,5 @@ fn kappa(dimension: &DimensionResult) -> String {
     match dimension.kappa {
         Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
         None => format!("{name}=-({})", dimension.outcome),
-    }
-}
-
-fn said(reason: &Reason) -> String {
-    match (reason.evidence, reason.limit) {
-        (Some(found), Some(limit)) => {
-            format!("{}: {} [{found:.3} against {limit:.3}]", reason.code, reason.text)
-        }
-        _ => format!("{}: {}", reason.code, reason.text),
     }
 }

@@ -109,7 +109,7 @@ impl UpgradeManager {
         record: &TaskRecord,
         duration_ms: u64,
     ) -> Result<(), Fault> {
-        if !self.watches.get(&id.family).is_some_and(|watch| watch.id == *id) {
+        if self.watches.get(&id.family).is_none_or(|watch| watch.id != *id) {
             return Ok(());
         }
         let to_ms = self.clock.now_ms();
