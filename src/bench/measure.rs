@@ -86,7 +86,7 @@ pub struct Effort {
     /// The same for what takes microseconds, s.
     pub fast_secs: f64,
     /// Records of the audit chain that is verified.
-    pub audit_records: usize,
+    pub audit_records: u64,
     /// Seeds of the engine comparison's episode, from 0.
     pub peer_seeds: u64,
 }
@@ -96,7 +96,7 @@ impl Effort {
     pub const DEFAULT: Self = Self {
         samples_min: 5,
         samples_max: 101,
-        slow_secs: 2.0,
+        slow_secs: 1.5,
         fast_secs: 0.5,
         audit_records: 10_000,
         peer_seeds: 200,

@@ -5,10 +5,13 @@
 
 use super::BenchError;
 use super::measure::{Clock, Effort, Entry, Figure, Unit};
-use crate::registry::{AUDIT_MAX, AuditBody, Store, Transaction, verify};
+use crate::registry::{AuditBody, Store, Transaction, verify};
 
 /// Length of a record's body, bytes: about what a stage's decision has.
 const BODY_BYTES: usize = 1024;
+
+/// Records written in one transaction while the chain is filled; the store takes up to 256.
+const RECORDS_AT_ONCE: u64 = 250;
 
 /// The records the figure of verification is given for.
 const PER_RECORDS: f64 = 10_000.0;
@@ -23,13 +26,13 @@ pub(super) fn measure(effort: &Effort) -> Result<Vec<Entry>, BenchError> {
     })?;
     let mut left = effort.audit_records;
     while left > 0 {
-        let records = left.min(AUDIT_MAX);
+        let records = left.min(RECORDS_AT_ONCE);
         store.commit(transaction(format!("fill {left}"), records))?;
         left -= records;
     }
     let database = store.layout().database();
     let verified = verify(&database, Some(store.public_key()))?;
-    if (verified.records as usize) < effort.audit_records {
+    if verified.records < effort.audit_records {
         return Err(BenchError::Unexpected {
             what: "audit verification",
             found: format!("{} records", verified.records),
@@ -54,11 +57,12 @@ pub(super) fn measure(effort: &Effort) -> Result<Vec<Entry>, BenchError> {
 }
 
 /// So many records and nothing else.
-fn transaction(command_id: String, records: usize) -> Transaction {
+fn transaction(command_id: String, records: u64) -> Transaction {
     let body = AuditBody {
         kind: "decision".to_owned(),
         subject: "align@1.1.0".to_owned(),
         body: format!("\"{}\"", "x".repeat(BODY_BYTES)),
     };
-    Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit: vec![body; records] }
+    let audit = (0..records).map(|_| body.clone()).collect();
+    Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }
 }
