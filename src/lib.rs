@@ -2,6 +2,7 @@
 
 pub mod alarms;
 pub mod approvals;
+pub mod bench;
 pub mod cli;
 pub mod engine;
 pub mod governance;

@@ -1,6 +1,12 @@
-//! `holdpoint bench`: arguments.
+//! `holdpoint bench`: arguments and the printed report.
+//!
+//! Prints what [`crate::bench`] measured; must not measure or round away anything itself (JSON has every digit).
 
 use clap::Args;
+
+use super::output::Table;
+use super::{CliError, Exit, Output};
+use crate::bench::{self, Report};
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -12,4 +18,77 @@ pub struct BenchArgs {
     /// Fewer repetitions; the numbers are then rougher.
     #[arg(long)]
     pub quick: bool,
+}
+
+/// Measures and prints.
+///
+/// # Errors
+/// Where the engine could not be measured, or the output cannot be written.
+pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let report = bench::run(args.quick).map_err(CliError::internal)?;
+    out.answer(&report, |out| show(&report, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
+    let Report { version, build, physics, .. } = report;
+    out.line(&format!("holdpoint {version}, {build} build, physics {physics}, rules f64, one worker"))?;
+    out.line("")?;
+    let mut table = Table::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
+    for entry in &report.entries {
+        table.row([
+            entry.name.clone(),
+            number(entry.median),
+            number(entry.p90),
+            entry.unit.name().to_owned(),
+            entry.n.to_string(),
+            entry.clock.name().to_owned(),
+            entry.sample.to_owned(),
+        ]);
+    }
+    out.table(&table)?;
+    out.line("")?;
+    let mut table = Table::new(&["peer episode", "lift", "place", "per cpu-s", "median ms", "p90 ms", "n"]);
+    for peer in &report.peer {
+        table.row([
+            format!("{:?}", peer.mode).to_lowercase(),
+            format!("{:.1} %", 100.0 * peer.lift_rate),
+            format!("{:.1} %", 100.0 * peer.place_rate),
+            number(peer.episodes_per_cpu_s),
+            number(peer.median),
+            number(peer.p90),
+            peer.n.to_string(),
+        ]);
+    }
+    out.table(&table)
+}
+
+/// Three significant digits, or more where the whole part has them.
+fn number(value: f64) -> String {
+    let decimals = match value.abs() {
+        size if size >= 100.0 => 0,
+        size if size >= 10.0 => 1,
+        size if size >= 1.0 => 2,
+        _ => 3,
+    };
+    format!("{value:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_keep_three_digits() {
+        for (value, text) in [
+            (1234.5, "1234"),
+            (99.96, "100.0"),
+            (12.34, "12.3"),
+            (1.234, "1.23"),
+            (0.1234, "0.123"),
+            (0.0, "0.000"),
+        ] {
+            assert_eq!(number(value), text);
+        }
+    }
 }

@@ -95,9 +95,9 @@ impl EngineVerbs for RealEngine {
     fn bench(
         &mut self,
         _context: &Context,
-        _args: &bench::BenchArgs,
-        _out: &mut Output<'_>,
+        args: &bench::BenchArgs,
+        out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::usage("this build does not measure yet"))
+        bench::run(args, out)
     }
 }

@@ -1,0 +1,244 @@
+//! Clocks, repeated samples, and the two numbers that are reported of them.
+//!
+//! Owns how a figure is taken; must not know what is measured.
+
+use std::time::Instant;
+
+use rustix::time::{ClockId, clock_gettime};
+use serde::Serialize;
+
+use super::BenchError;
+
+/// What a figure's time is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clock {
+    /// Processor time of the thread that works: other programs on the machine hardly show in it.
+    ThreadCpu,
+    /// Processor time of all threads of the program.
+    ProcessCpu,
+    /// Time that passes: for what waits for the disk.
+    Wall,
+}
+
+impl Clock {
+    /// The name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ThreadCpu => "thread cpu",
+            Self::ProcessCpu => "process cpu",
+            Self::Wall => "wall",
+        }
+    }
+
+    /// The clock's reading, s, from any fixed point.
+    #[must_use]
+    pub fn secs(self) -> f64 {
+        let id = match self {
+            Self::ThreadCpu => ClockId::ThreadCPUTime,
+            Self::ProcessCpu => ClockId::ProcessCPUTime,
+            Self::Wall => ClockId::Monotonic,
+        };
+        let reading = clock_gettime(id);
+        reading.tv_sec as f64 + 1.0e-9 * reading.tv_nsec as f64
+    }
+}
+
+/// The unit a figure is given in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Unit {
+    /// Microseconds.
+    #[serde(rename = "us")]
+    Micros,
+    /// Milliseconds.
+    #[serde(rename = "ms")]
+    Millis,
+}
+
+impl Unit {
+    /// The name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Micros => "us",
+            Self::Millis => "ms",
+        }
+    }
+
+    const fn per_sec(self) -> f64 {
+        match self {
+            Self::Micros => 1.0e6,
+            Self::Millis => 1.0e3,
+        }
+    }
+}
+
+/// How long a figure may take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// Fewest samples of a figure; without them there is no figure.
+    pub samples_min: usize,
+    /// Most samples of a figure.
+    pub samples_max: usize,
+    /// Time after which no sample beyond the fewest is begun, s.
+    pub slow_secs: f64,
+    /// The same for what takes microseconds, s.
+    pub fast_secs: f64,
+    /// Records of the audit chain that is verified.
+    pub audit_records: u64,
+    /// Seeds of the engine comparison's episode, from 0.
+    pub peer_seeds: u64,
+}
+
+impl Effort {
+    /// About a minute.
+    pub const DEFAULT: Self = Self {
+        samples_min: 5,
+        samples_max: 101,
+        slow_secs: 1.5,
+        fast_secs: 0.5,
+        audit_records: 10_000,
+        peer_seeds: 200,
+    };
+    /// Some seconds.
+    pub const QUICK: Self = Self {
+        samples_min: 3,
+        samples_max: 31,
+        slow_secs: 0.25,
+        fast_secs: 0.1,
+        audit_records: 2_000,
+        peer_seeds: 20,
+    };
+}
+
+/// One figure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Entry {
+    /// What was measured.
+    pub name: String,
+    /// Samples it was taken from.
+    pub n: usize,
+    /// Median of the samples.
+    pub median: f64,
+    /// The sample that nine in ten are at or below.
+    pub p90: f64,
+    /// Unit of both.
+    pub unit: Unit,
+    /// What time it is.
+    pub clock: Clock,
+    /// What one sample is.
+    pub sample: &'static str,
+}
+
+/// What is measured, and how it is told.
+#[derive(Clone, Debug)]
+pub(super) struct Figure {
+    pub(super) name: String,
+    pub(super) unit: Unit,
+    pub(super) clock: Clock,
+    pub(super) sample: &'static str,
+}
+
+impl Figure {
+    pub(super) fn new(name: impl Into<String>, unit: Unit, clock: Clock, sample: &'static str) -> Self {
+        Self { name: name.into(), unit, clock, sample }
+    }
+
+    /// Takes samples for `secs_max`, after one call that is not counted. `work` gets the number of the call and
+    /// gives the units of work it did, by which its time is divided; none where the call does not count.
+    pub(super) fn take(
+        self,
+        effort: &Effort,
+        secs_max: f64,
+        mut work: impl FnMut(u64) -> Result<Option<u64>, BenchError>,
+    ) -> Result<Entry, BenchError> {
+        work(0)?;
+        let begin = Instant::now();
+        let mut samples = Vec::new();
+        // A call that does not count must not keep the figure from ending.
+        for call in 1..=4 * effort.samples_max as u64 {
+            let before = self.clock.secs();
+            let units = work(call)?;
+            let spent = self.clock.secs() - before;
+            samples.extend(units.filter(|units| *units > 0).map(|units| spent / units as f64));
+            let enough = samples.len() >= effort.samples_min && begin.elapsed().as_secs_f64() >= secs_max;
+            if enough || samples.len() >= effort.samples_max {
+                break;
+            }
+        }
+        self.of(samples, effort.samples_min)
+    }
+
+    /// The figure of samples in seconds.
+    pub(super) fn of(self, mut samples: Vec<f64>, needed: usize) -> Result<Entry, BenchError> {
+        samples.sort_by(f64::total_cmp);
+        let too_few = BenchError::TooFew { name: self.name.clone(), found: samples.len(), needed };
+        if samples.len() < needed {
+            return Err(too_few);
+        }
+        let (Some(median), Some(p90)) = (median(&samples), quantile(&samples, 9, 10)) else {
+            return Err(too_few);
+        };
+        let scale = self.unit.per_sec();
+        Ok(Entry {
+            name: self.name,
+            n: samples.len(),
+            median: median * scale,
+            p90: p90 * scale,
+            unit: self.unit,
+            clock: self.clock,
+            sample: self.sample,
+        })
+    }
+}
+
+/// Median of sorted samples: the middle one, or the mean of the two.
+pub(super) fn median(sorted: &[f64]) -> Option<f64> {
+    let upper = sorted.get(sorted.len() / 2)?;
+    if sorted.len() % 2 == 1 {
+        return Some(*upper);
+    }
+    sorted.get(sorted.len() / 2 - 1).map(|lower| f64::midpoint(*lower, *upper))
+}
+
+/// Nearest-rank quantile `part / whole` of sorted samples.
+pub(super) fn quantile(sorted: &[f64], part: usize, whole: usize) -> Option<f64> {
+    let rank = (sorted.len() * part).div_ceil(whole);
+    sorted.get(rank.saturating_sub(1)).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_of_few_samples() {
+        for (sorted, middle, ninth) in [
+            (vec![], None, None),
+            (vec![3.0], Some(3.0), Some(3.0)),
+            (vec![1.0, 2.0], Some(1.5), Some(2.0)),
+            ((1..=10).map(f64::from).collect(), Some(5.5), Some(9.0)),
+            ((1..=11).map(f64::from).collect(), Some(6.0), Some(10.0)),
+        ] {
+            assert_eq!(median(&sorted), middle, "{sorted:?}");
+            assert_eq!(quantile(&sorted, 9, 10), ninth, "{sorted:?}");
+        }
+    }
+
+    #[test]
+    fn calls_that_do_not_count_give_no_figure() {
+        let effort = Effort { samples_min: 2, samples_max: 4, ..Effort::QUICK };
+        let figure = || Figure::new("nothing", Unit::Micros, Clock::Wall, "a call");
+        let mut calls = 0;
+        let none = figure().take(&effort, 0.0, |_| {
+            calls += 1;
+            Ok(None)
+        });
+        assert!(matches!(none, Err(BenchError::TooFew { found: 0, needed: 2, .. })), "{none:?}");
+        assert_eq!(calls, 17);
+        let some = figure().take(&effort, 1.0e9, |call| Ok((call % 2 == 0).then_some(1))).unwrap();
+        assert_eq!(some.n, 4);
+        assert!(some.median <= some.p90);
+    }
+}
