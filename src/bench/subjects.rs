@@ -18,17 +18,6 @@ use crate::runtime::agent::ActiveView;
 use crate::runtime::capability::{Capability, Package};
 use crate::runtime::terms::Terms;
 
-macro_rules! baseline {
-    ($family:literal) => {
-        Package {
-            manifest: include_str!(concat!("../../manifests/", $family, "/1.0.0/manifest.toml")).to_owned(),
-            submission: include_str!(concat!("../../manifests/", $family, "/1.0.0/submission.toml"))
-                .to_owned(),
-            params: include_str!(concat!("../../manifests/", $family, "/1.0.0/params.toml")).to_owned(),
-        }
-    };
-}
-
 /// Name of the embedded candidate that is measured: the demonstration.
 pub(super) const CANDIDATE: &str = "align-improved";
 
@@ -64,16 +53,8 @@ impl Subjects {
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = Terms::new(&profile, table.clone(), cell.model.clone(), cell.scene.clone());
-        let mut active = BTreeMap::new();
-        for (name, package) in [
-            ("park", baseline!("park")),
-            ("grasp", baseline!("grasp")),
-            ("align", baseline!("align")),
-            ("place", baseline!("place")),
-        ] {
-            let capability = Capability::load(name, package)?;
-            active.insert(capability.id().family, capability);
-        }
+        let active = crate::engine::baselines()?;
+        let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
         let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;
         Ok(Self { cell, profile, table, terms, active: Active(active), candidate })
     }

@@ -367,10 +367,7 @@ impl Skill for Grasp {
     }
 
     fn enter(&mut self, hook: Hook) {
-        self.hook = Some(match hook {
-            Hook::SafeAbort => HookRun::Abort(self.params.abort, None),
-            Hook::Rollback => HookRun::Rollback(self.params.rollback, None),
-        });
+        self.hook = Some(HookRun::begin(hook, self.params.abort, self.params.rollback));
     }
 }
 

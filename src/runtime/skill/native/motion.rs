@@ -5,6 +5,8 @@ use holdpoint_sim::io::{Command, Estimate, Observation, Pose, TICK_SECS};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::runtime::skill::Hook;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Below this pad distance the hand is empty, m.
@@ -144,6 +146,15 @@ pub enum HookRun {
 }
 
 impl HookRun {
+    /// A hook that is entered now, in the style the version has for it.
+    #[must_use]
+    pub const fn begin(hook: Hook, abort: AbortStyle, rollback: RollbackStyle) -> Self {
+        match hook {
+            Hook::SafeAbort => Self::Abort(abort, None),
+            Hook::Rollback => Self::Rollback(rollback, None),
+        }
+    }
+
     /// One decision of the hook. `safe_height_m` is where a rise ends, `speed_m_s` how fast.
     pub fn tick(&mut self, seen: &Observation, safe_height_m: f64, speed_m_s: f64) -> Command {
         let rise_after = ticks(0.15);

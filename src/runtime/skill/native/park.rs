@@ -61,9 +61,6 @@ impl Skill for Park {
     }
 
     fn enter(&mut self, hook: Hook) {
-        self.hook = Some(match hook {
-            Hook::SafeAbort => HookRun::Abort(AbortStyle::Hold, None),
-            Hook::Rollback => HookRun::Rollback(RollbackStyle::Handover, None),
-        });
+        self.hook = Some(HookRun::begin(hook, AbortStyle::Hold, RollbackStyle::Handover));
     }
 }
