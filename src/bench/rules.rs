@@ -228,6 +228,8 @@ fn gate_pass(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> 
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences))
         .map(|seed| ShadowSequence {
             seed,
+            live_success: true,
+            twin_success: true,
             live_policy_hit: false,
             twin_policy_hit: false,
             live_watcher_event: false,

@@ -158,6 +158,8 @@ reason_codes! {
     ShadowClean = "shadow-clean",
     /// Policy hits or watcher events are established as more frequent in the twin.
     ShadowGovernanceDivergence = "shadow-governance-divergence",
+    /// A governance signal leans towards worse, not established: shadow is lengthened.
+    ShadowLeaning = "shadow-leaning",
     /// Outputs differ; shadow is lengthened, nothing is decided.
     ShadowOutputDivergence = "shadow-output-divergence",
     /// The twin leaves the band of the active version's traces; shadow is lengthened.

@@ -252,6 +252,10 @@ pub struct RecoveryEvidence {
 pub struct ShadowSequence {
     /// Seed of the disturbances both worlds shared.
     pub seed: u64,
+    /// The active version did the task in the live world.
+    pub live_success: bool,
+    /// The candidate did it in the twin.
+    pub twin_success: bool,
     /// A policy hit (denied or clamped command) in the live world.
     pub live_policy_hit: bool,
     /// A policy hit in the twin.

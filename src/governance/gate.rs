@@ -31,10 +31,52 @@ pub struct ShadowAssessment {
     pub output_divergence: Option<f64>,
     /// Mean envelope divergence, 0 to 1.
     pub envelope_divergence: Option<f64>,
+    /// How far leaving the active version's band and the watcher's word go together.
+    pub alignment: Option<Alignment>,
 }
 
-/// `Delta_shadow`: governance signals decide, by a paired lower bound; output and envelope divergence only
-/// lengthen shadow (design rules 3.7, 5.4).
+/// In how many sequences the twin left the active version's band, and in how many the watcher spoke: whether the
+/// trace envelope tells what the watcher tells (paper section 6.7). Reported, never gating.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Alignment {
+    /// Both.
+    pub both: u32,
+    /// Left the band, and the watcher named nothing.
+    pub envelope_only: u32,
+    /// The watcher named something within the band.
+    pub watcher_only: u32,
+    /// Neither.
+    pub neither: u32,
+}
+
+impl Alignment {
+    /// Of sequences; a twin is out of the band where more than `share_max` of its trajectory is.
+    #[must_use]
+    pub fn of(sequences: &[ShadowSequence], share_max: f64) -> Self {
+        let mut counts = Self::default();
+        for sequence in sequences {
+            let count = match (sequence.envelope_divergence > share_max, sequence.twin_watcher_event) {
+                (true, true) => &mut counts.both,
+                (true, false) => &mut counts.envelope_only,
+                (false, true) => &mut counts.watcher_only,
+                (false, false) => &mut counts.neither,
+            };
+            *count = count.saturating_add(1);
+        }
+        counts
+    }
+}
+
+/// How many sequences more with a signal in the twin than in the live world make shadow longer: one may be chance.
+const LEAN_FROM: u64 = 2;
+
+/// `Delta_shadow`: what is established as worse in the twin decides, by a paired lower bound: regressions of
+/// success, policy hits, watcher events. Output and envelope divergence, and a signal that leans towards worse,
+/// only lengthen shadow (design rules 3.7, 5.4).
+///
+/// `shadow_alpha` is shared by the three signals and the two looks (after the plain and after the longest
+/// shadow), so that an equally good candidate fails with probability at most `shadow_alpha`.
 #[must_use]
 pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Profile) -> ShadowAssessment {
     let settings = &profile.evaluation;
@@ -46,6 +88,7 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         sequences: count,
         output_divergence: output,
         envelope_divergence: envelope,
+        alignment: envelope.map(|_| Alignment::of(&evidence.sequences, settings.envelope_divergence_max)),
     };
     let no_data = |text| done(Check::NoData, vec![reason(ReasonCode::ShadowNoData, text)], None, None);
     if evidence.binding != *current {
@@ -64,8 +107,12 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     };
     let (output, envelope) = (mean(|s| s.output_divergence), mean(|s| s.envelope_divergence));
     let mut reasons = Vec::new();
-    // Two signals share the error rate.
-    for (what, pairs) in [
+    let mut leaning = Vec::new();
+    let signals = [
+        (
+            "failures of the task",
+            PairedCounts::of(evidence.sequences.iter().map(|s| (!s.twin_success, !s.live_success))),
+        ),
         (
             "policy hits",
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit))),
@@ -74,19 +121,27 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
             "watcher events",
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
         ),
-    ] {
-        let Ok(bound) = stats::binary_pairs(pairs, settings.alpha / 2.0) else {
+    ];
+    let each = settings.alpha / (2.0 * signals.len() as f64);
+    for (what, pairs) in signals {
+        let Ok(bound) = stats::binary_pairs(pairs, each) else {
             return no_data("the signals cannot be bounded");
         };
+        let net = pairs.candidate_only.saturating_sub(pairs.active_only);
         if bound.lower > 0.0 {
             let text = format!("{what} are established as more frequent than under the active version");
             let diverged = Reason::new(ReasonCode::ShadowGovernanceDivergence, Dimension::Shadow, text);
             reasons.push(diverged.with(bound.lower, 0.0));
+        } else if net >= LEAN_FROM {
+            let text = format!("{what} lean towards more than under the active version");
+            let leans = Reason::new(ReasonCode::ShadowLeaning, Dimension::Shadow, text);
+            leaning.push(leans.with(net as f64, LEAN_FROM as f64));
         }
     }
     if !reasons.is_empty() {
         return done(Check::Fail, reasons, Some(output), Some(envelope));
     }
+    reasons.append(&mut leaning);
     for (code, text, found, limit) in [
         (ReasonCode::ShadowOutputDivergence, "the outputs differ", output, settings.output_divergence_max),
         (

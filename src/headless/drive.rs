@@ -5,10 +5,10 @@ use std::path::Path;
 
 use holdpoint_sim::robot::RobotModel;
 
+use super::approver;
 use super::embedded;
 use super::plain;
 use super::script::{DriftStep, Expect, Say, Script, Wait};
-use crate::approvals::{Approval, Identity, Nonce, Role};
 use crate::cli::{CliError, Exit};
 use crate::engine::command::{Command, Reply, Request};
 use crate::engine::event::{Event, EventKind};
@@ -389,30 +389,8 @@ impl<'a> Driver<'a> {
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let folder = self.engine.layout().identities();
-        let identity = match Identity::load(&folder, &say.who) {
-            Ok(identity) => identity,
-            Err(_) => {
-                let role = Role::new("engineer").map_err(CliError::usage)?;
-                Identity::create(&folder, &say.who, role).map_err(CliError::usage)?
-            }
-        };
-        let signed = identity.sign(Approval {
-            who: String::new(),
-            role: identity.info().role.clone(),
-            decision,
-            reason: say.reason.clone(),
-            version: prompt.version,
-            candidate_digest: prompt.candidate,
-            row_version: prompt.row_version,
-            evidence_digest: prompt.evidence,
-            policy_digest: prompt.policy,
-            profile: prompt.profile,
-            store_id: prompt.store_id,
-            nonce: Nonce::random().map_err(CliError::internal)?,
-            not_after_ms: prompt.valid_until_ms,
-        });
-        self.accept(Command::Decide { signed: Box::new(signed) })
+        let command = approver::answer(&self.engine, prompt, &say.who, decision, &say.reason)?;
+        self.accept(command)
     }
 
     fn drift(&mut self, drift: &DriftStep) -> Result<Step, CliError> {

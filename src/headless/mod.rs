@@ -2,6 +2,7 @@
 //!
 //! The same engine as behind any other front end; what is here reads events and gives commands.
 
+pub mod approver;
 pub mod embedded;
 pub mod plain;
 pub mod script;

@@ -12,26 +12,14 @@ use crate::engine::snapshot::ProgressView;
 use crate::governance::behavior::BehaviorAssessment;
 use crate::governance::composition::{Condition, Kappas, composite};
 use crate::governance::decision::{Dimension, Kappa, Reason};
-use crate::governance::evidence::{
-    Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence, Signature,
-};
+use crate::governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
 use crate::governance::gate::ShadowAssessment;
 use crate::governance::ids::Digest;
 use crate::governance::outcome::{Assessment, Basis};
 use crate::governance::profile::{Profile, ProfileName};
 use crate::governance::recovery::RecoveryAssessment;
-
-/// What one mode of the sandbox gave, beside the paired comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ModeMetrics {
-    /// `canonical`, `perturbation` or `adversarial`.
-    pub mode: String,
-    /// Episodes.
-    pub episodes: u32,
-    /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`, as means per episode.
-    pub candidate: Signature,
-}
+use crate::pipeline::measures::ModeMetrics;
+use crate::pipeline::stages::confirmation::Confirmation;
 
 /// A candidate's evidence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -49,7 +37,7 @@ pub struct Dossier {
     pub pairs: Vec<Pair>,
     /// Hard stops seen.
     pub hard_stops: Vec<HardStop>,
-    /// Sandbox metrics per mode.
+    /// Sandbox metrics per mode, with intervals and tails.
     pub modes: Vec<ModeMetrics>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
@@ -57,6 +45,8 @@ pub struct Dossier {
     pub sequences: Vec<ShadowSequence>,
     /// What the candidate did in the twins: what is normal for it in the live world.
     pub twins: Vec<EpisodeValues>,
+    /// What settled the doubt it was let in with, where there was one.
+    pub confirmation: Option<Confirmation>,
     /// What each piece was gathered for.
     pub bindings: Vec<Binding>,
     /// Conditions of use so far.
@@ -84,6 +74,7 @@ impl Dossier {
             conditions: Vec::new(),
             reasons: Vec::new(),
             closed: BTreeSet::new(),
+            confirmation: None,
             held: false,
             ..self.clone()
         };

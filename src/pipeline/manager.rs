@@ -17,6 +17,7 @@ use super::dossier::Dossier;
 use super::ledger::{Ledger, LedgerError, Moved, Note};
 use super::live::LiveCell;
 use super::stages::activation::Prompt;
+use super::stages::confirmation::ConfirmationRun;
 use super::stages::monitoring::Watch;
 use super::stages::sandbox::SandboxRun;
 use super::stages::shadowing::ShadowRun;
@@ -86,6 +87,7 @@ pub enum Progress {
 pub(super) enum Work {
     Sandbox(Box<SandboxRun>),
     Shadow(Box<ShadowRun>),
+    Confirmation(Box<ConfirmationRun>),
 }
 
 /// See the module's head.
@@ -257,7 +259,15 @@ impl UpgradeManager {
                 self.shadow_slice(run)?;
                 return Ok(Progress::Worked);
             }
+            Some(Work::Confirmation(run)) => {
+                self.confirmation_slice(run)?;
+                return Ok(Progress::Worked);
+            }
             None => {}
+        }
+        if let Some(id) = self.next_confirmation() {
+            self.begin_confirmation(&id)?;
+            return Ok(Progress::Worked);
         }
         if let Some((id, stage)) = self.next_stage() {
             self.begin(&id, stage)?;
@@ -358,6 +368,7 @@ impl UpgradeManager {
         match &self.work {
             Some(Work::Sandbox(run)) => run.is_of(id),
             Some(Work::Shadow(run)) => run.is_of(id),
+            Some(Work::Confirmation(run)) => run.is_of(id),
             None => false,
         }
     }

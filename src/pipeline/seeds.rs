@@ -22,6 +22,10 @@ pub enum Purpose {
     Drill,
     /// The live world.
     Live,
+    /// Pairs of the confirmation, which the sandbox has not seen.
+    Confirmation,
+    /// Drills of the confirmation.
+    ConfirmationDrill,
 }
 
 impl Purpose {
@@ -31,7 +35,9 @@ impl Purpose {
             Self::Canonical => (2_000, 500),
             Self::Adversarial => (2_500, 500),
             Self::Drill => (3_000, 2_000),
-            Self::Live => (5_000, 5_000),
+            Self::Live => (5_000, 4_000),
+            Self::Confirmation => (9_000, 800),
+            Self::ConfirmationDrill => (9_800, 200),
         }
     }
 }
@@ -47,8 +53,15 @@ pub const fn episode_seed(run_seed: u64, purpose: Purpose, index: u64) -> u64 {
 mod tests {
     use super::*;
 
-    const PURPOSES: [Purpose; 5] =
-        [Purpose::Perturbation, Purpose::Canonical, Purpose::Adversarial, Purpose::Drill, Purpose::Live];
+    const PURPOSES: [Purpose; 7] = [
+        Purpose::Perturbation,
+        Purpose::Canonical,
+        Purpose::Adversarial,
+        Purpose::Drill,
+        Purpose::Live,
+        Purpose::Confirmation,
+        Purpose::ConfirmationDrill,
+    ];
 
     #[test]
     fn blocks_are_disjoint_and_fill_a_run() {

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::live::Listener;
 use crate::governance::evidence::ShadowSequence;
+use crate::governance::ids::CapabilityId;
 use crate::runtime::arm::{Arm, Recorder};
 use crate::runtime::capability::Capability;
 use crate::runtime::skill::Skill;
@@ -60,19 +61,45 @@ impl Setpoints {
     }
 }
 
+/// The most commands of one side that a [`ShadowTrace`] keeps; a task gives some dozen.
+const COMMANDS_KEPT: usize = 256;
+
 /// The record of one shadowed sequence (paper appendix F.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ShadowTrace {
+    /// The version in shadow.
+    pub version: CapabilityId,
+    /// The family's task within the sequence.
+    pub task: TaskKind,
     /// The seed both worlds shared.
     pub seed: u64,
+    /// Commands of the active version, with the tick of the task; the first ones.
+    pub live_commands: Vec<(u64, Command)>,
+    /// Commands the candidate would have given on the same observations.
+    pub proposed_commands: Vec<(u64, Command)>,
     /// What the active version did in the live world.
     pub live: TaskRecord,
     /// What the candidate did in the twin.
     pub twin: TaskRecord,
-    /// Commands the candidate would have given on the live observations.
-    pub proposals: u32,
     /// The values the rules use.
     pub values: ShadowSequence,
+}
+
+impl ShadowTrace {
+    /// The record without the paths where both worlds ended alike: the seed gives them again.
+    #[must_use]
+    pub fn without_equal_paths(mut self) -> Self {
+        let values = &self.values;
+        let alike = values.live_success == values.twin_success
+            && values.live_policy_hit == values.twin_policy_hit
+            && values.live_watcher_event == values.twin_watcher_event;
+        if alike {
+            self.live.path = Vec::new();
+            self.twin.path = Vec::new();
+        }
+        self
+    }
 }
 
 /// Listens to a live sequence on behalf of one candidate.
@@ -82,6 +109,7 @@ pub struct Shadow<'a> {
     fork: Option<World>,
     skill: Option<Box<dyn Skill>>,
     recorder: Recorder,
+    live_recorder: Recorder,
     live: Setpoints,
     proposed: Setpoints,
     divergence_sum: f64,
@@ -98,6 +126,7 @@ impl<'a> Shadow<'a> {
             fork: Some(fork),
             skill: None,
             recorder: Recorder::default(),
+            live_recorder: Recorder::default(),
             live: Setpoints::default(),
             proposed: Setpoints::default(),
             divergence_sum: 0.0,
@@ -128,6 +157,8 @@ impl<'a> Shadow<'a> {
         }
         let values = ShadowSequence {
             seed,
+            live_success: live.success,
+            twin_success: twin.success,
             live_policy_hit: live.violation,
             twin_policy_hit: twin.violation,
             live_watcher_event: live.anomaly,
@@ -135,8 +166,18 @@ impl<'a> Shadow<'a> {
             output_divergence: self.divergence_sum / f64::from(self.ticks.max(1)),
             envelope_divergence: outside_tube(&live.path, &twin.path),
         };
-        let proposals = u32::try_from(self.recorder.commands().len()).unwrap_or(u32::MAX);
-        (Some(ShadowTrace { seed, live: live.clone(), twin, proposals, values }), Some(world))
+        let first = |recorder: &Recorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
+        let trace = ShadowTrace {
+            version: self.candidate.id(),
+            task: self.task(),
+            seed,
+            live_commands: first(&self.live_recorder),
+            proposed_commands: first(&self.recorder),
+            live: live.clone(),
+            twin,
+            values,
+        };
+        (Some(trace), Some(world))
     }
 }
 
@@ -161,6 +202,7 @@ impl Listener for Shadow<'_> {
             self.live.note(passed.command);
             self.proposed.note(&proposal);
             self.recorder.record(passed.tick, proposal);
+            self.live_recorder.record(passed.tick, passed.command.clone());
             self.divergence_sum += self.live.divergence(&self.proposed);
             self.ticks += 1;
         }

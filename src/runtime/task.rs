@@ -68,6 +68,10 @@ pub struct TaskRecord {
     pub near: bool,
     /// Commands that were clamped.
     pub clamps: u32,
+    /// The largest force that was measured on wrist, pads or hand, N.
+    pub peak_force_n: f64,
+    /// The largest speed of the tool that was measured, m/s.
+    pub peak_speed_m_s: f64,
     /// Denials and measured violations, the first of each kind with its tick.
     pub hits: Vec<(u64, PolicyHit)>,
     /// What the watcher raised.
@@ -120,6 +124,8 @@ impl TaskRecord {
             timeout: false,
             near: false,
             clamps: 0,
+            peak_force_n: 0.0,
+            peak_speed_m_s: 0.0,
             hits: Vec::new(),
             signals: Vec::new(),
             declared: None,
@@ -271,6 +277,8 @@ pub fn run<B: Body>(
             wants_recovery = true;
         }
         record.near |= guard.is_near(&seen);
+        record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
+        record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
         note_path(&mut record, &seen, tick);
         let passed =
             Tick { tick, observation: &observation, command: &checked.command, seen: &seen, raised: &raised };

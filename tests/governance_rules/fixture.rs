@@ -165,6 +165,8 @@ pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {
 pub fn shadow(profile: &Profile) -> ShadowEvidence {
     let sequence = |seed| ShadowSequence {
         seed,
+        live_success: true,
+        twin_success: true,
         live_policy_hit: false,
         twin_policy_hit: false,
         live_watcher_event: false,

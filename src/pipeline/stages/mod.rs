@@ -1,6 +1,7 @@
 //! One file per stage; each adds its part to [`super::manager::UpgradeManager`].
 
 pub mod activation;
+pub mod confirmation;
 pub mod monitoring;
 pub mod operations;
 pub mod rollback;

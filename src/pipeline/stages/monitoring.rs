@@ -239,13 +239,18 @@ impl UpgradeManager {
         Ok(())
     }
 
-    fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
+    /// Confirms a version whose window passed without a trip and which is in no doubt.
+    pub(in crate::pipeline) fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let Some(watch) = self.watches.get(&id.family).filter(|watch| watch.id == *id) else {
             return Ok(());
         };
         if !watch.monitor.is_confirmed() || watch.confirmed || watch.restricted {
             return Ok(());
         }
+        if self.has_open_doubt(id) {
+            return Ok(());
+        }
+        let Some(watch) = self.watches.get_mut(&id.family) else { return Ok(()) };
         watch.confirmed = true;
         let episodes = watch.episodes;
         let (version, standing, _) = self.ledger.version(id)?;

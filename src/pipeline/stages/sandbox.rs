@@ -1,34 +1,25 @@
-//! Stage 3: the sandbox. Paired episodes in three modes, then the recovery drills; measured
-//! behaviour and recovery replace the estimates.
-
-use holdpoint_sim::pool::run_ordered;
-use std::ops::ControlFlow;
+//! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
+//! in turns; measured behaviour and recovery replace the estimates.
 
 use crate::governance::behavior;
 use crate::governance::composition::{Kappas, PsiContext, psi};
 use crate::governance::decision::ReasonCode;
-use crate::governance::evidence::{
-    Binding, DrillKind, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
-};
-use crate::governance::ids::{CapabilityId, Digest};
+use crate::governance::evidence::{Binding, Drills, HardStop};
+use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Event, Stage};
 use crate::governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
 use crate::governance::recovery;
 use crate::pipeline::cell::Conditions;
-use crate::pipeline::dossier::ModeMetrics;
-use crate::pipeline::drills::{Cast, DrillResult, drill};
-use crate::pipeline::evaluate::{Job, Worker, batch, cache_key};
+use crate::pipeline::evaluation::{Evaluation, Plan, Slice};
+use crate::pipeline::lab::{Lab, Party};
 use crate::pipeline::manager::{Fault, UpgradeManager, Work};
-use crate::pipeline::seeds::{Purpose, episode_seed};
+use crate::pipeline::measures::ModeMetrics;
+use crate::pipeline::seeds::Purpose;
 use crate::pipeline::stages::validation::first_reason;
-use crate::registry::EpisodeKey;
+use crate::pipeline::trace::TraceBatch;
 use crate::registry::names::EvidenceKind;
 use crate::runtime::capability::Capability;
 use crate::runtime::task::TaskRecord;
-use crate::runtime::terms::Terms;
-
-/// Pairs in one slice of work.
-const SLICE_PAIRS: u64 = 20;
 
 /// Episodes of the canonical and of the adversarial mode.
 const MODE_EPISODES: u64 = 10;
@@ -36,8 +27,14 @@ const MODE_EPISODES: u64 = 10;
 /// Share of speed and force the envelope leaves in the adversarial mode: permission stress.
 const ADVERSARIAL_SHARE: f64 = 0.7;
 
-/// Most episodes tried for the budget: some have no valid start.
-const ATTEMPTS_FACTOR: u64 = 2;
+/// A mode in which the candidate runs alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Alone {
+    /// No perturbation.
+    Canonical,
+    /// The sandbox's perturbations under a tighter envelope.
+    Adversarial,
+}
 
 /// A sandbox evaluation under way.
 pub struct SandboxRun {
@@ -46,13 +43,15 @@ pub struct SandboxRun {
     phase: Phase,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    Canonical,
-    Perturbation { tried: u64 },
-    Adversarial,
-    Drills { kind: usize },
-    Decide,
+    Alone(Alone),
+    Compare(Box<Comparison>),
+}
+
+/// The comparison with the records its metrics are computed from: candidate's and active version's.
+struct Comparison {
+    evaluation: Evaluation,
+    records: (Vec<TaskRecord>, Vec<TaskRecord>),
 }
 
 impl SandboxRun {
@@ -63,7 +62,7 @@ impl SandboxRun {
 
 impl UpgradeManager {
     pub(in crate::pipeline) fn begin_sandbox(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let budget = u64::from(self.profile.evaluation.sandbox_pairs);
+        let budget = 2 * MODE_EPISODES + Plan::sandbox(&self.profile).budget();
         self.start_stage(id, Stage::Sandbox, budget)?;
         let candidate = self.capability(id)?;
         let binding = self.binding(&candidate);
@@ -82,7 +81,7 @@ impl UpgradeManager {
         dossier.twins.clear();
         dossier.drills = Some((Drills::default(), Drills::default()));
         dossier.bindings = vec![binding];
-        let run = SandboxRun { id: id.clone(), binding, phase: Phase::Canonical };
+        let run = SandboxRun { id: id.clone(), binding, phase: Phase::Alone(Alone::Canonical) };
         self.work = Some(Work::Sandbox(Box::new(run)));
         Ok(())
     }
@@ -97,276 +96,133 @@ impl UpgradeManager {
             return self.abort_stage(&id, "the active version or the profile changed meanwhile");
         }
         run.phase = match run.phase {
-            Phase::Canonical => {
-                self.mode_episodes(&candidate, "canonical", Conditions::Canonical, Purpose::Canonical, 1.0)?;
-                Phase::Perturbation { tried: 0 }
-            }
-            Phase::Perturbation { tried } => self.pair_slice(&candidate, &active, tried, &run.binding)?,
-            Phase::Adversarial => {
-                let purpose = Purpose::Adversarial;
-                self.mode_episodes(
-                    &candidate,
-                    "adversarial",
-                    Conditions::Sandbox,
-                    purpose,
-                    ADVERSARIAL_SHARE,
-                )?;
-                Phase::Drills { kind: 0 }
-            }
-            Phase::Drills { kind } => match DrillKind::ALL.get(kind) {
-                Some(&which) => {
-                    self.drill_slice(&candidate, &active, which)?;
-                    Phase::Drills { kind: kind + 1 }
+            Phase::Alone(mode) => {
+                self.mode_episodes(&candidate, mode)?;
+                let seen = self.dossier(&id).hard_stops.clone();
+                match mode {
+                    Alone::Canonical if seen.is_empty() => Phase::Alone(Alone::Adversarial),
+                    Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
                 }
-                None => Phase::Decide,
-            },
-            Phase::Decide => return self.decide_sandbox(&id, &run.binding),
+            }
+            Phase::Compare(mut comparison) => {
+                if comparison.evaluation.ended().is_some() {
+                    return self.decide_sandbox(&id, &comparison);
+                }
+                let parties = (self.party(&candidate), self.party(&active));
+                let slice = comparison.evaluation.step(
+                    &self.lab(),
+                    &parties.0,
+                    &parties.1,
+                    &self.profile,
+                )?;
+                self.note_slice(&id, &mut comparison, slice)?;
+                Phase::Compare(comparison)
+            }
         };
         self.work = Some(Work::Sandbox(run));
         Ok(())
     }
 
-    /// Twenty pairs; the live world works on beside them.
-    fn pair_slice(
+    fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> Phase {
+        let evaluation = Evaluation::new(Plan::sandbox(&self.profile), binding, seen);
+        Phase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
+    }
+
+    /// What evaluations of this engine are run with.
+    pub(in crate::pipeline) fn lab(&self) -> Lab<'_> {
+        Lab {
+            seed: self.seed,
+            jobs: self.jobs,
+            cancel: &self.cancel,
+            cell: &self.cell,
+            cache: &self.cache,
+            store: self.ledger.store(),
+        }
+    }
+
+    /// A version with the terms and the fallback it has now.
+    pub(in crate::pipeline) fn party(&self, version: &Capability) -> Party {
+        let fallback = version.manifest.recovery.fallback.as_ref();
+        let fallback =
+            fallback.and_then(|binding| self.ledger.resolve(&binding.family, &binding.version).cloned());
+        Party { version: version.clone(), terms: self.terms_of(version), fallback }
+    }
+
+    /// Keeps what a slice gave; the live world works on beside it.
+    fn note_slice(
         &mut self,
-        candidate: &Capability,
-        active: &Capability,
-        tried: u64,
-        binding: &Binding,
-    ) -> Result<Phase, Fault> {
-        let id = candidate.id();
-        let budget = u64::from(self.profile.evaluation.sandbox_pairs);
-        let have = self.dossier(&id).pairs.len() as u64;
-        let wanted = SLICE_PAIRS.min(budget.saturating_sub(have)).min(ATTEMPTS_FACTOR * budget - tried);
-        let seeds: Vec<u64> = (tried..tried + wanted)
-            .map(|index| episode_seed(self.seed, Purpose::Perturbation, index))
-            .collect();
-        let records = self.paired(candidate, active, &seeds)?;
-        let dossier = self.dossier(&id);
-        for (new, old) in records {
-            if let Some(stop) = new.hard_stop {
-                dossier.hard_stops.push(stop);
-            }
-            if let (Some(candidate), Some(active)) = (new.values(), old.values()) {
-                dossier.pairs.push(Pair { seed: new.seed, active, candidate });
-            }
-        }
-        let done = dossier.pairs.len() as u64;
-        let evidence = PairedEvidence {
-            binding: *binding,
-            pairs: dossier.pairs.clone(),
-            hard_stops: dossier.hard_stops.clone(),
-        };
-        self.progress(&id, Stage::Sandbox, "paired episodes", done, budget);
-        self.live_due += f64::from(self.profile.evaluation.live_sequences_per_100_episodes) / 100.0
-            * f64::from(u32::try_from(wanted).unwrap_or(u32::MAX));
-        let stopped = !evidence.hard_stops.is_empty() || behavior::is_lost(&evidence, binding, &self.profile);
-        if stopped {
-            return Ok(Phase::Decide);
-        }
-        let tried = tried + wanted;
-        if done >= budget || tried >= ATTEMPTS_FACTOR * budget {
-            let values: Vec<EpisodeValues> = evidence.pairs.iter().map(|pair| pair.candidate).collect();
-            self.note_mode(&id, "perturbation", &values);
-            return Ok(Phase::Adversarial);
-        }
-        Ok(Phase::Perturbation { tried })
-    }
-
-    /// Runs the seeds with both versions; the active version's episodes come from the cache where they can.
-    fn paired(
-        &mut self,
-        candidate: &Capability,
-        active: &Capability,
-        seeds: &[u64],
-    ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
-        let terms = [self.terms_of(candidate), self.terms_of(active)];
-        let known: Vec<Option<TaskRecord>> =
-            seeds.iter().map(|seed| self.cached(&terms[1], active, Conditions::Sandbox, *seed)).collect();
-        let mut list: Vec<Job> = seeds.iter().map(|seed| Job { version: 0, seed: *seed }).collect();
-        let missing = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
-        list.extend(missing.map(|(seed, _)| Job { version: 1, seed: *seed }));
-        let versions = [(candidate, &terms[0]), (active, &terms[1])];
-        let records = batch(self.jobs, &self.cancel, &self.cell, &versions, Conditions::Sandbox, &list)?;
-        if records.len() != list.len() {
-            return Err(Fault::Impossible("the evaluation was interrupted".to_owned()));
-        }
-        let mut new = records;
-        let mut fresh = new.split_off(seeds.len()).into_iter();
-        let mut pairs = Vec::with_capacity(seeds.len());
-        for (record, known) in new.into_iter().zip(known) {
-            let old = match known {
-                Some(known) => known,
-                None => {
-                    let Some(old) = fresh.next() else { break };
-                    self.keep(&terms[1], active, Conditions::Sandbox, &old)?;
-                    old
-                }
-            };
-            pairs.push((record, old));
-        }
-        Ok(pairs)
-    }
-
-    fn episode_key(
-        &self,
-        terms: &Terms,
-        version: &Capability,
-        conditions: Conditions,
-        seed: u64,
-    ) -> EpisodeKey {
-        EpisodeKey {
-            bundle: version.bundle.digest(),
-            scenario: cache_key(&self.cell, terms, version, conditions, seed),
-            seed,
-            engine_build: env!("CARGO_PKG_VERSION").to_owned(),
-        }
-    }
-
-    /// A cached episode; a damaged entry is no entry.
-    fn cached(
-        &self,
-        terms: &Terms,
-        version: &Capability,
-        conditions: Conditions,
-        seed: u64,
-    ) -> Option<TaskRecord> {
-        let key = self.episode_key(terms, version, conditions, seed);
-        let bytes = self.cache.get(self.ledger.store(), &key)?;
-        serde_json::from_slice(&bytes).ok()
-    }
-
-    fn keep(
-        &self,
-        terms: &Terms,
-        version: &Capability,
-        conditions: Conditions,
-        record: &TaskRecord,
+        id: &CapabilityId,
+        comparison: &mut Comparison,
+        slice: Slice,
     ) -> Result<(), Fault> {
-        let key = self.episode_key(terms, version, conditions, record.seed);
-        // The path is for drawing and shadow; a cached comparison does not need it.
-        let record = TaskRecord { path: Vec::new(), ..record.clone() };
-        self.cache.put(self.ledger.store(), &key, &serde_json::to_vec(&record)?)?;
+        let evaluation = &comparison.evaluation;
+        let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
+        let dossier = self.dossier(id);
+        dossier.pairs = paired.pairs;
+        dossier.hard_stops = paired.hard_stops;
+        dossier.drills = Some((rehearsed.candidate, rehearsed.active));
+        let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
+        if !new.is_empty() {
+            self.keep_trace(id, "perturbation", Conditions::Sandbox, &new)?;
+        }
+        comparison.records.0.extend(new);
+        comparison.records.1.extend(old);
+        self.live_due_for(slice.worked);
+        let budget = 2 * MODE_EPISODES + Plan::sandbox(&self.profile).budget();
+        self.progress(id, Stage::Sandbox, &slice.what, 2 * MODE_EPISODES + slice.done, budget);
         Ok(())
     }
 
-    /// The episodes of the canonical or the adversarial mode, of the candidate alone.
-    fn mode_episodes(
-        &mut self,
-        candidate: &Capability,
+    /// Keeps the trace records of a slice; their digests enter the audit chain with the stage's decision.
+    pub(in crate::pipeline) fn keep_trace(
+        &self,
+        id: &CapabilityId,
         mode: &str,
         conditions: Conditions,
-        purpose: Purpose,
-        share: f64,
+        records: &[TaskRecord],
     ) -> Result<(), Fault> {
-        let id = candidate.id();
-        let terms = self.terms_of(candidate).tightened(share);
-        let list: Vec<Job> = (0..MODE_EPISODES)
-            .map(|index| Job { version: 0, seed: episode_seed(self.seed, purpose, index) })
-            .collect();
-        let records = batch(self.jobs, &self.cancel, &self.cell, &[(candidate, &terms)], conditions, &list)?;
-        let stops = records.iter().filter_map(|record| record.hard_stop);
-        self.dossier(&id).hard_stops.extend(stops);
-        let values: Vec<EpisodeValues> = records.iter().filter_map(TaskRecord::values).collect();
-        self.note_mode(&id, mode, &values);
-        self.progress(&id, Stage::Sandbox, mode, MODE_EPISODES, MODE_EPISODES);
+        let batch = TraceBatch::new(id.clone(), mode, &self.cell, conditions, records);
+        self.ledger.store().append_telemetry(&batch.batch(Stage::Sandbox, self.clock.now_ms())?)?;
         Ok(())
     }
 
-    fn note_mode(&mut self, id: &CapabilityId, mode: &str, values: &[EpisodeValues]) {
-        let Some(candidate) = behavior::signature(values.iter()) else { return };
-        let episodes = u32::try_from(values.len()).unwrap_or(u32::MAX);
-        self.dossier(id).modes.push(ModeMetrics { mode: mode.to_owned(), episodes, candidate });
+    /// The live world works on while a candidate is evaluated: so many sequences fall due.
+    pub(in crate::pipeline) fn live_due_for(&mut self, episodes: u64) {
+        let share = f64::from(self.profile.evaluation.live_sequences_per_100_episodes) / 100.0;
+        self.live_due += share * f64::from(u32::try_from(episodes).unwrap_or(u32::MAX));
     }
 
-    /// All drills of one kind, of the candidate and of the active version.
-    fn drill_slice(
-        &mut self,
-        candidate: &Capability,
-        active: &Capability,
-        kind: DrillKind,
-    ) -> Result<(), Fault> {
+    /// The episodes of a mode in which the candidate runs alone.
+    fn mode_episodes(&mut self, candidate: &Capability, mode: Alone) -> Result<(), Fault> {
         let id = candidate.id();
-        let fallback = |version: &Capability| {
-            let binding = version.manifest.recovery.fallback.as_ref()?;
-            self.ledger.resolve(&binding.family, &binding.version).cloned()
-        };
-        let fallbacks = [fallback(candidate), fallback(active)];
-        let casts = [
-            Cast { version: candidate, predecessor: active, fallback: fallbacks[0].as_ref() },
-            // A version without predecessor reloads itself by digest.
-            Cast { version: active, predecessor: active, fallback: fallbacks[1].as_ref() },
-        ];
-        let terms = [self.terms_of(candidate), self.terms_of(active)];
-        let count = u64::from(self.profile.evaluation.drills_per_kind);
-        let seeds: Vec<u64> =
-            (0..count).map(|index| episode_seed(self.seed, Purpose::Drill, index)).collect();
-        let tag = Digest::of_parts("holdpoint.drills.v1", &[kind.name().as_bytes(), &count.to_le_bytes()]);
-        let key = EpisodeKey {
-            bundle: active.bundle.digest(),
-            scenario: Digest::of_parts(
-                "holdpoint.drill.v1",
-                &[
-                    cache_key(&self.cell, &terms[1], active, Conditions::Canonical, self.seed).bytes(),
-                    tag.bytes(),
-                ],
-            ),
-            seed: self.seed,
-            engine_build: env!("CARGO_PKG_VERSION").to_owned(),
-        };
-        let known: Option<Vec<DrillResult>> =
-            self.cache.get(self.ledger.store(), &key).and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        let both = if known.is_some() { count } else { 2 * count };
-        let mut results = Vec::new();
-        let cell = &self.cell;
-        run_ordered(
-            self.jobs,
-            both,
-            &self.cancel,
-            || Ok(Worker::new()),
-            |worker, index| {
-                let which = usize::from(index >= count);
-                let seed = seeds.get(usize::try_from(index % count).unwrap_or(0)).copied().unwrap_or(0);
-                drill(worker, cell, &terms[which], &casts[which], kind, seed)
-            },
-            |_, result| {
-                results.push(result);
-                ControlFlow::Continue(())
-            },
-        )?;
-        if results.len() as u64 != both {
-            return Err(Fault::Impossible("the drills were interrupted".to_owned()));
-        }
-        let of_active = match known {
-            Some(known) => known,
-            None => {
-                let of_active = results.split_off(seeds.len());
-                self.cache.put(self.ledger.store(), &key, &serde_json::to_vec(&of_active)?)?;
-                of_active
+        let terms = self.terms_of(candidate);
+        let (name, terms, conditions, purpose) = match mode {
+            Alone::Canonical => ("canonical", terms, Conditions::Canonical, Purpose::Canonical),
+            Alone::Adversarial => {
+                ("adversarial", terms.tightened(ADVERSARIAL_SHARE), Conditions::Sandbox, Purpose::Adversarial)
             }
         };
+        let records = self.lab().episodes(candidate, &terms, conditions, purpose, MODE_EPISODES)?;
+        self.keep_trace(&id, name, conditions, &records)?;
         let dossier = self.dossier(&id);
-        let drills = dossier.drills.get_or_insert_with(|| (Drills::default(), Drills::default()));
-        tally(&mut drills.0, kind, &results);
-        tally(&mut drills.1, kind, &of_active);
-        self.progress(&id, Stage::Sandbox, &format!("{} drills", kind.name()), count, count);
+        dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
+        dossier.modes.extend(ModeMetrics::of(name, &records));
+        let done = if mode == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
+        let budget = 2 * MODE_EPISODES + Plan::sandbox(&self.profile).budget();
+        self.progress(&id, Stage::Sandbox, name, done, budget);
         Ok(())
     }
 
     /// Psi over measured behaviour and rehearsed recovery.
-    fn decide_sandbox(&mut self, id: &CapabilityId, binding: &Binding) -> Result<(), Fault> {
+    fn decide_sandbox(&mut self, id: &CapabilityId, comparison: &Comparison) -> Result<(), Fault> {
         let candidate = self.capability(id)?;
         let profile = self.profile.clone();
+        let (evaluation, records) = (&comparison.evaluation, &comparison.records);
+        let measured = behavior::assess(&evaluation.paired(), evaluation.binding(), &profile);
+        let rehearsed = recovery::assess(&evaluation.rehearsed(), evaluation.binding(), &profile);
         let dossier = self.dossier(id);
-        let evidence = PairedEvidence {
-            binding: *binding,
-            pairs: dossier.pairs.clone(),
-            hard_stops: dossier.hard_stops.clone(),
-        };
-        let measured = behavior::assess(&evidence, binding, &profile);
-        let (of_candidate, of_active) = dossier.drills.unwrap_or_default();
-        let drills = RecoveryEvidence { binding: *binding, candidate: of_candidate, active: of_active };
-        let rehearsed = recovery::assess(&drills, binding, &profile);
+        dossier.modes.extend(ModeMetrics::of("perturbation", &records.0));
+        dossier.modes.extend(ModeMetrics::of("perturbation, active version", &records.1));
         let Some(before) = dossier.kappas.take() else {
             return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };
@@ -385,7 +241,8 @@ impl UpgradeManager {
         self.dossier(id).reasons = decision.reasons().to_vec();
         self.decided(id, Stage::Sandbox, &decision)?;
         let (version, _, _) = self.ledger.version(id)?;
-        let note = self.stage_note(id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
+        let mut note = self.stage_note(id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
+        note.before.extend(self.ledger.store().seal_telemetry()?);
         match decision.outcome() {
             Recommendation::Reject => {
                 self.transition(&id.family, Event::Reject { version }, note)?;
@@ -425,16 +282,4 @@ fn is_undecided(kappas: &Kappas) -> bool {
     let open = matches!(kappas.behavior.outcome, BehaviorOutcome::Inconclusive | BehaviorOutcome::NoData)
         || kappas.recovery.outcome == RecoveryOutcome::NoData;
     open && !failed
-}
-
-fn tally(drills: &mut Drills, kind: DrillKind, results: &[DrillResult]) {
-    let tally = drills.of_mut(kind);
-    for result in results {
-        let count = match result {
-            DrillResult::Passed => &mut tally.passed,
-            DrillResult::Failed => &mut tally.failed,
-            DrillResult::Infeasible => &mut tally.infeasible,
-        };
-        *count = count.saturating_add(1);
-    }
 }

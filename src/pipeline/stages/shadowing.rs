@@ -11,11 +11,14 @@ use crate::governance::lifecycle::{Event, Stage};
 use crate::governance::outcome::Check;
 use crate::pipeline::manager::{Fault, UpgradeManager, Work};
 use crate::pipeline::shadow::{Shadow, ShadowTrace};
-use crate::registry::AuditBody;
+use crate::registry::Batch;
 use crate::registry::names::EvidenceKind;
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
 const ATTEMPTS_FACTOR: u32 = 6;
+
+/// Shadowed sequences in one telemetry batch: far below its size limit with every path kept.
+const TRACES_A_BATCH: usize = 20;
 
 /// A shadow deployment under way.
 pub struct ShadowRun {
@@ -35,7 +38,10 @@ impl ShadowRun {
 
 impl UpgradeManager {
     pub(in crate::pipeline) fn begin_shadow(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let budget = self.profile.evaluation.shadow_sequences;
+        // A version in doubt is looked at as long as the profile allows.
+        let settings = &self.profile.evaluation;
+        let budget =
+            if self.has_open_doubt(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
         self.start_stage(id, Stage::Shadow, u64::from(budget))?;
         let candidate = self.capability(id)?;
         let binding = self.binding(&candidate);
@@ -134,24 +140,8 @@ impl UpgradeManager {
             |reason| format!("{}: {}", reason.code, reason.text),
         );
         let mut note = self.stage_note(&id, EvidenceKind::Shadow, reason, &decision)?;
-        for trace in
-            run.traces.iter().filter(|trace| trace.values.twin_policy_hit || trace.values.twin_watcher_event)
-        {
-            // The disagreements are kept one by one, with their context (paper appendix F.2).
-            let body = serde_json::json!({
-                "seed": trace.seed,
-                "values": trace.values,
-                "live": { "success": trace.live.success, "hits": trace.live.hits, "signals": trace.live.signals },
-                "twin": { "success": trace.twin.success, "hits": trace.twin.hits, "signals": trace.twin.signals },
-            });
-            if note.audit.len() < 64 {
-                note.audit.push(AuditBody {
-                    kind: "shadow-trace".to_owned(),
-                    subject: id.to_string(),
-                    body: body.to_string(),
-                });
-            }
-        }
+        self.keep_shadow(&id, &run.traces)?;
+        note.before.extend(self.ledger.store().seal_telemetry()?);
         let (version, _, _) = self.ledger.version(&id)?;
         match result.check {
             Check::Pass | Check::PassRestricted(_) => {
@@ -167,5 +157,24 @@ impl UpgradeManager {
                 Ok(())
             }
         }
+    }
+
+    /// Keeps every shadowed sequence with both outputs, the comparison and its context (paper appendix F.2). The
+    /// paths stay with the sequences in which the two worlds did not agree.
+    fn keep_shadow(&self, id: &CapabilityId, traces: &[ShadowTrace]) -> Result<(), Fault> {
+        let at_ms = self.clock.now_ms();
+        for some in traces.chunks(TRACES_A_BATCH) {
+            let rows: Vec<ShadowTrace> = some.iter().cloned().map(ShadowTrace::without_equal_paths).collect();
+            let batch = Batch {
+                version: id.clone(),
+                stream: Stage::Shadow.name().to_owned(),
+                from_ms: at_ms,
+                to_ms: at_ms,
+                rows: rows.len() as u64,
+                body: serde_json::to_vec(&rows)?,
+            };
+            self.ledger.store().append_telemetry(&batch)?;
+        }
+        Ok(())
     }
 }

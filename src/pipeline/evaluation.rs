@@ -1,0 +1,271 @@
+//! One comparison of a candidate with another version: paired episodes and recovery drills, raced.
+//!
+//! The two kinds of evidence take turns, so that a candidate that is lost on either is known early: twenty
+//! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
+//! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
+
+use crate::governance::behavior;
+use crate::governance::evidence::{
+    Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+};
+use crate::governance::profile::Profile;
+use crate::pipeline::drills::DrillResult;
+use crate::pipeline::lab::{Lab, Party};
+use crate::pipeline::manager::Fault;
+use crate::pipeline::seeds::{Purpose, episode_seed};
+use crate::runtime::task::TaskRecord;
+
+/// Pairs in one slice of work.
+const PAIRS_A_SLICE: u64 = 20;
+
+/// Drills in one slice of work.
+const DRILLS_A_SLICE: u64 = 10;
+
+/// Most episodes and drills tried for the budget: some have no valid start.
+const ATTEMPTS_FACTOR: u64 = 2;
+
+/// What is to be worked, and on which seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Pairs.
+    pub pairs: u32,
+    /// Feasible drills of each kind, for both versions.
+    pub drills: u32,
+    /// Seeds of the pairs.
+    pub pair_seeds: Purpose,
+    /// Seeds of the drills.
+    pub drill_seeds: Purpose,
+}
+
+impl Plan {
+    /// The sandbox's plan under a profile.
+    #[must_use]
+    pub const fn sandbox(profile: &Profile) -> Self {
+        Self {
+            pairs: profile.evaluation.sandbox_pairs,
+            drills: profile.evaluation.drills_per_kind,
+            pair_seeds: Purpose::Perturbation,
+            drill_seeds: Purpose::Drill,
+        }
+    }
+
+    /// The same budget on seeds that the sandbox did not use.
+    #[must_use]
+    pub const fn confirmation(profile: &Profile) -> Self {
+        Self {
+            pair_seeds: Purpose::Confirmation,
+            drill_seeds: Purpose::ConfirmationDrill,
+            ..Self::sandbox(profile)
+        }
+    }
+
+    /// Pairs and drills together.
+    #[must_use]
+    pub fn budget(&self) -> u64 {
+        u64::from(self.pairs) + DrillKind::ALL.len() as u64 * u64::from(self.drills)
+    }
+}
+
+/// What ended an evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended { Full, HardStop, Curtailed }
+
+/// What the next slice is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Pairs,
+    Drills(DrillKind),
+}
+
+/// What one slice did.
+#[derive(Debug)]
+pub struct Slice {
+    /// What was worked.
+    pub what: String,
+    /// Pairs or drills worked in this slice.
+    pub worked: u64,
+    /// Pairs and drills worked so far.
+    pub done: u64,
+    /// The records of both versions, candidate first; empty for drills.
+    pub records: Vec<(TaskRecord, TaskRecord)>,
+}
+
+/// A comparison under way.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    plan: Plan,
+    binding: Binding,
+    pairs: Vec<Pair>,
+    hard_stops: Vec<HardStop>,
+    drills: (Drills, Drills),
+    pairs_tried: u64,
+    drills_tried: [u64; DrillKind::ALL.len()],
+    turns: usize,
+    ended: Option<Ended>,
+}
+
+impl Evaluation {
+    /// Nothing worked yet. `hard_stops` are those seen before the first pair.
+    #[must_use]
+    pub fn new(plan: Plan, binding: Binding, hard_stops: Vec<HardStop>) -> Self {
+        let ended = (!hard_stops.is_empty()).then_some(Ended::HardStop);
+        Self {
+            plan,
+            binding,
+            pairs: Vec::new(),
+            hard_stops,
+            drills: (Drills::default(), Drills::default()),
+            pairs_tried: 0,
+            drills_tried: [0; DrillKind::ALL.len()],
+            turns: 0,
+            ended,
+        }
+    }
+
+    /// How it ended; absent while there is work left.
+    #[must_use]
+    pub const fn ended(&self) -> Option<Ended> {
+        self.ended
+    }
+
+    /// What it was gathered for.
+    #[must_use]
+    pub const fn binding(&self) -> &Binding {
+        &self.binding
+    }
+
+    /// The pairs so far, as the rules read them.
+    #[must_use]
+    pub fn paired(&self) -> PairedEvidence {
+        PairedEvidence {
+            binding: self.binding,
+            pairs: self.pairs.clone(),
+            hard_stops: self.hard_stops.clone(),
+        }
+    }
+
+    /// The drills so far, as the rules read them.
+    #[must_use]
+    pub const fn rehearsed(&self) -> RecoveryEvidence {
+        RecoveryEvidence { binding: self.binding, candidate: self.drills.0, active: self.drills.1 }
+    }
+
+    /// Pairs and drills worked so far.
+    #[must_use]
+    pub fn done(&self) -> u64 {
+        self.pairs.len() as u64 + self.drills_tried.iter().sum::<u64>()
+    }
+
+    /// Works one slice and looks whether the rest can still matter.
+    ///
+    /// # Errors
+    /// Where the lab fails; nothing is concluded from the slice then.
+    pub fn step(
+        &mut self,
+        lab: &Lab<'_>,
+        candidate: &Party,
+        active: &Party,
+        profile: &Profile,
+    ) -> Result<Slice, Fault> {
+        let mut records = Vec::new();
+        let before = self.done();
+        let what = match self.next_turn() {
+            Some(Turn::Pairs) => {
+                records = self.pair_slice(lab, candidate, active)?;
+                "paired episodes".to_owned()
+            }
+            Some(Turn::Drills(kind)) => {
+                self.drill_slice(lab, candidate, active, kind)?;
+                format!("{} drills", kind.name())
+            }
+            None => "nothing is left".to_owned(),
+        };
+        self.turns += 1;
+        self.look(profile);
+        Ok(Slice { what, worked: self.done() - before, done: self.done(), records })
+    }
+
+    fn pair_slice(
+        &mut self,
+        lab: &Lab<'_>,
+        candidate: &Party,
+        active: &Party,
+    ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
+        let missing = u64::from(self.plan.pairs).saturating_sub(self.pairs.len() as u64);
+        let wanted = PAIRS_A_SLICE.min(missing);
+        let range = self.pairs_tried..self.pairs_tried + wanted;
+        let seeds: Vec<u64> =
+            range.map(|index| episode_seed(lab.seed, self.plan.pair_seeds, index)).collect();
+        let records = lab.pairs(candidate, active, &seeds)?;
+        self.pairs_tried += wanted;
+        for (new, old) in &records {
+            self.hard_stops.extend(new.hard_stop);
+            if let (Some(candidate), Some(active)) = (new.values(), old.values()) {
+                self.pairs.push(Pair { seed: new.seed, active, candidate });
+            }
+        }
+        Ok(records)
+    }
+
+    fn drill_slice(
+        &mut self,
+        lab: &Lab<'_>,
+        candidate: &Party,
+        active: &Party,
+        kind: DrillKind,
+    ) -> Result<(), Fault> {
+        let tried = &mut self.drills_tried[kind as usize];
+        let range = *tried..*tried + DRILLS_A_SLICE;
+        let seeds: Vec<u64> =
+            range.map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
+        let (of_candidate, of_active) = lab.drills(candidate, active, kind, &seeds)?;
+        *tried += DRILLS_A_SLICE;
+        tally(self.drills.0.of_mut(kind), &of_candidate);
+        tally(self.drills.1.of_mut(kind), &of_active);
+        Ok(())
+    }
+
+    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves.
+    fn next_turn(&self) -> Option<Turn> {
+        let left = |kind: &DrillKind| {
+            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
+            feasible < self.plan.drills
+                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(self.plan.drills)
+        };
+        let kinds = DrillKind::ALL;
+        let drill =
+            (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
+        let budget = u64::from(self.plan.pairs);
+        let pairs = (self.pairs.len() as u64) < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
+        match (pairs, drill) {
+            (true, Some(kind)) if self.turns % 2 == 1 => Some(Turn::Drills(kind)),
+            (true, _) => Some(Turn::Pairs),
+            (false, Some(kind)) => Some(Turn::Drills(kind)),
+            (false, None) => None,
+        }
+    }
+
+    fn look(&mut self, profile: &Profile) {
+        if !self.hard_stops.is_empty() {
+            self.ended = Some(Ended::HardStop);
+            return;
+        }
+        let lost = behavior::is_lost(&self.paired(), &self.binding, profile);
+        self.ended = if lost {
+            Some(Ended::Curtailed)
+        } else {
+            self.next_turn().is_none().then_some(Ended::Full)
+        };
+    }
+}
+
+fn tally(tally: &mut DrillTally, results: &[DrillResult]) {
+    for result in results {
+        let count = match result {
+            DrillResult::Passed => &mut tally.passed,
+            DrillResult::Failed => &mut tally.failed,
+            DrillResult::Infeasible => &mut tally.infeasible,
+        };
+        *count = count.saturating_add(1);
+    }
+}

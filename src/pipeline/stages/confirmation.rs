@@ -1,0 +1,166 @@
+//! The end of the provisional window of a version that was let in with a doubt.
+//!
+//! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under
+//! restrictions; the live window alone is far too short to settle such a doubt. So it is settled before the
+//! version is confirmed: the whole sandbox budget once more, against the predecessor, on seeds nobody has seen.
+//! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
+//! 3.8).
+
+use serde::{Deserialize, Serialize};
+
+use crate::engine::event::EventKind;
+use crate::governance::behavior::{self, BehaviorAssessment};
+use crate::governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
+use crate::governance::ids::CapabilityId;
+use crate::governance::lifecycle::{Leave, Stage};
+use crate::governance::outcome::{BehaviorOutcome, RecoveryOutcome};
+use crate::governance::recovery::{self, RecoveryAssessment};
+use crate::pipeline::cell::Conditions;
+use crate::pipeline::evaluation::{Evaluation, Plan};
+use crate::pipeline::manager::{Fault, UpgradeManager, Work};
+use crate::registry::Change;
+use crate::registry::names::EvidenceKind;
+use crate::runtime::capability::Capability;
+use crate::runtime::task::TaskRecord;
+
+/// What settled a doubt: the raw values and what the rules made of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Confirmation {
+    /// The fresh pairs.
+    pub pairs: PairedEvidence,
+    /// The fresh drills.
+    pub drills: RecoveryEvidence,
+    /// `kappa_B` of them.
+    pub behavior: BehaviorAssessment,
+    /// `kappa_R` of them.
+    pub recovery: RecoveryAssessment,
+}
+
+impl Confirmation {
+    /// Whether nothing of the doubt is left.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        self.behavior.assessment.outcome == BehaviorOutcome::Compatible
+            && self.recovery.assessment.outcome == RecoveryOutcome::Compatible
+    }
+}
+
+/// A confirmation under way.
+pub struct ConfirmationRun {
+    id: CapabilityId,
+    predecessor: Capability,
+    evaluation: Evaluation,
+}
+
+impl ConfirmationRun {
+    pub(in crate::pipeline) fn is_of(&self, id: &CapabilityId) -> bool {
+        self.id == *id
+    }
+}
+
+impl UpgradeManager {
+    /// Whether a version was let in with a doubt that nothing has settled yet.
+    pub(in crate::pipeline) fn has_open_doubt(&self, id: &CapabilityId) -> bool {
+        let Some(dossier) = self.dossiers.get(id) else { return false };
+        let doubted = dossier.kappas.as_ref().is_some_and(|kappas| {
+            kappas.behavior.outcome == BehaviorOutcome::Suspicious
+                || matches!(
+                    kappas.recovery.outcome,
+                    RecoveryOutcome::Fragile | RecoveryOutcome::Conditional
+                )
+        });
+        doubted && !dossier.confirmation.as_ref().is_some_and(Confirmation::is_settled)
+    }
+
+    /// The first version whose window is over and whose doubt is open.
+    pub(in crate::pipeline) fn next_confirmation(&self) -> Option<CapabilityId> {
+        let over = |id: &&CapabilityId| {
+            self.watches.get(&id.family).is_some_and(|watch| {
+                watch.id == **id && watch.monitor.is_confirmed() && !watch.restricted && !watch.confirmed
+            })
+        };
+        let ids: Vec<&CapabilityId> = self.watches.values().map(|watch| &watch.id).collect();
+        ids.into_iter().filter(over).find(|id| self.has_open_doubt(id)).cloned()
+    }
+
+    pub(in crate::pipeline) fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let (_, standing, _) = self.ledger.version(id)?;
+        let predecessor = standing.predecessor.and_then(|predecessor| {
+            let entry = self.ledger.family(&id.family).ok()?;
+            Some(entry.members.get(usize::from(predecessor.0))?.capability.clone())
+        });
+        let Some(predecessor) = predecessor else {
+            let trigger = "its doubt cannot be settled: there is no predecessor to compare it with";
+            return self.roll_back(id, trigger, Leave::Demoted);
+        };
+        let candidate = self.capability(id)?;
+        let binding = Binding { active: Some(predecessor.digest()), ..self.binding(&candidate) };
+        let evaluation = Evaluation::new(Plan::confirmation(&self.profile), binding, Vec::new());
+        let budget = Plan::confirmation(&self.profile).budget();
+        self.progress(id, Stage::Sandbox, "confirmation", 0, budget);
+        let run = ConfirmationRun { id: id.clone(), predecessor, evaluation };
+        self.work = Some(Work::Confirmation(Box::new(run)));
+        Ok(())
+    }
+
+    pub(in crate::pipeline) fn confirmation_slice(
+        &mut self,
+        mut run: Box<ConfirmationRun>,
+    ) -> Result<(), Fault> {
+        let id = run.id.clone();
+        // The monitor may have taken it off meanwhile, or people have.
+        let watched = self.watches.get(&id.family).is_some_and(|watch| watch.id == id);
+        if !watched {
+            return Ok(());
+        }
+        if run.evaluation.ended().is_some() {
+            return self.conclude_confirmation(&id, &run.evaluation);
+        }
+        let candidate = self.capability(&id)?;
+        let parties = (self.party(&candidate), self.party(&run.predecessor));
+        let slice = run.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
+        let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
+        if !fresh.is_empty() {
+            self.keep_trace(&id, "confirmation", Conditions::Sandbox, &fresh)?;
+        }
+        self.live_due_for(fresh.len() as u64);
+        let budget = Plan::confirmation(&self.profile).budget();
+        let what = format!("confirmation, {}", slice.what);
+        self.progress(&id, Stage::Sandbox, &what, slice.done, budget);
+        self.work = Some(Work::Confirmation(run));
+        Ok(())
+    }
+
+    fn conclude_confirmation(&mut self, id: &CapabilityId, evaluation: &Evaluation) -> Result<(), Fault> {
+        let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
+        let profile = self.profile.clone();
+        let behavior = behavior::assess(&pairs, evaluation.binding(), &profile);
+        let recovery = recovery::assess(&drills, evaluation.binding(), &profile);
+        let confirmation = Confirmation { pairs, drills, behavior, recovery };
+        let json = serde_json::to_string(&confirmation)?;
+        let digest = crate::governance::ids::Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
+        let mut changes = self.ledger.store().seal_telemetry()?;
+        changes.push(Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest });
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(changes, Vec::new(), at_ms)?;
+        let assessments = [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
+        let reasons: Vec<_> = assessments.into_iter().flatten().cloned().collect();
+        let settled = confirmation.is_settled();
+        let dossier = self.dossier(id);
+        dossier.progress = None;
+        dossier.confirmation = Some(confirmation);
+        let decision = if settled { "settled" } else { "doubt-remains" };
+        self.emit(EventKind::Monitor {
+            version: id.clone(),
+            decision: decision.to_owned(),
+            reasons: reasons.clone(),
+        });
+        if settled {
+            return self.maybe_confirm(id);
+        }
+        self.dossier(id).reasons = reasons;
+        let trigger = "the doubt it was let in with remains on fresh evidence";
+        self.roll_back(id, trigger, Leave::Demoted)
+    }
+}
