@@ -64,7 +64,8 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     };
     let (output, envelope) = (mean(|s| s.output_divergence), mean(|s| s.envelope_divergence));
     let mut reasons = Vec::new();
-    // Two signals share the error rate.
+    // Two signals share the error rate, and so do the two looks: at the plain length, and once more at the longest.
+    let each = settings.shadow_alpha / 4.0;
     for (what, pairs) in [
         (
             "policy hits",
@@ -75,7 +76,7 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
         ),
     ] {
-        let Ok(bound) = stats::binary_pairs(pairs, settings.alpha / 2.0) else {
+        let Ok(bound) = stats::binary_pairs(pairs, each) else {
             return no_data("the signals cannot be bounded");
         };
         if bound.lower > 0.0 {
