@@ -5,8 +5,13 @@
 
 use serde::{Deserialize, Serialize};
 
+mod early;
+
+pub use early::{assess_ended, ended, is_lost, is_lost_early};
+
 use super::composition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::ended::Ended;
 use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};
 use super::outcome::{Assessment, Basis, BehaviorOutcome};
 use super::profile::{BehaviorSettings, Profile};
@@ -125,6 +130,9 @@ pub struct BehaviorAssessment {
     pub improved: bool,
     /// Pairs used.
     pub pairs: u32,
+    /// The rule that ended the evaluation, where it was named and the evidence bears it out.
+    #[serde(default)]
+    pub ended: Option<Ended>,
 }
 
 /// `kappa_B = clamp(1 - sum_j c_j max(0, worsening_j))` over (component, worsening) values.
@@ -225,6 +233,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
         candidate: Some(*candidate),
         improved: false,
         pairs: 0,
+        ended: None,
     }
 }
 
@@ -245,47 +254,8 @@ pub fn nothing(why: &str) -> BehaviorAssessment {
         candidate: None,
         improved: false,
         pairs: 0,
+        ended: None,
     }
-}
-
-/// Exact curtailment: whether the outcome is `incompatible` however the rest of the budget turns out.
-///
-/// The missing pairs are filled in as well as they could possibly turn out for the candidate; what is
-/// incompatible even then is so in any order of the episodes (design rule 5.3).
-#[must_use]
-pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
-    if !evidence.hard_stops.is_empty() {
-        return true;
-    }
-    let budget = profile.evaluation.sandbox_pairs as usize;
-    let missing = budget.saturating_sub(evidence.pairs.len());
-    let bad = EpisodeValues {
-        success: false,
-        violation: true,
-        anomaly: true,
-        recovery: true,
-        intervention: false,
-        timeout: false,
-        near_violation: true,
-        retries: profile.runtime.retries_max,
-        time_s: profile.runtime.episode_max_s,
-        unsafe_continuation_ms: 0.0,
-    };
-    let good = EpisodeValues {
-        success: true,
-        violation: false,
-        anomaly: false,
-        recovery: false,
-        near_violation: false,
-        retries: 0,
-        time_s: 0.0,
-        ..bad
-    };
-    let mut full = evidence.clone();
-    let taken: std::collections::BTreeSet<u64> = full.pairs.iter().map(|pair| pair.seed).collect();
-    let free = (0..).filter(|seed| !taken.contains(seed));
-    full.pairs.extend(free.take(missing).map(|seed| Pair { seed, active: bad, candidate: good }));
-    assess(&full, current, profile).assessment.outcome == BehaviorOutcome::Incompatible
 }
 
 fn unusable(pairs: &[Pair]) -> Option<&'static str> {
@@ -333,6 +303,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         candidate: signature(pairs.iter().map(|pair| &pair.candidate)),
         improved: success.lower > 0.0,
         pairs: u32::try_from(pairs.len()).unwrap_or(u32::MAX),
+        ended: None,
         components,
     };
     judge(&mut result, success.mean > 0.0, profile);

@@ -117,6 +117,8 @@ reason_codes! {
     BehaviorImproved = "behavior-improved",
     /// An event the runtime must make impossible was seen.
     BehaviorHardStop = "behavior-hard-stop",
+    /// A stopping rule ended the evaluation before its budget; the text names it.
+    BehaviorEndedEarly = "behavior-ended-early",
     /// Fewer episodes than the budget.
     BehaviorInconclusive = "behavior-inconclusive",
     /// No usable episodes.
@@ -136,6 +138,10 @@ reason_codes! {
     RecoveryFragile = "recovery-fragile",
     /// Recovery is above the floor and clearly below the active version's.
     RecoveryConditional = "recovery-conditional",
+    /// The drills of one kind are established as passing less often than the active version's.
+    RecoveryEstablishedWorse = "recovery-established-worse",
+    /// A stopping rule ended the drills before their number; the text names it.
+    RecoveryEndedEarly = "recovery-ended-early",
     /// A drill could not be carried out, or too few were.
     RecoveryNoData = "recovery-no-data",
     /// The predecessor cannot be loaded, or its digest differs.

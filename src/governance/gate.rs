@@ -122,7 +122,8 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
         ),
     ];
-    let each = settings.alpha / (2.0 * signals.len() as f64);
+    // The signals share the error rate, and so do the two looks: at the plain length, and once more at the longest.
+    let each = settings.shadow_alpha / (2.0 * signals.len() as f64);
     for (what, pairs) in signals {
         let Ok(bound) = stats::binary_pairs(pairs, each) else {
             return no_data("the signals cannot be bounded");

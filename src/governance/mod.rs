@@ -7,6 +7,7 @@ pub mod approval;
 pub mod behavior;
 pub mod composition;
 pub mod decision;
+pub mod ended;
 pub mod evidence;
 pub mod exports;
 pub mod gate;

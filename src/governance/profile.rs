@@ -206,8 +206,12 @@ pub struct Evaluation {
     pub sandbox_pairs: u32,
     /// Family-wise error of the six lower bounds.
     pub alpha: f64,
+    /// Most rejections by the finite-population rules that the full budget would not have made; 0 = off.
+    pub early_alpha: f64,
     /// Feasible drills of each kind.
     pub drills_per_kind: u32,
+    /// Error rate of the shadow comparison, shared by its signals and looks.
+    pub shadow_alpha: f64,
     /// Whole sequences of a shadow deployment.
     pub shadow_sequences: u32,
     /// Most sequences after lengthening.

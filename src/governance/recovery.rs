@@ -2,6 +2,13 @@
 //!
 //! Read from drills, never from a hook's word. Source: paper section 4.3, equation of `rho`; design rule 3.5.
 
+mod compare;
+mod early;
+
+use compare::kinds;
+pub use compare::{KindRates, RateInterval};
+pub use early::{assess_ended, ended, is_lost, is_lost_early};
+
 use std::collections::BTreeSet;
 
 use holdpoint_sim::io::FailureSignal;
@@ -9,7 +16,8 @@ use serde::{Deserialize, Serialize};
 
 use super::composition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
-use super::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
+use super::ended::Ended;
+use super::evidence::{Binding, DrillKind, DrillTally, RecoveryEvidence};
 use super::exports::Interface;
 use super::manifest::Manifest;
 use super::outcome::{Assessment, Basis, RecoveryOutcome};
@@ -27,6 +35,12 @@ pub struct RecoveryAssessment {
     pub rho_active: Option<f64>,
     /// Pass rates of the candidate's drills: rollback, fallback, abort, detect.
     pub rates: Vec<(DrillKind, f64)>,
+    /// Each kind with its intervals, of both versions; empty where a kind has too few drills.
+    #[serde(default)]
+    pub kinds: Vec<KindRates>,
+    /// The rule that ended the drills, where it was named and the evidence bears it out.
+    #[serde(default)]
+    pub ended: Option<Ended>,
 }
 
 /// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.
@@ -68,13 +82,6 @@ pub fn kappa(rho_active: f64, rho_candidate: f64) -> Option<Kappa> {
     if shares { Kappa::new(1.0 - 0.5 * (rho_active - rho_candidate).max(0.0)) } else { None }
 }
 
-fn rates(drills: &Drills, drills_min: u32) -> Result<Vec<(DrillKind, f64)>, DrillKind> {
-    DrillKind::ALL
-        .into_iter()
-        .map(|kind| pass_rate(drills.of(kind), drills_min).map(|rate| (kind, rate)).ok_or(kind))
-        .collect()
-}
-
 fn nothing(text: String) -> RecoveryAssessment {
     RecoveryAssessment {
         assessment: Assessment {
@@ -87,6 +94,8 @@ fn nothing(text: String) -> RecoveryAssessment {
         rho_candidate: None,
         rho_active: None,
         rates: Vec::new(),
+        kinds: Vec::new(),
+        ended: None,
     }
 }
 
@@ -97,28 +106,34 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
         return nothing("the drills were done for another version, profile, policy or environment".into());
     }
     let drills_min = profile.evaluation.drills_per_kind;
-    let candidate = match rates(&evidence.candidate, drills_min) {
-        Ok(rates) => rates,
-        Err(kind) => return nothing(format!("too few feasible {} drills of the candidate", kind.name())),
-    };
-    let active = match rates(&evidence.active, drills_min) {
-        Ok(rates) => rates,
-        Err(kind) => {
-            return nothing(format!("too few feasible {} drills of the active version", kind.name()));
+    let kinds = match kinds(evidence, profile, drills_min) {
+        Ok(kinds) => kinds,
+        Err((whose, kind)) => {
+            return nothing(format!("too few feasible {} drills of the {whose}", kind.name()));
         }
     };
+    let candidate: Vec<_> = kinds.iter().map(|kind| (kind.kind, kind.candidate.rate)).collect();
+    let active: Vec<_> = kinds.iter().map(|kind| (kind.kind, kind.active.rate)).collect();
     let settings = &profile.recovery;
     let (Some(new), Some(old)) = (rho(&candidate, settings), rho(&active, settings)) else {
         return nothing("a pass rate is no share".into());
     };
     let Some(value) = kappa(old, new) else { return nothing("rho is no share".into()) };
-    let (outcome, reasons) = judge(&candidate, new, old, value, profile);
+    let (outcome, mut reasons) = judge(&candidate, new, old, value, profile);
+    reasons.extend(kinds.iter().filter_map(compare::reason));
     let conditions = match outcome {
         RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![Condition::RollbackCoupled],
         RecoveryOutcome::Compatible | RecoveryOutcome::Incompatible | RecoveryOutcome::NoData => Vec::new(),
     };
     let assessment = Assessment { outcome, kappa: Some(value), basis: Basis::Measured, reasons, conditions };
-    RecoveryAssessment { assessment, rho_candidate: Some(new), rho_active: Some(old), rates: candidate }
+    RecoveryAssessment {
+        assessment,
+        rho_candidate: Some(new),
+        rho_active: Some(old),
+        rates: candidate,
+        kinds,
+        ended: None,
+    }
 }
 
 fn judge(

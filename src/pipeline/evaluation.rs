@@ -4,11 +4,13 @@
 //! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
-use crate::governance::behavior;
+use crate::governance::behavior::{self, BehaviorAssessment};
+use crate::governance::ended::Ended;
 use crate::governance::evidence::{
     Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
 use crate::governance::profile::Profile;
+use crate::governance::recovery::{self, RecoveryAssessment};
 use crate::pipeline::drills::DrillResult;
 use crate::pipeline::lab::{Lab, Party};
 use crate::pipeline::manager::Fault;
@@ -66,10 +68,6 @@ impl Plan {
     }
 }
 
-/// What ended an evaluation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended { Full, HardStop, Curtailed }
-
 /// What the next slice is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
@@ -126,12 +124,6 @@ impl Evaluation {
     #[must_use]
     pub const fn ended(&self) -> Option<Ended> {
         self.ended
-    }
-
-    /// What it was gathered for.
-    #[must_use]
-    pub const fn binding(&self) -> &Binding {
-        &self.binding
     }
 
     /// The pairs so far, as the rules read them.
@@ -246,16 +238,22 @@ impl Evaluation {
     }
 
     fn look(&mut self, profile: &Profile) {
-        if !self.hard_stops.is_empty() {
-            self.ended = Some(Ended::HardStop);
-            return;
-        }
-        let lost = behavior::is_lost(&self.paired(), &self.binding, profile);
-        self.ended = if lost {
-            Some(Ended::Curtailed)
-        } else {
-            self.next_turn().is_none().then_some(Ended::Full)
-        };
+        let early = |ended: &Ended| *ended != Ended::Full;
+        self.ended = behavior::ended(&self.paired(), &self.binding, profile)
+            .filter(early)
+            .or_else(|| recovery::ended(&self.rehearsed(), &self.binding, profile).filter(early))
+            .or_else(|| self.next_turn().is_none().then_some(Ended::Full));
+    }
+
+    /// What the rules make of what was worked. An early end counts for the dimension that bears it out; the other
+    /// one has then less than its budget and says so.
+    #[must_use]
+    pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
+        let ended = self.ended.unwrap_or(Ended::Full);
+        (
+            behavior::assess_ended(&self.paired(), &self.binding, profile, ended),
+            recovery::assess_ended(&self.rehearsed(), &self.binding, profile, ended),
+        )
     }
 }
 

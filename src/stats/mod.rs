@@ -9,6 +9,7 @@ mod curtail;
 mod drift;
 mod multiple;
 mod paired;
+pub mod population;
 mod proportion;
 mod special;
 mod wilcoxon;

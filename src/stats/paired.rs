@@ -258,6 +258,37 @@ mod tests {
         }
     }
 
+    /// What is established of one outcome is established of every outcome with more candidate-only pairs, with fewer
+    /// active-only ones, and with the same net count from fewer discordant pairs. Early rejection rests on it.
+    #[test]
+    fn what_is_established_stays_so_where_it_is_worse() {
+        for pairs in [60, 120] {
+            for alpha in [0.05 / 6.0, 0.01 / 6.0] {
+                let established = |candidate_only: u64, active_only: u64| {
+                    binary_pairs(PairedCounts { pairs, candidate_only, active_only }, alpha).unwrap().lower
+                        > 0.0
+                };
+                let mut found = 0;
+                for active_only in 0..pairs / 2 {
+                    // The smallest count that is established; none smaller, all larger are.
+                    let rest = pairs - active_only;
+                    let least = (0..=rest).find(|worse| established(*worse, active_only));
+                    let Some(least) = least else { continue };
+                    found += 1;
+                    assert!(
+                        (least..=rest).all(|worse| established(worse, active_only)),
+                        "{least} {active_only}"
+                    );
+                    if active_only > 0 {
+                        assert!(established(least, active_only - 1), "{least} {active_only}");
+                        assert!(established(least - 1, active_only - 1), "{least} {active_only}");
+                    }
+                }
+                assert!(found > 10, "{pairs} {alpha}");
+            }
+        }
+    }
+
     #[test]
     fn refuses_bad_input() {
         let counts = |pairs, candidate_only, active_only| PairedCounts { pairs, candidate_only, active_only };

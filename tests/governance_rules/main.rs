@@ -8,6 +8,7 @@
 
 mod asking;
 mod compatibility;
+mod early;
 mod fixture;
 mod gating;
 mod monitoring;

@@ -9,12 +9,12 @@
 use serde::{Deserialize, Serialize};
 
 use crate::engine::event::EventKind;
-use crate::governance::behavior::{self, BehaviorAssessment};
+use crate::governance::behavior::BehaviorAssessment;
 use crate::governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Leave, Stage};
 use crate::governance::outcome::{BehaviorOutcome, RecoveryOutcome};
-use crate::governance::recovery::{self, RecoveryAssessment};
+use crate::governance::recovery::RecoveryAssessment;
 use crate::pipeline::cell::Conditions;
 use crate::pipeline::evaluation::{Evaluation, Plan};
 use crate::pipeline::manager::{Fault, UpgradeManager, Work};
@@ -134,9 +134,7 @@ impl UpgradeManager {
 
     fn conclude_confirmation(&mut self, id: &CapabilityId, evaluation: &Evaluation) -> Result<(), Fault> {
         let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
-        let profile = self.profile.clone();
-        let behavior = behavior::assess(&pairs, evaluation.binding(), &profile);
-        let recovery = recovery::assess(&drills, evaluation.binding(), &profile);
+        let (behavior, recovery) = evaluation.assess(&self.profile);
         let confirmation = Confirmation { pairs, drills, behavior, recovery };
         let json = serde_json::to_string(&confirmation)?;
         let digest = crate::governance::ids::Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;

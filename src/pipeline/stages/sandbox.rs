@@ -1,14 +1,12 @@
 //! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
 //! in turns; measured behaviour and recovery replace the estimates.
 
-use crate::governance::behavior;
 use crate::governance::composition::{Kappas, PsiContext, psi};
 use crate::governance::decision::ReasonCode;
 use crate::governance::evidence::{Binding, Drills, HardStop};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Event, Stage};
 use crate::governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
-use crate::governance::recovery;
 use crate::pipeline::cell::Conditions;
 use crate::pipeline::evaluation::{Evaluation, Plan, Slice};
 use crate::pipeline::lab::{Lab, Party};
@@ -218,8 +216,7 @@ impl UpgradeManager {
         let candidate = self.capability(id)?;
         let profile = self.profile.clone();
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
-        let measured = behavior::assess(&evaluation.paired(), evaluation.binding(), &profile);
-        let rehearsed = recovery::assess(&evaluation.rehearsed(), evaluation.binding(), &profile);
+        let (measured, rehearsed) = evaluation.assess(&profile);
         let dossier = self.dossier(id);
         dossier.modes.extend(ModeMetrics::of("perturbation", &records.0));
         dossier.modes.extend(ModeMetrics::of("perturbation, active version", &records.1));

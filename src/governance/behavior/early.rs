@@ -1,0 +1,166 @@
+//! When a behavioural evaluation may end before its budget: only ever to reject.
+//!
+//! Owns both rules; knows nothing of how episodes are run. Both look at the four binary components alone: what
+//! time and retries come to can be turned by the rest of the budget in ways no bound known in advance covers, so
+//! they count as no worsening here, which is the least they can be.
+
+use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, nothing, unusable};
+use crate::governance::decision::{Dimension, Reason, ReasonCode};
+use crate::governance::ended::Ended;
+use crate::governance::evidence::{Binding, EpisodeValues, PairedEvidence};
+use crate::governance::outcome::BehaviorOutcome;
+use crate::governance::profile::Profile;
+use crate::stats::population::Pairs;
+use crate::stats::{self, PairedCounts};
+
+/// An episode's value as a component counts it: true is bad.
+type Bad = fn(&EpisodeValues) -> bool;
+
+/// The components that are shares of episodes.
+const BINARY: [(ComponentName, Bad); 4] = [
+    (ComponentName::Success, |episode| !episode.success),
+    (ComponentName::Violation, |episode| episode.violation),
+    (ComponentName::Anomaly, |episode| episode.anomaly),
+    (ComponentName::Recovery, |episode| episode.recovery),
+];
+
+/// Exact curtailment: whether the outcome is `incompatible` however the rest of the budget turns out.
+///
+/// Each missing pair is counted as the active version's alone in every component, which is the best it can be
+/// for the candidate: a lower net count, and what is established as worse at that count is so at every other
+/// outcome of the rest (the score and the exact bound both rise with candidate-only pairs and fall with
+/// active-only ones). So the full budget's decision is the same, in any order of the episodes (design rule 5.3),
+/// as long as the rest of the episodes are usable at all.
+#[must_use]
+pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
+    evidence.binding == *current
+        && (!evidence.hard_stops.is_empty()
+            || is_incompatible_at(evidence, profile, |seen, budget| {
+                let missing = budget - seen.pairs;
+                Some(PairedCounts { pairs: budget, active_only: seen.active_only + missing, ..seen })
+            }))
+}
+
+/// Whether the full budget's decision would be `incompatible`, wrong with probability at most
+/// `evaluation.early_alpha`. Seldom later and often far sooner than [`is_lost`].
+///
+/// Why the error is bounded: the pairs of the whole budget are a finite population in a random order that the
+/// run's seed committed to. For each of the four binary components the confidence set of
+/// [`crate::stats::population`] at `early_alpha / 4` misses the component's true totals *at some look* with
+/// probability at most `early_alpha / 4` (Ville), so with probability at least `1 - early_alpha` all four sets
+/// hold the true totals at every look. While they do, each component's true contribution to the loss is at least
+/// `c_j` times the smallest worsening in its set, counted only where it is established at the set's most
+/// favourable corner (and then at every point of the set); time and retries contribute at least 0. The full
+/// budget's established `kappa_B` is therefore below the threshold whenever this bound is: a rejection that the
+/// full budget would not have made needs one of the four sets to miss. The bound is on rejecting early; what the
+/// full budget's own decision errs by is `evaluation.alpha`'s affair. At 0 the rule is off.
+#[must_use]
+pub fn is_lost_early(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
+    let alpha = profile.evaluation.early_alpha / BINARY.len() as f64;
+    // Written so that a level that is no number switches the rule off.
+    if evidence.binding != *current || !(alpha > 0.0 && alpha < 1.0) {
+        return false;
+    }
+    let Ok(population) = Pairs::new(u64::from(profile.evaluation.sandbox_pairs)) else { return false };
+    is_incompatible_at(evidence, profile, |seen, budget| {
+        Some(population.possible(seen, alpha).ok()?.most_favourable(budget))
+    })
+}
+
+/// By which rule the evaluation has ended, or `None` where more pairs are needed. What the caller records and
+/// gives to [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
+#[must_use]
+pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> Option<Ended> {
+    if evidence.binding != *current {
+        return None;
+    }
+    if !evidence.hard_stops.is_empty() {
+        Some(Ended::HardStop)
+    } else if evidence.pairs.len() as u64 >= u64::from(profile.evaluation.sandbox_pairs) {
+        Some(Ended::Full)
+    } else if is_lost(evidence, current, profile) {
+        Some(Ended::Curtailed)
+    } else if is_lost_early(evidence, current, profile) {
+        Some(Ended::FinitePopulation { alpha: profile.evaluation.early_alpha })
+    } else {
+        None
+    }
+}
+
+/// Assesses pairs of an evaluation that ended by the rule named (design rules 3.4, 5.3).
+///
+/// The rule is applied again to the evidence: an early end that the evidence does not bear out leaves the
+/// assessment as [`assess`] makes it, which is `inconclusive` short of the budget.
+#[must_use]
+pub fn assess_ended(
+    evidence: &PairedEvidence,
+    current: &Binding,
+    profile: &Profile,
+    ended: Ended,
+) -> BehaviorAssessment {
+    let early = match ended {
+        Ended::Full | Ended::HardStop => false,
+        Ended::Curtailed => is_lost(evidence, current, profile),
+        // The level is the profile's; one named elsewhere is no evidence.
+        Ended::FinitePopulation { alpha } => {
+            alpha.to_bits() == profile.evaluation.early_alpha.to_bits()
+                && is_lost_early(evidence, current, profile)
+        }
+    };
+    let seen = evidence.pairs.len() as u64;
+    let budget = u64::from(profile.evaluation.sandbox_pairs);
+    if !early || !evidence.hard_stops.is_empty() || seen >= budget {
+        let mut result = assess(evidence, current, profile);
+        result.ended = bears_out(evidence, ended, budget).then_some(ended);
+        return result;
+    }
+    let mut result = measured(evidence, profile).unwrap_or_else(nothing);
+    // "Fewer pairs than the budget" is what the rule answers; improvements seen so far stay in the reasons.
+    result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorInconclusive);
+    let text = ended.sentence(seen, budget, "episode pairs");
+    let reason = Reason::new(ReasonCode::BehaviorEndedEarly, Dimension::Behavior, text)
+        .with(seen as f64, budget as f64);
+    result.assessment.reasons.insert(0, reason);
+    result.assessment.outcome = BehaviorOutcome::Incompatible;
+    result.assessment.conditions.clear();
+    result.improved = false;
+    result.ended = Some(ended);
+    result
+}
+
+/// Whether the evidence is of an end by this rule, for the rules that end nothing early.
+fn bears_out(evidence: &PairedEvidence, ended: Ended, budget: u64) -> bool {
+    match ended {
+        Ended::Full => evidence.pairs.len() as u64 >= budget,
+        Ended::HardStop => !evidence.hard_stops.is_empty(),
+        Ended::Curtailed | Ended::FinitePopulation { .. } => false,
+    }
+}
+
+/// Whether established `kappa_B` is below the threshold at the totals that `favourable` gives for the whole
+/// budget from the counts seen, component by component.
+fn is_incompatible_at(
+    evidence: &PairedEvidence,
+    profile: &Profile,
+    favourable: impl Fn(PairedCounts, u64) -> Option<PairedCounts>,
+) -> bool {
+    let budget = u64::from(profile.evaluation.sandbox_pairs);
+    let pairs = &evidence.pairs;
+    if unusable(pairs).is_some() || pairs.len() as u64 > budget {
+        return false;
+    }
+    let each = profile.evaluation.alpha / ComponentName::ALL.len() as f64;
+    let mut certain = Vec::new();
+    for (name, bad) in BINARY {
+        let seen = PairedCounts::of(pairs.iter().map(|pair| (bad(&pair.candidate), bad(&pair.active))));
+        let Some(totals) = favourable(seen, budget) else { return false };
+        // Nothing to establish without a net worsening.
+        if totals.candidate_only > totals.active_only
+            && let Ok(bound) = stats::binary_pairs(totals, each)
+            && bound.lower > 0.0
+        {
+            certain.push((name, bound.mean));
+        }
+    }
+    kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
+}

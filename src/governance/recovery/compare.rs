@@ -1,0 +1,120 @@
+//! The drills of one kind side by side: intervals, and whether the candidate is established as worse.
+//!
+//! Says what the counts support; the outcome is the rule's of [`super`].
+
+use serde::{Deserialize, Serialize};
+
+use crate::governance::decision::{Dimension, Reason, ReasonCode};
+use crate::governance::evidence::{DrillKind, DrillTally, RecoveryEvidence};
+use crate::governance::profile::Profile;
+use crate::stats::{self, PairedCounts};
+
+/// Two-sided level of the intervals that are shown.
+const LEVEL: f64 = 0.95;
+
+/// A pass rate with its Wilson interval at 95 %.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RateInterval {
+    /// Share passed, 0 to 1.
+    pub rate: f64,
+    /// Feasible drills.
+    pub n: u32,
+    /// Lower end.
+    pub lower: f64,
+    /// Upper end.
+    pub upper: f64,
+}
+
+/// One kind of drill, both versions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KindRates {
+    /// Which.
+    pub kind: DrillKind,
+    /// The candidate's.
+    pub candidate: RateInterval,
+    /// The active version's.
+    pub active: RateInterval,
+    /// The candidate's rate is established as lower at `evaluation.alpha / 4`.
+    pub established_worse: bool,
+}
+
+/// The four kinds, or the first with fewer than `drills_min` feasible drills and whose they are.
+pub(super) fn kinds(
+    evidence: &RecoveryEvidence,
+    profile: &Profile,
+    drills_min: u32,
+) -> Result<Vec<KindRates>, (&'static str, DrillKind)> {
+    let alpha = profile.evaluation.alpha / DrillKind::ALL.len() as f64;
+    DrillKind::ALL
+        .into_iter()
+        .map(|kind| {
+            let (new, old) = (evidence.candidate.of(kind), evidence.active.of(kind));
+            let candidate = interval(new, drills_min).ok_or(("candidate", kind))?;
+            let active = interval(old, drills_min).ok_or(("active version", kind))?;
+            Ok(KindRates { kind, candidate, active, established_worse: is_worse(new, old, alpha) })
+        })
+        .collect()
+}
+
+/// Says that a kind is established as worse, where it is.
+pub(super) fn reason(kind: &KindRates) -> Option<Reason> {
+    let text = format!("{} drills are established as passing less often", kind.kind.name());
+    let reason = Reason::new(ReasonCode::RecoveryEstablishedWorse, Dimension::Recovery, text);
+    kind.established_worse.then(|| reason.with(kind.candidate.rate, kind.active.rate))
+}
+
+fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterval> {
+    let n = tally.feasible();
+    if n < drills_min.max(1) {
+        return None;
+    }
+    let found = stats::wilson(u64::from(tally.passed), u64::from(n), LEVEL).ok()?;
+    let rate = f64::from(tally.passed) / f64::from(n);
+    Some(RateInterval { rate, n, lower: found.lower, upper: found.upper })
+}
+
+/// Whether the counts establish that the candidate fails more often, whatever pairs them.
+///
+/// Both versions do the same drills, but only counts are kept. With equally many drills the failures are paired so
+/// that they meet as seldom as the counts allow: the net count is known, and the most discordance gives the widest
+/// bound. With unequally many the two exact bounds at half the level each must not meet.
+fn is_worse(candidate: &DrillTally, active: &DrillTally, alpha: f64) -> bool {
+    let (n, m) = (u64::from(candidate.feasible()), u64::from(active.feasible()));
+    if n == m {
+        let (worse, better) = (u64::from(candidate.failed), u64::from(active.failed));
+        let both = (worse + better).saturating_sub(n);
+        let counts = PairedCounts { pairs: n, candidate_only: worse - both, active_only: better - both };
+        return stats::binary_pairs(counts, alpha).is_ok_and(|bound| bound.lower > 0.0);
+    }
+    let upper = stats::clopper_pearson_upper(u64::from(candidate.passed), n, alpha / 2.0);
+    let lower = stats::clopper_pearson_lower(u64::from(active.passed), m, alpha / 2.0);
+    matches!((upper, lower), (Ok(upper), Ok(lower)) if upper < lower)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn worse_is_established_by_counts() {
+        let of = |passed, failed| DrillTally { passed, failed, infeasible: 0 };
+        for (candidate, active, worse) in [
+            (of(40, 0), of(40, 0), false),
+            (of(34, 6), of(40, 0), false),
+            (of(32, 8), of(40, 0), true),
+            (of(32, 8), of(36, 4), false),
+            (of(40, 0), of(32, 8), false),
+            (of(0, 40), of(40, 0), true),
+            // Every pairing of these has at least 20 pairs in common.
+            (of(10, 30), of(10, 30), false),
+            (of(0, 40), of(10, 30), true),
+            // Unequally many.
+            (of(24, 16), of(60, 0), true),
+            (of(36, 4), of(60, 0), false),
+        ] {
+            assert_eq!(is_worse(&candidate, &active, 0.0125), worse, "{candidate:?} {active:?}");
+        }
+    }
+}
