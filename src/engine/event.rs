@@ -31,6 +31,8 @@ pub struct DimensionResult {
     pub outcome: String,
     /// The value; absent where there is no data.
     pub kappa: Option<f64>,
+    /// Where the true value lies; absent for what is determined without measuring, and without data.
+    pub interval: Option<[f64; 2]>,
     /// The profile's threshold.
     pub threshold: f64,
     /// Measured, or an estimate.

@@ -120,6 +120,10 @@ pub struct BehaviorAssessment {
     pub assessment: Assessment<BehaviorOutcome>,
     /// `kappa_B` counting established worsenings only.
     pub established: Option<Kappa>,
+    /// Where the true `kappa_B` lies, each end wrong with probability at most `evaluation.alpha`; the lower end is
+    /// 0 where a component cannot be bounded.
+    #[serde(default)]
+    pub interval: Option<[f64; 2]>,
     /// The six components; empty without data.
     pub components: Vec<Component>,
     /// Mean values of the active version.
@@ -228,6 +232,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
             conditions: Vec::new(),
         },
         established: None,
+        interval: None,
         components: Vec::new(),
         active: Some(*active),
         candidate: Some(*candidate),
@@ -249,6 +254,7 @@ pub fn nothing(why: &str) -> BehaviorAssessment {
             conditions: Vec::new(),
         },
         established: None,
+        interval: None,
         components: Vec::new(),
         active: None,
         candidate: None,
@@ -279,10 +285,15 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
     let threshold = profile.thresholds.behavior();
     let each = profile.evaluation.alpha / 6.0;
     let mut components = Vec::new();
+    let (mut least_loss, mut most_loss) = (0.0, 0.0);
     for name in ComponentName::ALL {
-        let tolerance = (1.0 - threshold) / name.cost(&profile.behavior);
-        components.push(component(name, pairs, each, tolerance)?);
+        let cost = name.cost(&profile.behavior);
+        let (component, shared_upper) = component(name, pairs, each, (1.0 - threshold) / cost)?;
+        least_loss += cost * component.lower.max(0.0);
+        most_loss += shared_upper.map_or(f64::INFINITY, |upper| cost * upper.max(0.0));
+        components.push(component);
     }
+    let ends = [1.0 - most_loss, 1.0 - least_loss].map(|end| end.clamp(0.0, 1.0));
     let value = kappa(&profile.behavior, components.iter().map(|c| (c.name, c.worsening)));
     let counted = components.iter().filter(|c| c.is_established()).map(|c| (c.name, c.worsening));
     let established = kappa(&profile.behavior, counted);
@@ -299,6 +310,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
             conditions: Vec::new(),
         },
         established: Some(established),
+        interval: Some(ends),
         active: signature(pairs.iter().map(|pair| &pair.active)),
         candidate: signature(pairs.iter().map(|pair| &pair.candidate)),
         improved: success.lower > 0.0,
@@ -376,12 +388,13 @@ fn binary(
     stats::binary_pairs(counts, alpha)
 }
 
+/// The component, and the upper bound that shares the error rate with the other five.
 fn component(
     name: ComponentName,
     pairs: &[Pair],
     each: f64,
     tolerance: f64,
-) -> Result<Component, &'static str> {
+) -> Result<(Component, Option<f64>), &'static str> {
     let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
         let failed = "a component cannot be bounded";
         Ok::<_, &'static str>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
@@ -405,12 +418,13 @@ fn component(
                 .collect();
             if longer.len() < 2 {
                 // Nothing to compare: not worse as far as known, and not bounded either.
-                return Ok(Component { name, worsening: 0.0, lower: 0.0, upper: None, tolerance });
+                return Ok((Component { name, worsening: 0.0, lower: 0.0, upper: None, tolerance }, None));
             }
             both(&|alpha| real_pairs(&longer, alpha))?
         }
     };
-    Ok(Component { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance })
+    let found = Component { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance };
+    Ok((found, Some(low.upper)))
 }
 
 /// Student's t where enough pairs differ, otherwise a bound that holds for any distribution on the range seen.

@@ -35,6 +35,9 @@ pub struct RecoveryAssessment {
     pub rho_active: Option<f64>,
     /// Pass rates of the candidate's drills: rollback, fallback, abort, detect.
     pub rates: Vec<(DrillKind, f64)>,
+    /// Where the true `kappa_R` lies, each end wrong with probability at most `evaluation.alpha`.
+    #[serde(default)]
+    pub interval: Option<[f64; 2]>,
     /// Each kind with its intervals, of both versions; empty where a kind has too few drills.
     #[serde(default)]
     pub kinds: Vec<KindRates>,
@@ -94,6 +97,7 @@ fn nothing(text: String) -> RecoveryAssessment {
         rho_candidate: None,
         rho_active: None,
         rates: Vec::new(),
+        interval: None,
         kinds: Vec::new(),
         ended: None,
     }
@@ -131,6 +135,7 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
         rho_candidate: Some(new),
         rho_active: Some(old),
         rates: candidate,
+        interval: compare::interval_of_kappa(evidence, profile),
         kinds,
         ended: None,
     }

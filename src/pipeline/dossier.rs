@@ -86,11 +86,13 @@ impl Dossier {
     pub fn dimensions(&self, profile: &Profile) -> Vec<DimensionResult> {
         let Some(kappas) = &self.kappas else { return Vec::new() };
         let thresholds = &profile.thresholds;
+        let behavior = self.behavior.as_ref().and_then(|measured| measured.interval);
+        let recovery = self.recovery.as_ref().and_then(|rehearsed| rehearsed.interval);
         vec![
-            result(Dimension::Interface, &kappas.interface, thresholds.interface()),
-            result(Dimension::Policy, &kappas.policy, thresholds.policy()),
-            result(Dimension::Behavior, &kappas.behavior, thresholds.behavior()),
-            result(Dimension::Recovery, &kappas.recovery, thresholds.recovery()),
+            result(Dimension::Interface, &kappas.interface, None, thresholds.interface()),
+            result(Dimension::Policy, &kappas.policy, None, thresholds.policy()),
+            result(Dimension::Behavior, &kappas.behavior, behavior, thresholds.behavior()),
+            result(Dimension::Recovery, &kappas.recovery, recovery, thresholds.recovery()),
         ]
     }
 
@@ -104,7 +106,12 @@ impl Dossier {
     }
 }
 
-fn result<O: Serialize>(dimension: Dimension, assessment: &Assessment<O>, threshold: f64) -> DimensionResult {
+fn result<O: Serialize>(
+    dimension: Dimension,
+    assessment: &Assessment<O>,
+    interval: Option<[f64; 2]>,
+    threshold: f64,
+) -> DimensionResult {
     // Outcomes serialise as their kebab-case name.
     let outcome = serde_json::to_value(&assessment.outcome).ok();
     let outcome = outcome.as_ref().and_then(|value| value.as_str()).unwrap_or("unknown").to_owned();
@@ -112,6 +119,7 @@ fn result<O: Serialize>(dimension: Dimension, assessment: &Assessment<O>, thresh
         dimension,
         outcome,
         kappa: assessment.kappa.map(Kappa::get),
+        interval,
         threshold,
         measured: assessment.basis == Basis::Measured,
     }

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::governance::decision::{Dimension, Reason, ReasonCode};
-use crate::governance::evidence::{DrillKind, DrillTally, RecoveryEvidence};
+use crate::governance::evidence::{DrillKind, DrillTally, Drills, RecoveryEvidence};
 use crate::governance::profile::Profile;
 use crate::stats::{self, PairedCounts};
 
@@ -57,6 +57,30 @@ pub(super) fn kinds(
         })
         .collect()
 }
+
+/// The interval of `kappa_R`: exact bounds of all eight pass rates, each at an eighth of `evaluation.alpha`, put
+/// together at their least and at their most favourable.
+pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) -> Option<[f64; 2]> {
+    let alpha = profile.evaluation.alpha / (2 * DrillKind::ALL.len()) as f64;
+    let rho_at = |drills: &Drills, bound: Bound| {
+        let rates: Option<Vec<(DrillKind, f64)>> = DrillKind::ALL
+            .into_iter()
+            .map(|kind| {
+                let tally = drills.of(kind);
+                let rate = bound(u64::from(tally.passed), u64::from(tally.feasible()), alpha).ok()?;
+                Some((kind, rate))
+            })
+            .collect();
+        super::rho(&rates?, &profile.recovery)
+    };
+    let (lower, upper): (Bound, Bound) = (stats::clopper_pearson_lower, stats::clopper_pearson_upper);
+    let least = super::kappa(rho_at(&evidence.active, upper)?, rho_at(&evidence.candidate, lower)?)?;
+    let most = super::kappa(rho_at(&evidence.active, lower)?, rho_at(&evidence.candidate, upper)?)?;
+    Some([least.get(), most.get()])
+}
+
+/// One end of an exact interval: of successes, trials and error rate.
+type Bound = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 
 /// Says that a kind is established as worse, where it is.
 pub(super) fn reason(kind: &KindRates) -> Option<Reason> {

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::event::EventKind;
 use crate::governance::behavior::BehaviorAssessment;
+use crate::governance::decision::ReasonCode;
 use crate::governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Leave, Stage};
@@ -69,6 +70,11 @@ impl UpgradeManager {
                     kappas.recovery.outcome,
                     RecoveryOutcome::Fragile | RecoveryOutcome::Conditional
                 )
+                || kappas
+                    .recovery
+                    .reasons
+                    .iter()
+                    .any(|reason| reason.code == ReasonCode::RecoveryEstablishedWorse)
         });
         doubted && !dossier.confirmation.as_ref().is_some_and(Confirmation::is_settled)
     }
