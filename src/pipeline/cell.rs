@@ -12,7 +12,7 @@ use crate::governance::ids::Digest;
 
 /// What the results of an episode depend on beside robot, scene and version: raised when the
 /// simulation, a controller or the watcher changes what an episode gives.
-pub const EPISODE_SEMANTICS: u32 = 2;
+pub const EPISODE_SEMANTICS: u32 = 3;
 
 /// Robot, scene and distributions, shared by every worker.
 #[derive(Clone)]

@@ -16,8 +16,10 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::pipeline::cell::{Cell, Conditions};
 use holdpoint::pipeline::evaluate::{Job, batch};
 use holdpoint::runtime::capability::{Capability, Package};
+use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::Terms;
+use holdpoint::runtime::watcher::WatcherSignal;
 use holdpoint::stats::{PairedCounts, binary_pairs};
 
 fn main() -> Result<()> {
@@ -88,9 +90,16 @@ fn summary(records: &[TaskRecord], wall: f64) -> String {
         };
         *ends.entry(end).or_default() += 1;
     }
+    // What would take a provisional version off at once in the live world.
+    let trips = share(&|r| {
+        r.signals.iter().any(|raised| raised.signal == WatcherSignal::UnexpectedContact)
+            || r.hits
+                .iter()
+                .any(|(_, hit)| !matches!(hit, PolicyHit::OutsideWorkspace | PolicyHit::RetriesExceeded))
+    });
     let time = records.iter().map(|r| r.time_secs).sum::<f64>() / n;
     format!(
-        "n {n} success {:.3} violation {:.3} anomaly {:.3} recovery {:.3} retries {:.2} time {time:.2}s wall {:.1} ms/episode\n    {ends:?}\n    {hits:?}",
+        "n {n} success {:.3} violation {:.3} anomaly {:.3} recovery {:.3} trips {trips:.4} retries {:.2} time {time:.2}s wall {:.1} ms/episode\n    {ends:?}\n    {hits:?}",
         share(&|r| r.success),
         share(&|r| r.violation),
         share(&|r| r.anomaly),

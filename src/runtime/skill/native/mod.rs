@@ -28,7 +28,7 @@ use crate::governance::value_type::{FieldSpec, Frame, Kind, Unit};
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
 
 /// The version of what the parameters mean; a change of a controller's logic changes it.
-const SEMANTICS: semver::Version = semver::Version::new(1, 0, 0);
+const SEMANTICS: semver::Version = semver::Version::new(1, 1, 0);
 
 /// A controller with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -94,6 +94,7 @@ impl Controller {
                 ("approach_speed_m_s", p.approach_speed_m_s, 0.01, 3.0),
                 ("pregrasp_tolerance_m", p.pregrasp_tolerance_m, 0.001, 0.1),
                 ("descend_speed_m_s", p.descend_speed_m_s, 0.01, 3.0),
+                ("contact_speed_m_s", p.contact_speed_m_s, 0.01, 3.0),
                 ("contact_stop_n", p.contact_stop_n, 2.0, 200.0),
                 ("grasp_offset_m", p.grasp_offset_m, -0.01, 0.03),
                 ("close_speed_m_s", p.close_speed_m_s, 0.01, 1.0),
