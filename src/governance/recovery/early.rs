@@ -3,7 +3,7 @@
 //! Owns both rules; knows nothing of how drills are done. Both let the active version's missing drills all fail:
 //! the lower its `rho`, the better the candidate looks beside it.
 
-use super::{compare, RecoveryAssessment, assess, compare, judge, kappa, kinds, rho};
+use super::{RecoveryAssessment, assess, compare, judge, kappa, kinds, rho};
 use crate::governance::decision::{Dimension, Reason, ReasonCode};
 use crate::governance::ended::Ended;
 use crate::governance::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
