@@ -20,6 +20,9 @@ pub struct GraspParams {
     pub approach_height_m: f64,
     /// Tool speed of the approach.
     pub approach_speed_m_s: f64,
+    /// How far towards the tray side (+y) of the object the hand comes down to the approach height before it goes
+    /// over the object; 0 comes straight. Short for an arm that comes from the tray, and low over what stands there.
+    pub entry_offset_m: f64,
     /// Follow the object with new pictures during the approach and the descent.
     pub track: bool,
     /// Look again at the pre-grasp pose and go back where the object has moved.
@@ -74,6 +77,7 @@ pub enum Phase {
     Rise,
     Open,
     Look,
+    Enter,
     Approach,
     Check,
     Descend,
@@ -293,11 +297,22 @@ impl Phased for Grasp {
                 if self.look.count() >= p.look_pictures {
                     self.object = self.look.mean();
                     self.check = PoseAverage::default();
-                    run.go(Phase::Approach);
+                    run.go(if p.entry_offset_m > 0.0 { Phase::Enter } else { Phase::Approach });
                 } else if run.tick > ticks(1.5) {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 }
                 Command::Hold
+            }
+            Phase::Enter => {
+                let Some(mut pose) = self.above(p.approach_height_m) else {
+                    return self.retry(run, FailureSignal::TargetNotFound);
+                };
+                pose.position[1] += p.entry_offset_m;
+                if arrived(seen, &pose, 0.01) {
+                    run.go(Phase::Approach);
+                    return Command::Hold;
+                }
+                self.move_to(run, pose, p.approach_speed_m_s)
             }
             Phase::Approach => {
                 self.follow(seen);

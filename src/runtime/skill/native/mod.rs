@@ -94,6 +94,7 @@ impl Controller {
                 ("look_pictures", f64::from(p.look_pictures), 1.0, 60.0),
                 ("approach_height_m", p.approach_height_m, 0.02, 0.3),
                 ("approach_speed_m_s", p.approach_speed_m_s, 0.01, 3.0),
+                ("entry_offset_m", p.entry_offset_m, 0.0, 0.15),
                 ("pregrasp_tolerance_m", p.pregrasp_tolerance_m, 0.001, 0.1),
                 ("descend_speed_m_s", p.descend_speed_m_s, 0.01, 3.0),
                 ("contact_speed_m_s", p.contact_speed_m_s, 0.01, 3.0),
