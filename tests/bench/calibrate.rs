@@ -2,25 +2,31 @@
 //! threshold was set with. With `--from` it measures frozen versions on other seeds; the versions
 //! after the first are compared with it in pairs.
 //!
-//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED]`
+//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED]`, conditions `canonical`,
+//! `sandbox`, `live`, or `drills` for the recovery drills.
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
 
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
+use holdpoint::governance::evidence::DrillKind;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::recovery::rho;
 use holdpoint::pipeline::cell::{Cell, Conditions};
-use holdpoint::pipeline::evaluate::{Job, batch};
+use holdpoint::pipeline::drills::{Cast, DrillResult, drill};
+use holdpoint::pipeline::evaluate::{Job, Worker, batch};
 use holdpoint::runtime::capability::{Capability, Package};
 use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::Terms;
 use holdpoint::runtime::watcher::WatcherSignal;
 use holdpoint::stats::{PairedCounts, binary_pairs};
+use holdpoint_sim::pool::run_ordered;
 
 fn main() -> Result<()> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -34,6 +40,7 @@ fn main() -> Result<()> {
         "canonical" => Conditions::Canonical,
         "sandbox" => Conditions::Sandbox,
         "live" => Conditions::Live,
+        "drills" => return drills(n.parse()?, from, folders),
         other => bail!("no conditions {other:?}"),
     };
     let n: u64 = n.parse()?;
@@ -64,6 +71,46 @@ fn main() -> Result<()> {
             }
             Some(_) => {}
         }
+    }
+    Ok(())
+}
+
+/// Pass rates of the recovery drills, rollback to the first version named; `rho` with the weights of the profile.
+fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
+    let cell = Cell::builtin()?;
+    let profile = Profile::builtin(ProfileName::Sim)?;
+    let table = Arc::new(PolicyTable::builtin(&profile)?);
+    let terms = Terms::new(&profile, table, cell.model.clone(), cell.scene.clone());
+    let load = |folder: &str| -> Result<Capability> {
+        Ok(Capability::load(folder, Package::read(Path::new(folder))?)?)
+    };
+    let fallback = load("manifests/park/1.0.0")?;
+    let versions = folders.iter().map(|folder| load(folder)).collect::<Result<Vec<_>>>()?;
+    let predecessor = versions.first().context("name a folder")?;
+    for version in &versions {
+        let cast = Cast { version, predecessor, fallback: Some(&fallback) };
+        let mut rates = Vec::new();
+        for kind in DrillKind::ALL {
+            let mut passed = (0_u32, 0_u32);
+            let result = |worker: &mut Worker, index| drill(worker, &cell, &terms, &cast, kind, from + index);
+            run_ordered(
+                2,
+                n,
+                &AtomicBool::new(false),
+                || Ok(Worker::new()),
+                result,
+                |_, result| {
+                    passed.0 += u32::from(result == DrillResult::Passed);
+                    passed.1 += u32::from(result != DrillResult::Infeasible);
+                    ControlFlow::Continue(())
+                },
+            )?;
+            rates.push((kind, f64::from(passed.0) / f64::from(passed.1.max(1))));
+        }
+        let shown: Vec<String> =
+            rates.iter().map(|(kind, rate)| format!("{} {rate:.3}", kind.name())).collect();
+        let rho = rho(&rates, &profile.recovery).unwrap_or(f64::NAN);
+        println!("{} drills n {n} {} rho {rho:.3}", version.id(), shown.join(" "));
     }
     Ok(())
 }

@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something,
-    ticks, wrap_quarter, yaw_of,
+    AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
+    wrap_quarter, yaw_of,
 };
-use crate::runtime::skill::{Hook, Skill};
+use super::phases::{Frame, Phased, Run};
 
 /// Everything a version of the align controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -45,65 +45,43 @@ pub struct AlignParams {
     pub safe_height_m: f64,
 }
 
+/// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Phase {
     Look,
     Rise,
     Transit,
     Lower,
     Settle,
     Measure,
-    End,
 }
 
-/// One run of the align controller.
+/// The align controller at work.
 #[derive(Clone, Debug)]
 pub struct Align {
     params: AlignParams,
-    phase: Phase,
-    phase_tick: u64,
-    began: Option<u64>,
     tray: PoseAverage,
     object: PoseAverage,
     /// Seat of the object in the tray: position and heading.
     seat: Option<([f64; 3], f64)>,
     /// Object's pose in the tool's frame, as last measured.
     in_hand: Isometry3<f64>,
-    target: Pose,
     corrections: u32,
-    outcome: Option<FailureSignal>,
-    hook: Option<HookRun>,
 }
 
 impl Align {
-    /// Begins a run.
+    /// A controller before its first tick.
     #[must_use]
     pub fn new(params: AlignParams) -> Self {
         Self {
             params,
-            phase: Phase::Look,
-            phase_tick: 0,
-            began: None,
             tray: PoseAverage::default(),
             object: PoseAverage::default(),
             seat: None,
             in_hand: Isometry3::identity(),
-            target: Pose::IDENTITY,
             corrections: 0,
-            outcome: None,
-            hook: None,
         }
-    }
-
-    fn go(&mut self, phase: Phase) {
-        self.phase = phase;
-        self.phase_tick = 0;
-    }
-
-    fn finish(&mut self, outcome: Option<FailureSignal>) -> Command {
-        self.outcome = outcome;
-        self.go(Phase::End);
-        Command::Hold
     }
 
     /// Tool pose that puts the object's centre `height_m` above its seat, hand straight down.
@@ -120,13 +98,83 @@ impl Align {
         Some(Pose::from(&Isometry3::from_parts(place, rotation)))
     }
 
-    fn work(&mut self, seen: &Observation) -> Command {
-        let p = self.params.clone();
-        self.phase_tick += 1;
-        if self.phase != Phase::End && self.phase_tick > 24 && !holds_something(seen) {
-            return self.finish(Some(FailureSignal::ObjectSlipped));
+    fn note_in_hand(&mut self, seen: &Observation) {
+        if let Some((position, yaw)) = self.object.mean() {
+            let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+            let object = Isometry3::from_parts(Translation3::from(position), rotation);
+            self.in_hand = seen.tool.isometry().inverse() * object;
         }
-        match self.phase {
+    }
+
+    fn measure(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        if run.tick > ticks(3.0) {
+            return run.finish(Some(FailureSignal::TargetNotFound));
+        }
+        let fresh = |age: u32| u64::from(age) < run.tick;
+        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.tray.add(picture);
+        }
+        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+            self.object.add(picture);
+        }
+        if self.tray.count() < p.measure_pictures || self.object.count() < p.measure_pictures {
+            return Command::Hold;
+        }
+        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean())
+        else {
+            return run.finish(Some(FailureSignal::TargetNotFound));
+        };
+        let error = [seat[0] - object[0], seat[1] - object[1]];
+        let turn = wrap_quarter(seat_yaw - object_yaw);
+        let within = libm::hypot(error[0], error[1]) <= p.tolerance_m && turn.abs() < 0.03;
+        if within {
+            return run.finish(None);
+        }
+        if self.corrections >= p.corrections_max {
+            // The error is known to be too large: say so rather than pass it on.
+            return run.finish(Some(FailureSignal::AlignmentLost));
+        }
+        self.corrections += 1;
+        let mut pose = seen.tool;
+        pose.position[0] += p.correction_gain * error[0];
+        pose.position[1] += p.correction_gain * error[1];
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), p.correction_gain * turn)
+            * seen.tool.isometry().rotation;
+        run.target = Pose::from(&Isometry3::from_parts(Translation3::from(pose.position), rotation));
+        run.go(Phase::Settle);
+        Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s }
+    }
+}
+
+/// Heading of the object relative to the hand that points down, rad.
+fn turned_in_hand(in_hand: &Isometry3<f64>) -> f64 {
+    // The hand's z axis points down, so a turn about the world's vertical is seen reversed.
+    let x = in_hand.rotation * Vector3::x();
+    libm::atan2(-x.y, x.x)
+}
+
+impl Phased for Align {
+    type Phase = Phase;
+    const FIRST: Phase = Phase::Look;
+
+    fn frame(&self) -> Frame {
+        let p = &self.params;
+        Frame {
+            timeout_secs: p.timeout_secs,
+            abort: p.abort,
+            rollback: p.rollback,
+            safe_height_m: p.safe_height_m,
+            hook_speed_m_s: p.lower_speed_m_s,
+        }
+    }
+
+    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        if run.tick > 24 && !holds_something(seen) {
+            return run.finish(Some(FailureSignal::ObjectSlipped));
+        }
+        match run.phase {
             Phase::Look => {
                 if let Some(picture) = &seen.target {
                     self.tray.add(picture);
@@ -140,135 +188,59 @@ impl Align {
                     if p.measure_pictures > 0 {
                         self.note_in_hand(seen);
                     }
-                    self.go(Phase::Rise);
-                } else if self.phase_tick > ticks(2.0) {
-                    return self.finish(Some(FailureSignal::TargetNotFound));
+                    run.go(Phase::Rise);
+                } else if run.tick > ticks(2.0) {
+                    return run.finish(Some(FailureSignal::TargetNotFound));
                 }
                 Command::Hold
             }
             Phase::Rise => {
-                if self.phase_tick == 1 && seen.tool.position[2] < p.transit_height_m - 0.01 {
-                    self.target = at_height(seen.tool, p.transit_height_m);
-                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.transit_speed_m_s };
+                if run.tick == 1 && seen.tool.position[2] < p.transit_height_m - 0.01 {
+                    run.target = at_height(seen.tool, p.transit_height_m);
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.transit_speed_m_s };
                 }
-                if self.phase_tick == 1 || arrived(seen, &self.target, 0.01) {
-                    self.go(Phase::Transit);
+                if run.tick == 1 || arrived(seen, &run.target, 0.01) {
+                    run.go(Phase::Transit);
                 }
                 Command::Hold
             }
             Phase::Transit => {
-                if self.phase_tick == 1
+                if run.tick == 1
                     && let Some(over) = self.tool_over_seat(seen, p.hover_height_m)
                 {
-                    self.target = at_height(over, p.transit_height_m.max(over.position[2]));
-                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.transit_speed_m_s };
+                    run.target = at_height(over, p.transit_height_m.max(over.position[2]));
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.transit_speed_m_s };
                 }
-                if arrived(seen, &self.target, 0.01) {
-                    self.go(Phase::Lower);
+                if arrived(seen, &run.target, 0.01) {
+                    run.go(Phase::Lower);
                 }
                 Command::Hold
             }
             Phase::Lower => {
-                if self.phase_tick == 1
+                if run.tick == 1
                     && let Some(over) = self.tool_over_seat(seen, p.hover_height_m)
                 {
-                    self.target = over;
+                    run.target = over;
                     return Command::ToolPose { pose: over, max_speed_m_s: p.lower_speed_m_s };
                 }
-                if arrived(seen, &self.target, 0.002) {
-                    self.go(Phase::Settle);
+                if arrived(seen, &run.target, 0.002) {
+                    run.go(Phase::Settle);
                 }
                 Command::Hold
             }
             Phase::Settle => {
-                if self.phase_tick >= ticks(p.settle_secs).max(1) {
+                if run.tick >= ticks(p.settle_secs).max(1) {
                     if p.measure_pictures == 0 {
-                        return self.finish(None);
+                        return run.finish(None);
                     }
                     self.tray = PoseAverage::default();
                     self.object = PoseAverage::default();
-                    self.go(Phase::Measure);
+                    run.go(Phase::Measure);
                 }
                 Command::Hold
             }
-            Phase::Measure => self.measure(seen),
-            Phase::End => match self.outcome {
-                None => Command::Done,
-                Some(signal) => Command::Fail { signal },
-            },
+            Phase::Measure => self.measure(run, seen),
         }
-    }
-
-    fn note_in_hand(&mut self, seen: &Observation) {
-        if let Some((position, yaw)) = self.object.mean() {
-            let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
-            let object = Isometry3::from_parts(Translation3::from(position), rotation);
-            self.in_hand = seen.tool.isometry().inverse() * object;
-        }
-    }
-
-    fn measure(&mut self, seen: &Observation) -> Command {
-        let p = self.params.clone();
-        if self.phase_tick > ticks(3.0) {
-            return self.finish(Some(FailureSignal::TargetNotFound));
-        }
-        let fresh = |age: u32| u64::from(age) < self.phase_tick;
-        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
-            self.tray.add(picture);
-        }
-        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
-            self.object.add(picture);
-        }
-        if self.tray.count() < p.measure_pictures || self.object.count() < p.measure_pictures {
-            return Command::Hold;
-        }
-        let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean())
-        else {
-            return self.finish(Some(FailureSignal::TargetNotFound));
-        };
-        let error = [seat[0] - object[0], seat[1] - object[1]];
-        let turn = wrap_quarter(seat_yaw - object_yaw);
-        let within = libm::hypot(error[0], error[1]) <= p.tolerance_m && turn.abs() < 0.03;
-        if within {
-            return self.finish(None);
-        }
-        if self.corrections >= p.corrections_max {
-            // The error is known to be too large: say so rather than pass it on.
-            return self.finish(Some(FailureSignal::AlignmentLost));
-        }
-        self.corrections += 1;
-        let mut pose = seen.tool;
-        pose.position[0] += p.correction_gain * error[0];
-        pose.position[1] += p.correction_gain * error[1];
-        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), p.correction_gain * turn)
-            * seen.tool.isometry().rotation;
-        self.target = Pose::from(&Isometry3::from_parts(Translation3::from(pose.position), rotation));
-        self.go(Phase::Settle);
-        Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s }
-    }
-}
-
-/// Heading of the object relative to the hand that points down, rad.
-fn turned_in_hand(in_hand: &Isometry3<f64>) -> f64 {
-    // The hand's z axis points down, so a turn about the world's vertical is seen reversed.
-    let x = in_hand.rotation * Vector3::x();
-    libm::atan2(-x.y, x.x)
-}
-
-impl Skill for Align {
-    fn tick(&mut self, seen: &Observation) -> Command {
-        if let Some(hook) = &mut self.hook {
-            return hook.tick(seen, self.params.safe_height_m, self.params.lower_speed_m_s);
-        }
-        let began = *self.began.get_or_insert(seen.tick);
-        if seen.tick.saturating_sub(began) > ticks(self.params.timeout_secs) && self.phase != Phase::End {
-            return self.finish(Some(FailureSignal::TimedOut));
-        }
-        self.work(seen)
-    }
-
-    fn enter(&mut self, hook: Hook) {
-        self.hook = Some(HookRun::begin(hook, self.params.abort, self.params.rollback));
     }
 }
 

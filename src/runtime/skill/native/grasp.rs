@@ -5,10 +5,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks,
+    AbortStyle, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use crate::runtime::skill::{Hook, Skill};
+use super::phases::{Frame, Phased, Run};
 
 /// Everything a version of the grasp controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -20,6 +20,9 @@ pub struct GraspParams {
     pub approach_height_m: f64,
     /// Tool speed of the approach.
     pub approach_speed_m_s: f64,
+    /// How far towards the tray side (+y) of the object the hand comes down to the approach height before it goes
+    /// over the object; 0 comes straight. Short for an arm that comes from the tray, and low over what stands there.
+    pub entry_offset_m: f64,
     /// Follow the object with new pictures during the approach and the descent.
     pub track: bool,
     /// Look again at the pre-grasp pose and go back where the object has moved.
@@ -67,74 +70,56 @@ const TOUCH_MARGIN_M: f64 = 0.008;
 /// Time from a decision until the hand goes slower: latency and braking, s.
 const REACTION_SECS: f64 = 0.1;
 
+/// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Phase {
     Rise,
     Open,
     Look,
+    Enter,
     Approach,
     Check,
     Descend,
     Close,
     Lift,
     Verify,
-    End,
 }
 
-/// One run of the grasp controller.
+/// The grasp controller at work.
 #[derive(Clone, Debug)]
 pub struct Grasp {
     params: GraspParams,
-    phase: Phase,
-    phase_tick: u64,
-    began: Option<u64>,
     look: PoseAverage,
     check: PoseAverage,
     /// Where the object is believed to be: position and heading.
     object: Option<([f64; 3], f64)>,
-    target: Pose,
     speed_m_s: f64,
-    commanded: bool,
     retries: u32,
-    outcome: Option<FailureSignal>,
-    hook: Option<HookRun>,
 }
 
 impl Grasp {
-    /// Begins a run.
+    /// A controller before its first tick.
     #[must_use]
     pub fn new(params: GraspParams) -> Self {
         Self {
             params,
-            phase: Phase::Rise,
-            phase_tick: 0,
-            began: None,
             look: PoseAverage::default(),
             check: PoseAverage::default(),
             object: None,
-            target: Pose::IDENTITY,
             speed_m_s: 0.0,
-            commanded: false,
             retries: 0,
-            outcome: None,
-            hook: None,
         }
-    }
-
-    fn go(&mut self, phase: Phase) {
-        self.phase = phase;
-        self.phase_tick = 0;
-        self.commanded = false;
     }
 
     /// Sends a pose once per phase, or again where it moved by more than half a millimetre or the
     /// speed is another.
-    fn move_to(&mut self, pose: Pose, max_speed_m_s: f64) -> Command {
-        if self.commanded && pose.distance_m(&self.target) < 5e-4 && max_speed_m_s == self.speed_m_s {
+    fn move_to(&mut self, run: &mut Run<Phase>, pose: Pose, max_speed_m_s: f64) -> Command {
+        if run.commanded && pose.distance_m(&run.target) < 5e-4 && max_speed_m_s == self.speed_m_s {
             return Command::Hold;
         }
-        self.commanded = true;
-        self.target = pose;
+        run.commanded = true;
+        run.target = pose;
         self.speed_m_s = max_speed_m_s;
         Command::ToolPose { pose, max_speed_m_s }
     }
@@ -159,16 +144,15 @@ impl Grasp {
         }
     }
 
-    fn retry(&mut self, signal: FailureSignal) -> Command {
+    fn retry(&mut self, run: &mut Run<Phase>, signal: FailureSignal) -> Command {
         if self.retries >= self.params.retries_max {
-            self.outcome = Some(signal);
-            self.go(Phase::End);
+            run.finish(Some(signal));
             return Command::Stop;
         }
         self.retries += 1;
         self.look = PoseAverage::default();
         self.check = PoseAverage::default();
-        self.go(Phase::Open);
+        run.go(Phase::Open);
         Command::Hold
     }
 
@@ -188,25 +172,124 @@ impl Grasp {
         }
     }
 
-    fn work(&mut self, seen: &Observation) -> Command {
+    fn open(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        if !seen.tool_available {
+            return self.wait_for_tool(run);
+        }
+        if run.tick == 1 || !run.commanded {
+            run.commanded = true;
+            return Command::Gripper { width_m: 0.08, speed_m_s: 0.2, force_n: self.params.grip_force_n };
+        }
+        // After a miss the hand goes up before it looks again.
+        let low = seen.tool.position[2] < 0.025 + 0.6 * self.params.approach_height_m;
+        if seen.gripper_width_m > 0.07 && low {
+            let up = at_height(seen.tool, 0.025 + self.params.approach_height_m);
+            if run.target.distance_m(&up) > 0.02 {
+                run.target = up;
+                return Command::ToolPose { pose: up, max_speed_m_s: self.params.lift_speed_m_s };
+            }
+        }
+        if seen.gripper_width_m > 0.07 && !low {
+            run.go(Phase::Look);
+        } else if run.tick > ticks(3.0) {
+            return self.retry(run, FailureSignal::ToolUnavailable);
+        }
+        Command::Hold
+    }
+
+    fn wait_for_tool(&self, run: &mut Run<Phase>) -> Command {
+        if run.tick > ticks(self.params.tool_wait_secs) {
+            run.finish(Some(FailureSignal::ToolUnavailable));
+        }
+        Command::Hold
+    }
+
+    fn close(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        if !run.commanded {
+            if !seen.tool_available {
+                return self.wait_for_tool(run);
+            }
+            run.commanded = true;
+            run.tick = 0;
+            let p = &self.params;
+            return Command::Gripper { width_m: 0.0, speed_m_s: p.close_speed_m_s, force_n: p.grip_force_n };
+        }
+        let closing_secs = 0.1 / self.params.close_speed_m_s;
+        let gripped = holds_something(seen) && seen.gripper_force_n > 0.5 * self.params.grip_force_n;
+        if gripped && run.tick > ticks(self.params.settle_secs) {
+            run.go(Phase::Lift);
+        } else if run.tick > ticks(closing_secs + self.params.settle_secs + 0.3) {
+            if holds_something(seen) {
+                run.go(Phase::Lift);
+            } else {
+                return self.retry(run, FailureSignal::GraspMissed);
+            }
+        }
+        Command::Hold
+    }
+
+    fn verify(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        if !holds_something(seen) {
+            return self.retry(run, FailureSignal::ObjectSlipped);
+        }
+        if !self.params.slip_check {
+            run.finish(None);
+            return Command::Hold;
+        }
+        if let Some(picture) = &seen.object
+            && picture.age_ticks < run.tick.try_into().unwrap_or(u32::MAX)
+        {
+            self.check.add(picture);
+        }
+        if self.check.count() >= 2 {
+            let near = self.check.mean().is_some_and(|(mean, _)| {
+                let tool = seen.tool.position;
+                libm::hypot(mean[0] - tool[0], mean[1] - tool[1]) < 0.03 && (mean[2] - tool[2]).abs() < 0.04
+            });
+            if !near {
+                return self.retry(run, FailureSignal::ObjectSlipped);
+            }
+            run.finish(None);
+        } else if run.tick > ticks(0.6) {
+            run.finish(None);
+        }
+        Command::Hold
+    }
+}
+
+impl Phased for Grasp {
+    type Phase = Phase;
+    const FIRST: Phase = Phase::Rise;
+
+    fn frame(&self) -> Frame {
+        let p = &self.params;
+        Frame {
+            timeout_secs: p.timeout_secs,
+            abort: p.abort,
+            rollback: p.rollback,
+            safe_height_m: p.safe_height_m,
+            hook_speed_m_s: p.lift_speed_m_s,
+        }
+    }
+
+    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
         let p = self.params.clone();
-        self.phase_tick += 1;
-        match self.phase {
+        match run.phase {
             Phase::Rise => {
                 if holds_something(seen) && seen.tool.position[2] > 0.05 {
                     // Taken over with the object already in the hand: only the lift is left.
-                    self.go(Phase::Lift);
+                    run.go(Phase::Lift);
                     return Command::Hold;
                 }
                 let clear_m = 0.025 + p.approach_height_m.min(0.08);
                 if seen.tool.position[2] >= clear_m {
-                    self.go(Phase::Open);
+                    run.go(Phase::Open);
                     return Command::Hold;
                 }
                 let up = at_height(seen.tool, clear_m + 0.01);
-                if self.commanded { Command::Hold } else { self.move_to(up, p.lift_speed_m_s) }
+                if run.commanded { Command::Hold } else { self.move_to(run, up, p.lift_speed_m_s) }
             }
-            Phase::Open => self.open(seen),
+            Phase::Open => self.open(run, seen),
             Phase::Look => {
                 if let Some(picture) = &seen.object {
                     self.look.add(picture);
@@ -214,23 +297,34 @@ impl Grasp {
                 if self.look.count() >= p.look_pictures {
                     self.object = self.look.mean();
                     self.check = PoseAverage::default();
-                    self.go(Phase::Approach);
-                } else if self.phase_tick > ticks(1.5) {
-                    return self.retry(FailureSignal::TargetNotFound);
+                    run.go(if p.entry_offset_m > 0.0 { Phase::Enter } else { Phase::Approach });
+                } else if run.tick > ticks(1.5) {
+                    return self.retry(run, FailureSignal::TargetNotFound);
                 }
                 Command::Hold
+            }
+            Phase::Enter => {
+                let Some(mut pose) = self.above(p.approach_height_m) else {
+                    return self.retry(run, FailureSignal::TargetNotFound);
+                };
+                pose.position[1] += p.entry_offset_m;
+                if arrived(seen, &pose, 0.01) {
+                    run.go(Phase::Approach);
+                    return Command::Hold;
+                }
+                self.move_to(run, pose, p.approach_speed_m_s)
             }
             Phase::Approach => {
                 self.follow(seen);
                 let Some(pose) = self.above(p.approach_height_m) else {
-                    return self.retry(FailureSignal::TargetNotFound);
+                    return self.retry(run, FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
                     self.check = PoseAverage::default();
-                    self.go(if p.pregrasp_check { Phase::Check } else { Phase::Descend });
+                    run.go(if p.pregrasp_check { Phase::Check } else { Phase::Descend });
                     return Command::Hold;
                 }
-                self.move_to(pose, p.approach_speed_m_s)
+                self.move_to(run, pose, p.approach_speed_m_s)
             }
             Phase::Check => {
                 if let Some(picture) = &seen.object {
@@ -243,157 +337,50 @@ impl Grasp {
                     if moved > p.pregrasp_tolerance_m {
                         self.object = Some((mean, yaw));
                         self.check = PoseAverage::default();
-                        self.go(Phase::Approach);
+                        run.go(Phase::Approach);
                     } else {
                         self.check = PoseAverage::default();
-                        self.go(Phase::Descend);
+                        run.go(Phase::Descend);
                     }
-                } else if self.phase_tick > ticks(1.0) {
-                    return self.retry(FailureSignal::TargetNotFound);
+                } else if run.tick > ticks(1.0) {
+                    return self.retry(run, FailureSignal::TargetNotFound);
                 }
                 Command::Hold
             }
             Phase::Descend => {
                 self.follow(seen);
-                if self.phase_tick > 12 && seen.wrist_force_n.max(seen.gripper_force_n) > p.contact_stop_n {
+                if run.tick > 12 && seen.wrist_force_n.max(seen.gripper_force_n) > p.contact_stop_n {
                     // The pads stand on something: the object is not where it was believed to be.
-                    self.retry(FailureSignal::UnexpectedContact);
-                    self.target = at_height(seen.tool, seen.tool.position[2] + p.approach_height_m);
-                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.lift_speed_m_s };
+                    self.retry(run, FailureSignal::UnexpectedContact);
+                    run.target = at_height(seen.tool, seen.tool.position[2] + p.approach_height_m);
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.lift_speed_m_s };
                 }
                 let Some(pose) = self.above(p.grasp_offset_m) else {
-                    return self.retry(FailureSignal::TargetNotFound);
+                    return self.retry(run, FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
-                    self.go(Phase::Close);
+                    run.go(Phase::Close);
                     return Command::Hold;
                 }
-                self.move_to(pose, self.descent_speed_m_s(seen))
+                self.move_to(run, pose, self.descent_speed_m_s(seen))
             }
-            Phase::Close => self.close(seen),
+            Phase::Close => self.close(run, seen),
             Phase::Lift => {
-                if self.phase_tick == 1 {
-                    self.target = at_height(seen.tool, seen.tool.position[2] + p.lift_height_m);
-                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.lift_speed_m_s };
+                if run.tick == 1 {
+                    run.target = at_height(seen.tool, seen.tool.position[2] + p.lift_height_m);
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.lift_speed_m_s };
                 }
-                if self.phase_tick > 12 && !holds_something(seen) {
-                    return self.retry(FailureSignal::ObjectSlipped);
+                if run.tick > 12 && !holds_something(seen) {
+                    return self.retry(run, FailureSignal::ObjectSlipped);
                 }
-                if arrived(seen, &self.target, 0.006) {
+                if arrived(seen, &run.target, 0.006) {
                     self.check = PoseAverage::default();
-                    self.go(Phase::Verify);
+                    run.go(Phase::Verify);
                 }
                 Command::Hold
             }
-            Phase::Verify => self.verify(seen),
-            Phase::End => match self.outcome {
-                None => Command::Done,
-                Some(signal) => Command::Fail { signal },
-            },
+            Phase::Verify => self.verify(run, seen),
         }
-    }
-
-    fn open(&mut self, seen: &Observation) -> Command {
-        if !seen.tool_available {
-            return self.wait_for_tool();
-        }
-        if self.phase_tick == 1 || !self.commanded {
-            self.commanded = true;
-            return Command::Gripper { width_m: 0.08, speed_m_s: 0.2, force_n: self.params.grip_force_n };
-        }
-        // After a miss the hand goes up before it looks again.
-        let low = seen.tool.position[2] < 0.025 + 0.6 * self.params.approach_height_m;
-        if seen.gripper_width_m > 0.07 && low {
-            let up = at_height(seen.tool, 0.025 + self.params.approach_height_m);
-            if self.target.distance_m(&up) > 0.02 {
-                self.target = up;
-                return Command::ToolPose { pose: up, max_speed_m_s: self.params.lift_speed_m_s };
-            }
-        }
-        if seen.gripper_width_m > 0.07 && !low {
-            self.go(Phase::Look);
-        } else if self.phase_tick > ticks(3.0) {
-            return self.retry(FailureSignal::ToolUnavailable);
-        }
-        Command::Hold
-    }
-
-    fn wait_for_tool(&mut self) -> Command {
-        if self.phase_tick > ticks(self.params.tool_wait_secs) {
-            self.outcome = Some(FailureSignal::ToolUnavailable);
-            self.go(Phase::End);
-        }
-        Command::Hold
-    }
-
-    fn close(&mut self, seen: &Observation) -> Command {
-        if !self.commanded {
-            if !seen.tool_available {
-                return self.wait_for_tool();
-            }
-            self.commanded = true;
-            self.phase_tick = 0;
-            let p = &self.params;
-            return Command::Gripper { width_m: 0.0, speed_m_s: p.close_speed_m_s, force_n: p.grip_force_n };
-        }
-        let closing_secs = 0.1 / self.params.close_speed_m_s;
-        let gripped = holds_something(seen) && seen.gripper_force_n > 0.5 * self.params.grip_force_n;
-        if gripped && self.phase_tick > ticks(self.params.settle_secs) {
-            self.go(Phase::Lift);
-        } else if self.phase_tick > ticks(closing_secs + self.params.settle_secs + 0.3) {
-            if holds_something(seen) {
-                self.go(Phase::Lift);
-            } else {
-                return self.retry(FailureSignal::GraspMissed);
-            }
-        }
-        Command::Hold
-    }
-
-    fn verify(&mut self, seen: &Observation) -> Command {
-        if !holds_something(seen) {
-            return self.retry(FailureSignal::ObjectSlipped);
-        }
-        if !self.params.slip_check {
-            self.go(Phase::End);
-            return Command::Hold;
-        }
-        if let Some(picture) = &seen.object
-            && picture.age_ticks < self.phase_tick.try_into().unwrap_or(u32::MAX)
-        {
-            self.check.add(picture);
-        }
-        if self.check.count() >= 2 {
-            let near = self.check.mean().is_some_and(|(mean, _)| {
-                let tool = seen.tool.position;
-                libm::hypot(mean[0] - tool[0], mean[1] - tool[1]) < 0.03 && (mean[2] - tool[2]).abs() < 0.04
-            });
-            if !near {
-                return self.retry(FailureSignal::ObjectSlipped);
-            }
-            self.go(Phase::End);
-        } else if self.phase_tick > ticks(0.6) {
-            self.go(Phase::End);
-        }
-        Command::Hold
-    }
-}
-
-impl Skill for Grasp {
-    fn tick(&mut self, seen: &Observation) -> Command {
-        if let Some(hook) = &mut self.hook {
-            return hook.tick(seen, self.params.safe_height_m, self.params.lift_speed_m_s);
-        }
-        let began = *self.began.get_or_insert(seen.tick);
-        if seen.tick.saturating_sub(began) > ticks(self.params.timeout_secs) && self.phase != Phase::End {
-            self.outcome = Some(FailureSignal::TimedOut);
-            self.go(Phase::End);
-        }
-        self.work(seen)
-    }
-
-    fn enter(&mut self, hook: Hook) {
-        self.hook = Some(HookRun::begin(hook, self.params.abort, self.params.rollback));
     }
 }
 

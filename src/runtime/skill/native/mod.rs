@@ -8,6 +8,7 @@ pub mod align;
 pub mod grasp;
 pub mod motion;
 pub mod park;
+pub mod phases;
 pub mod place;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,6 +18,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use self::motion::{AbortStyle, RollbackStyle};
+use self::phases::Runner;
 use super::{Hook, Skill, SkillBundle};
 use crate::governance::exports::Interface;
 use crate::governance::ids::{Digest, canonical_json};
@@ -92,6 +94,7 @@ impl Controller {
                 ("look_pictures", f64::from(p.look_pictures), 1.0, 60.0),
                 ("approach_height_m", p.approach_height_m, 0.02, 0.3),
                 ("approach_speed_m_s", p.approach_speed_m_s, 0.01, 3.0),
+                ("entry_offset_m", p.entry_offset_m, 0.0, 0.15),
                 ("pregrasp_tolerance_m", p.pregrasp_tolerance_m, 0.001, 0.1),
                 ("descend_speed_m_s", p.descend_speed_m_s, 0.01, 3.0),
                 ("contact_speed_m_s", p.contact_speed_m_s, 0.01, 3.0),
@@ -269,17 +272,17 @@ impl SkillBundle for NativeBundle {
     fn start(&self, _seed: u64) -> Box<dyn Skill> {
         // These controllers draw nothing at random; the seed is for bundles that do.
         match self.controller.clone() {
-            Controller::Grasp(p) => Box::new(grasp::Grasp::new(p)),
-            Controller::GraspToolFrame(p) => Box::new(ToolFrame(grasp::Grasp::new(p))),
-            Controller::Align(p) => Box::new(align::Align::new(p)),
-            Controller::Place(p) => Box::new(place::Place::new(p)),
+            Controller::Grasp(p) => Box::new(Runner::new(grasp::Grasp::new(p))),
+            Controller::GraspToolFrame(p) => Box::new(ToolFrame(Runner::new(grasp::Grasp::new(p)))),
+            Controller::Align(p) => Box::new(Runner::new(align::Align::new(p))),
+            Controller::Place(p) => Box::new(Runner::new(place::Place::new(p))),
             Controller::Park(p) => Box::new(park::Park::new(p)),
         }
     }
 }
 
 /// Takes the object's pose to be given in the tool's frame, as a camera on the hand would.
-struct ToolFrame(grasp::Grasp);
+struct ToolFrame(Runner<grasp::Grasp>);
 
 impl Skill for ToolFrame {
     fn tick(&mut self, seen: &Observation) -> Command {

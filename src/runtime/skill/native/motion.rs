@@ -130,6 +130,8 @@ pub enum AbortStyle {
 pub enum RollbackStyle {
     /// Rise to the handover height, keeping the grip.
     Handover,
+    /// Bring the hand to the handover height from above too, keeping the grip: with a low one the arm rests.
+    Lower,
     /// Leave the arm wherever it is.
     Stay,
     /// No hook.
@@ -180,12 +182,14 @@ impl HookRun {
                     _ => Command::Hold,
                 }
             }
-            Self::Rollback(RollbackStyle::Handover, began) => {
+            Self::Rollback(style @ (RollbackStyle::Handover | RollbackStyle::Lower), began) => {
+                let low = seen.tool.position[2] < safe_height_m;
+                let moves = low || *style == RollbackStyle::Lower;
                 let since = seen.tick - *began.get_or_insert(seen.tick);
                 let still = seen.tool_twist.speed_m_s() < 0.02;
                 if since < rise_after {
                     Command::Stop
-                } else if since == rise_after && seen.tool.position[2] < safe_height_m {
+                } else if since == rise_after && moves {
                     Command::ToolPose { pose: rise, max_speed_m_s: speed_m_s }
                 } else if since > rise_after + ticks(0.1) && still {
                     Command::Done

@@ -1,14 +1,14 @@
 //! `native:place`: lower the aligned object into the tray, let go and retreat.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use holdpoint_sim::io::{Command, FailureSignal, Observation, TaskKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{
-    AbortStyle, HookRun, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something,
-    ticks, wrap_quarter, yaw_of,
+    AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
+    wrap_quarter, yaw_of,
 };
-use crate::runtime::skill::{Hook, Skill};
+use super::phases::{Frame, Phased, Run};
 
 /// Everything a version of the place controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -52,8 +52,10 @@ pub struct PlaceParams {
     pub safe_height_m: f64,
 }
 
+/// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Phase {
     Look,
     Correct,
     Lower,
@@ -61,140 +63,42 @@ enum Phase {
     Release,
     Retreat,
     Verify,
-    End,
 }
 
-/// One run of the place controller.
+/// The place controller at work.
 #[derive(Clone, Debug)]
 pub struct Place {
     params: PlaceParams,
-    phase: Phase,
-    phase_tick: u64,
-    began: Option<u64>,
     tray: PoseAverage,
     object: PoseAverage,
     /// Height of the object's centre below the tool, m.
     hang_m: f64,
     seat_height_m: f64,
-    target: Pose,
-    commanded: bool,
     retries: u32,
-    outcome: Option<FailureSignal>,
-    hook: Option<HookRun>,
 }
 
 impl Place {
-    /// Begins a run.
+    /// A controller before its first tick.
     #[must_use]
     pub fn new(params: PlaceParams) -> Self {
         Self {
             params,
-            phase: Phase::Look,
-            phase_tick: 0,
-            began: None,
             tray: PoseAverage::default(),
             object: PoseAverage::default(),
             hang_m: 0.0,
             seat_height_m: 0.03,
-            target: Pose::IDENTITY,
-            commanded: false,
             retries: 0,
-            outcome: None,
-            hook: None,
         }
     }
 
-    fn go(&mut self, phase: Phase) {
-        self.phase = phase;
-        self.phase_tick = 0;
-        self.commanded = false;
-    }
-
-    fn finish(&mut self, outcome: Option<FailureSignal>) -> Command {
-        self.outcome = outcome;
-        self.go(Phase::End);
-        Command::Hold
-    }
-
-    fn work(&mut self, seen: &Observation) -> Command {
+    fn look(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
         let p = self.params.clone();
-        self.phase_tick += 1;
-        let carrying = matches!(self.phase, Phase::Look | Phase::Correct | Phase::Lower | Phase::BackUp);
-        if carrying && self.phase_tick > 24 && !holds_something(seen) {
-            return self.finish(Some(FailureSignal::ObjectSlipped));
-        }
-        match self.phase {
-            Phase::Look => self.look(seen),
-            Phase::Correct => {
-                if arrived(seen, &self.target, 0.001) || self.phase_tick > ticks(0.8) {
-                    self.go(Phase::Lower);
-                }
-                Command::Hold
-            }
-            Phase::Lower => self.lower(seen),
-            Phase::BackUp => {
-                if arrived(seen, &self.target, 0.003) || self.phase_tick > ticks(1.5) {
-                    if p.look_pictures > 0 {
-                        self.tray = PoseAverage::default();
-                        self.object = PoseAverage::default();
-                        self.go(Phase::Look);
-                    } else {
-                        self.go(Phase::Lower);
-                    }
-                }
-                Command::Hold
-            }
-            Phase::Release => {
-                if !self.commanded {
-                    if !seen.tool_available {
-                        if self.phase_tick > ticks(p.tool_wait_secs) {
-                            return self.finish(Some(FailureSignal::ToolUnavailable));
-                        }
-                        return Command::Hold;
-                    }
-                    self.commanded = true;
-                    self.phase_tick = 0;
-                    return Command::Gripper {
-                        width_m: p.release_width_m,
-                        speed_m_s: p.release_speed_m_s,
-                        force_n: 20.0,
-                    };
-                }
-                let open_secs = 0.03 / p.release_speed_m_s;
-                if self.phase_tick > ticks(open_secs + p.settle_secs) {
-                    self.go(Phase::Retreat);
-                }
-                Command::Hold
-            }
-            Phase::Retreat => {
-                if !self.commanded {
-                    self.commanded = true;
-                    self.target = at_height(seen.tool, seen.tool.position[2] + p.retreat_height_m);
-                    return Command::ToolPose { pose: self.target, max_speed_m_s: p.retreat_speed_m_s };
-                }
-                if arrived(seen, &self.target, 0.006) {
-                    self.object = PoseAverage::default();
-                    self.tray = PoseAverage::default();
-                    self.go(Phase::Verify);
-                }
-                Command::Hold
-            }
-            Phase::Verify => self.verify(seen),
-            Phase::End => match self.outcome {
-                None => Command::Done,
-                Some(signal) => Command::Fail { signal },
-            },
-        }
-    }
-
-    fn look(&mut self, seen: &Observation) -> Command {
-        let p = self.params.clone();
-        if self.phase_tick == 1 && !holds_something(seen) {
+        if run.tick == 1 && !holds_something(seen) {
             // Taken over after the object was let go: only the retreat is left.
-            self.go(Phase::Retreat);
+            run.go(Phase::Retreat);
             return Command::Hold;
         }
-        let fresh = |age: u32| self.retries == 0 || u64::from(age) < self.phase_tick;
+        let fresh = |age: u32| self.retries == 0 || u64::from(age) < run.tick;
         if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
         }
@@ -204,19 +108,19 @@ impl Place {
         // Even a version that does not correct needs one picture to know how deep the seat is.
         let wanted = p.look_pictures.max(1);
         if self.tray.count() < wanted || self.object.count() < wanted {
-            if self.phase_tick > ticks(2.5) {
-                return self.finish(Some(FailureSignal::TargetNotFound));
+            if run.tick > ticks(2.5) {
+                return run.finish(Some(FailureSignal::TargetNotFound));
             }
             return Command::Hold;
         }
         let (Some((seat, seat_yaw)), Some((object, object_yaw))) = (self.tray.mean(), self.object.mean())
         else {
-            return self.finish(Some(FailureSignal::TargetNotFound));
+            return run.finish(Some(FailureSignal::TargetNotFound));
         };
         self.hang_m = seen.tool.position[2] - object[2];
         self.seat_height_m = seat[2] + OBJECT_HALF_M;
         if p.look_pictures == 0 {
-            self.go(Phase::Lower);
+            run.go(Phase::Lower);
             return Command::Hold;
         }
         // A search step turns by a quarter at each attempt, so that the four sides are tried.
@@ -228,44 +132,43 @@ impl Place {
             seen.tool.position[1] + seat[1] - object[1] + step * libm::sin(side),
             seen.tool.position[2],
         ];
-        self.target = super::motion::hand_down(position, yaw);
-        self.go(Phase::Correct);
-        Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s }
+        run.target = super::motion::hand_down(position, yaw);
+        run.go(Phase::Correct);
+        Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s }
     }
 
-    fn lower(&mut self, seen: &Observation) -> Command {
+    fn lower(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         let released_at = self.seat_height_m + self.hang_m + p.release_gap_m;
-        if !self.commanded {
-            self.commanded = true;
-            self.target = at_height(if p.look_pictures > 0 { self.target } else { seen.tool }, released_at);
-            return Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s };
+        if !run.commanded {
+            run.commanded = true;
+            run.target = at_height(if p.look_pictures > 0 { run.target } else { seen.tool }, released_at);
+            return Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s };
         }
         let height_m = seen.tool.position[2] - self.hang_m - self.seat_height_m;
-        let touched = self.phase_tick > 12 && seen.wrist_force_n > p.contact_force_n;
+        let touched = run.tick > 12 && seen.wrist_force_n > p.contact_force_n;
         if touched && height_m > p.seat_tolerance_m {
             if self.retries >= p.retries_max || p.search_step_m == 0.0 {
-                self.go(Phase::End);
-                self.outcome = Some(FailureSignal::UnexpectedContact);
+                run.finish(Some(FailureSignal::UnexpectedContact));
                 return Command::Stop;
             }
             self.retries += 1;
-            self.go(Phase::BackUp);
-            self.target = at_height(seen.tool, seen.tool.position[2] + 0.02);
-            return Command::ToolPose { pose: self.target, max_speed_m_s: p.lower_speed_m_s };
+            run.go(Phase::BackUp);
+            run.target = at_height(seen.tool, seen.tool.position[2] + 0.02);
+            return Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s };
         }
-        if touched || arrived(seen, &self.target, 0.003) {
-            self.go(Phase::Release);
+        if touched || arrived(seen, &run.target, 0.003) {
+            run.go(Phase::Release);
             return Command::Stop;
         }
         Command::Hold
     }
 
-    fn verify(&mut self, seen: &Observation) -> Command {
+    fn verify(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
         if !self.params.verify {
-            return self.finish(None);
+            return run.finish(None);
         }
-        let fresh = |age: u32| u64::from(age) < self.phase_tick;
+        let fresh = |age: u32| u64::from(age) < run.tick;
         if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
         }
@@ -280,29 +183,94 @@ impl Place {
                 }
                 _ => false,
             };
-            return self.finish((!inside).then_some(FailureSignal::PlacementMissed));
+            return run.finish((!inside).then_some(FailureSignal::PlacementMissed));
         }
-        if self.phase_tick > ticks(1.5) {
-            return self.finish(Some(FailureSignal::TargetNotFound));
+        if run.tick > ticks(1.5) {
+            return run.finish(Some(FailureSignal::TargetNotFound));
         }
         Command::Hold
     }
 }
 
-impl Skill for Place {
-    fn tick(&mut self, seen: &Observation) -> Command {
-        if let Some(hook) = &mut self.hook {
-            return hook.tick(seen, self.params.safe_height_m, self.params.retreat_speed_m_s);
+impl Phased for Place {
+    type Phase = Phase;
+    const FIRST: Phase = Phase::Look;
+
+    fn frame(&self) -> Frame {
+        let p = &self.params;
+        Frame {
+            timeout_secs: p.timeout_secs,
+            abort: p.abort,
+            rollback: p.rollback,
+            safe_height_m: p.safe_height_m,
+            hook_speed_m_s: p.retreat_speed_m_s,
         }
-        let began = *self.began.get_or_insert(seen.tick);
-        if seen.tick.saturating_sub(began) > ticks(self.params.timeout_secs) && self.phase != Phase::End {
-            return self.finish(Some(FailureSignal::TimedOut));
-        }
-        self.work(seen)
     }
 
-    fn enter(&mut self, hook: Hook) {
-        self.hook = Some(HookRun::begin(hook, self.params.abort, self.params.rollback));
+    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+        let p = self.params.clone();
+        let carrying = matches!(run.phase, Phase::Look | Phase::Correct | Phase::Lower | Phase::BackUp);
+        if carrying && run.tick > 24 && !holds_something(seen) {
+            return run.finish(Some(FailureSignal::ObjectSlipped));
+        }
+        match run.phase {
+            Phase::Look => self.look(run, seen),
+            Phase::Correct => {
+                if arrived(seen, &run.target, 0.001) || run.tick > ticks(0.8) {
+                    run.go(Phase::Lower);
+                }
+                Command::Hold
+            }
+            Phase::Lower => self.lower(run, seen),
+            Phase::BackUp => {
+                if arrived(seen, &run.target, 0.003) || run.tick > ticks(1.5) {
+                    if p.look_pictures > 0 {
+                        self.tray = PoseAverage::default();
+                        self.object = PoseAverage::default();
+                        run.go(Phase::Look);
+                    } else {
+                        run.go(Phase::Lower);
+                    }
+                }
+                Command::Hold
+            }
+            Phase::Release => {
+                if !run.commanded {
+                    if !seen.tool_available {
+                        if run.tick > ticks(p.tool_wait_secs) {
+                            return run.finish(Some(FailureSignal::ToolUnavailable));
+                        }
+                        return Command::Hold;
+                    }
+                    run.commanded = true;
+                    run.tick = 0;
+                    return Command::Gripper {
+                        width_m: p.release_width_m,
+                        speed_m_s: p.release_speed_m_s,
+                        force_n: 20.0,
+                    };
+                }
+                let open_secs = 0.03 / p.release_speed_m_s;
+                if run.tick > ticks(open_secs + p.settle_secs) {
+                    run.go(Phase::Retreat);
+                }
+                Command::Hold
+            }
+            Phase::Retreat => {
+                if !run.commanded {
+                    run.commanded = true;
+                    run.target = at_height(seen.tool, seen.tool.position[2] + p.retreat_height_m);
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.retreat_speed_m_s };
+                }
+                if arrived(seen, &run.target, 0.006) {
+                    self.object = PoseAverage::default();
+                    self.tray = PoseAverage::default();
+                    run.go(Phase::Verify);
+                }
+                Command::Hold
+            }
+            Phase::Verify => self.verify(run, seen),
+        }
     }
 }
 

@@ -1,0 +1,109 @@
+//! What is the same in every run of a phased controller: the phase and its clock, the hooks, the time limit and the end.
+//!
+//! A controller is then its phases and nothing else. Decides nothing about the work.
+
+use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose};
+
+use super::motion::{AbortStyle, HookRun, RollbackStyle, ticks};
+use crate::runtime::skill::{Hook, Skill};
+
+/// What a controller's parameters say of the frame around its phases.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Seconds the whole work may take.
+    pub timeout_secs: f64,
+    /// What the safe-abort hook does.
+    pub abort: AbortStyle,
+    /// What the rollback hook does.
+    pub rollback: RollbackStyle,
+    /// Height the hooks bring the tool to, m.
+    pub safe_height_m: f64,
+    /// Tool speed of the hooks, m/s.
+    pub hook_speed_m_s: f64,
+}
+
+/// A controller that works in phases.
+pub trait Phased: Send {
+    /// Its phases.
+    type Phase: Copy + Send;
+    /// The one it begins in.
+    const FIRST: Self::Phase;
+
+    /// What its parameters say of the frame.
+    fn frame(&self) -> Frame;
+
+    /// One decision in the present phase.
+    fn work(&mut self, run: &mut Run<Self::Phase>, seen: &Observation) -> Command;
+}
+
+/// Where a run stands.
+#[derive(Clone, Debug)]
+pub struct Run<P> {
+    /// The phase.
+    pub phase: P,
+    /// Ticks in it, 1 in its first.
+    pub tick: u64,
+    /// Whether the phase has sent its command.
+    pub commanded: bool,
+    /// Where the tool was sent last.
+    pub target: Pose,
+    ended: Option<Option<FailureSignal>>,
+}
+
+impl<P> Run<P> {
+    /// Goes to a phase.
+    pub fn go(&mut self, phase: P) {
+        self.phase = phase;
+        self.tick = 0;
+        self.commanded = false;
+    }
+
+    /// Ends the work, with what failed or without; it is said at the next tick.
+    pub const fn finish(&mut self, failure: Option<FailureSignal>) -> Command {
+        self.ended = Some(failure);
+        Command::Hold
+    }
+}
+
+/// One run of a phased controller.
+#[derive(Clone, Debug)]
+pub struct Runner<C: Phased> {
+    controller: C,
+    run: Run<C::Phase>,
+    began: Option<u64>,
+    hook: Option<HookRun>,
+}
+
+impl<C: Phased> Runner<C> {
+    /// Begins a run.
+    pub const fn new(controller: C) -> Self {
+        let run = Run { phase: C::FIRST, tick: 0, commanded: false, target: Pose::IDENTITY, ended: None };
+        Self { controller, run, began: None, hook: None }
+    }
+}
+
+impl<C: Phased> Skill for Runner<C> {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        let frame = self.controller.frame();
+        if let Some(hook) = &mut self.hook {
+            return hook.tick(seen, frame.safe_height_m, frame.hook_speed_m_s);
+        }
+        let began = *self.began.get_or_insert(seen.tick);
+        if seen.tick.saturating_sub(began) > ticks(frame.timeout_secs) {
+            self.run.ended.get_or_insert(Some(FailureSignal::TimedOut));
+        }
+        match self.run.ended {
+            Some(None) => Command::Done,
+            Some(Some(signal)) => Command::Fail { signal },
+            None => {
+                self.run.tick += 1;
+                self.controller.work(&mut self.run, seen)
+            }
+        }
+    }
+
+    fn enter(&mut self, hook: Hook) {
+        let frame = self.controller.frame();
+        self.hook = Some(HookRun::begin(hook, frame.abort, frame.rollback));
+    }
+}
