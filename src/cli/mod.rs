@@ -14,6 +14,7 @@ mod decide_verb;
 pub mod doctor;
 mod engine_verbs;
 pub mod error;
+pub mod experiment;
 pub mod identity;
 pub mod output;
 pub mod profile;
@@ -90,6 +91,8 @@ pub enum Verb {
     Profile(profile::ProfileArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    /// Runs the experiments that score the engine's decisions.
+    Experiment(experiment::ExperimentArgs),
     /// Measures the engine on this machine.
     Bench(bench::BenchArgs),
     /// Tells whether this machine and terminal have what is needed.
@@ -205,6 +208,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),

@@ -23,6 +23,9 @@ const PAIRS_A_SLICE: u64 = 20;
 /// Drills in one slice of work.
 const DRILLS_A_SLICE: u64 = 10;
 
+/// Failed drills of a kind from which it may be suspected.
+const SUSPECT_FROM: u32 = 5;
+
 /// Most episodes and drills tried for the budget: some have no valid start.
 const ATTEMPTS_FACTOR: u64 = 2;
 
@@ -217,7 +220,9 @@ impl Evaluation {
         Ok(())
     }
 
-    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves.
+    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
+    /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
+    /// rules hold, and a candidate that cannot recover is known sooner.
     fn next_turn(&self) -> Option<Turn> {
         let left = |kind: &DrillKind| {
             let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
@@ -227,6 +232,13 @@ impl Evaluation {
         let kinds = DrillKind::ALL;
         let drill =
             (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
+        let suspect = kinds.into_iter().filter(left).find(|kind| {
+            let tally = self.drills.0.of(*kind);
+            2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
+        });
+        if let Some(kind) = suspect {
+            return Some(Turn::Drills(kind));
+        }
         let budget = u64::from(self.plan.pairs);
         let pairs = (self.pairs.len() as u64) < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
         match (pairs, drill) {
@@ -265,5 +277,101 @@ fn tally(tally: &mut DrillTally, results: &[DrillResult]) {
             DrillResult::Infeasible => &mut tally.infeasible,
         };
         *count = count.saturating_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::governance::ids::Digest;
+    use crate::governance::policy::PolicyTable;
+    use crate::governance::profile::ProfileName;
+    use crate::pipeline::cache::EpisodeCache;
+    use crate::pipeline::cell::Cell;
+    use crate::pipeline::seeds::CALIBRATION_FROM_RUN;
+    use crate::registry::Store;
+    use crate::runtime::capability::{Capability, Package};
+    use crate::runtime::terms::Terms;
+    use std::path::Path;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+
+    fn small() -> Profile {
+        let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+        profile.evaluation.sandbox_pairs = 50;
+        profile.evaluation.drills_per_kind = 20;
+        profile
+    }
+
+    fn binding() -> Binding {
+        let digest = Digest::of_parts("test", &[]);
+        Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest }
+    }
+
+    /// Both versions on calibration seeds, from their folders under `manifests/`.
+    fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<String>) {
+        let cell = Cell::builtin().unwrap();
+        let table = Arc::new(PolicyTable::builtin(profile).unwrap());
+        let terms = Terms::new(profile, table, cell.model.clone(), cell.scene.clone());
+        let party = |folder: &str| {
+            let path = Path::new("manifests").join(folder);
+            let version = Capability::load(folder, Package::read(&path).unwrap()).unwrap();
+            let park = Capability::load("park", Package::read(Path::new("manifests/park/1.0.0")).unwrap());
+            Party { version, terms: terms.clone(), fallback: park.ok() }
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let cancel = AtomicBool::new(false);
+        let lab = Lab {
+            seed: CALIBRATION_FROM_RUN + 1,
+            jobs: 2,
+            cancel: &cancel,
+            cell: &cell,
+            cache: &EpisodeCache::InStore,
+            store: &store,
+        };
+        let (candidate, active) = (party(candidate), party(active));
+        let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());
+        let mut order = Vec::new();
+        while evaluation.ended().is_none() {
+            order.push(evaluation.step(&lab, &candidate, &active, profile).unwrap().what);
+        }
+        (evaluation, order)
+    }
+
+    #[test]
+    fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
+        let profile = small();
+        let (evaluation, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
+        assert_eq!(evaluation.ended(), Some(Ended::Full));
+        let pairs = evaluation.paired().pairs;
+        assert_eq!(pairs.len(), 50);
+        assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
+        let rehearsed = evaluation.rehearsed();
+        for kind in DrillKind::ALL {
+            assert!(rehearsed.candidate.of(kind).feasible() >= 20, "{kind:?}");
+        }
+        let first = ["paired episodes", "rollback drills", "paired episodes", "fallback drills"];
+        assert_eq!(order[..4], first);
+        assert_eq!(order.iter().filter(|what| *what == "paired episodes").count(), 3);
+    }
+
+    #[test]
+    fn a_candidate_that_cannot_stop_is_lost_early() {
+        let profile = small();
+        let (evaluation, _) = evaluate("candidates/align-no-stop", "align/1.0.0", &profile);
+        assert!(matches!(
+            evaluation.ended(),
+            Some(Ended::HardStop | Ended::Curtailed | Ended::FinitePopulation { .. })
+        ));
+        assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
+        let (_, recovery) = evaluation.assess(&profile);
+        assert_eq!(recovery.assessment.outcome, crate::governance::outcome::RecoveryOutcome::Incompatible);
+    }
+
+    #[test]
+    fn a_hard_stop_before_the_first_pair_ends_it() {
+        let evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
+        assert_eq!(evaluation.ended(), Some(Ended::HardStop));
     }
 }
