@@ -16,6 +16,7 @@ mod engine_verbs;
 pub mod error;
 pub mod identity;
 pub mod output;
+pub mod pool;
 pub mod profile;
 pub mod registry;
 pub mod run;
@@ -88,6 +89,8 @@ pub enum Verb {
     Identity(identity::IdentityArgs),
     /// Shows and checks deployment profiles.
     Profile(profile::ProfileArgs),
+    /// Draws pools of candidates for experiments.
+    Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
     /// Measures the engine on this machine.
@@ -204,6 +207,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Resume(args)) => engine.decide(&context()?, &Asked::Resume(args.clone()), out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
+        Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
