@@ -17,6 +17,7 @@ pub mod error;
 pub mod experiment;
 pub mod identity;
 pub mod output;
+pub mod pool;
 pub mod profile;
 pub mod registry;
 pub mod run;
@@ -89,6 +90,8 @@ pub enum Verb {
     Identity(identity::IdentityArgs),
     /// Shows and checks deployment profiles.
     Profile(profile::ProfileArgs),
+    /// Draws pools of candidates for experiments.
+    Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
     /// Runs the experiments that score the engine's decisions.
@@ -207,6 +210,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Resume(args)) => engine.decide(&context()?, &Asked::Resume(args.clone()), out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
+        Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),

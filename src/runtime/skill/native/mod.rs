@@ -135,6 +135,7 @@ impl Controller {
                 ("settle_secs", p.settle_secs, 0.0, 2.0),
                 ("retreat_height_m", p.retreat_height_m, 0.02, 0.4),
                 ("retreat_speed_m_s", p.retreat_speed_m_s, 0.01, 3.0),
+                ("exit_offset_m", p.exit_offset_m, 0.0, 0.25),
                 ("search_step_m", p.search_step_m, 0.0, 0.02),
                 ("retries_max", f64::from(p.retries_max), 0.0, 8.0),
                 ("tool_wait_secs", p.tool_wait_secs, 0.0, 5.0),

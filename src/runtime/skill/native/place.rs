@@ -1,6 +1,6 @@
 //! `native:place`: lower the aligned object into the tray, let go and retreat.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, TaskKind};
+use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +34,9 @@ pub struct PlaceParams {
     pub retreat_height_m: f64,
     /// Tool speed of the retreat.
     pub retreat_speed_m_s: f64,
+    /// How far the hand then goes towards the pick side (-y) at that height; 0 stays over the tray. Saves the next
+    /// grasp a part of its way, low over what stands there.
+    pub exit_offset_m: f64,
     /// Sideways step of the search after an early contact; 0 gives up at once.
     pub search_step_m: f64,
     /// New attempts after an early contact, 0 to 8.
@@ -62,6 +65,7 @@ pub enum Phase {
     BackUp,
     Release,
     Retreat,
+    Exit,
     Verify,
 }
 
@@ -168,6 +172,11 @@ impl Place {
         if !self.params.verify {
             return run.finish(None);
         }
+        if run.tick == 1 {
+            // What was seen before the hand went away does not count.
+            self.object = PoseAverage::default();
+            self.tray = PoseAverage::default();
+        }
         let fresh = |age: u32| u64::from(age) < run.tick;
         if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
@@ -263,8 +272,18 @@ impl Phased for Place {
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.retreat_speed_m_s };
                 }
                 if arrived(seen, &run.target, 0.006) {
-                    self.object = PoseAverage::default();
-                    self.tray = PoseAverage::default();
+                    run.go(if p.exit_offset_m > 0.0 { Phase::Exit } else { Phase::Verify });
+                }
+                Command::Hold
+            }
+            Phase::Exit => {
+                if !run.commanded {
+                    run.commanded = true;
+                    let [x, y, z] = seen.tool.position;
+                    run.target = Pose { position: [x, y - p.exit_offset_m, z], ..seen.tool };
+                    return Command::ToolPose { pose: run.target, max_speed_m_s: p.retreat_speed_m_s };
+                }
+                if arrived(seen, &run.target, 0.01) {
                     run.go(Phase::Verify);
                 }
                 Command::Hold
