@@ -102,6 +102,10 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
         return no_data("no usable sequences");
     }
+    let seeds: BTreeSet<u64> = evidence.sequences.iter().map(|sequence| sequence.seed).collect();
+    if seeds.len() != evidence.sequences.len() {
+        return no_data("a seed occurs twice");
+    }
     let mean = |value: fn(&ShadowSequence) -> f64| {
         evidence.sequences.iter().map(value).sum::<f64>() / f64::from(count.max(1))
     };

@@ -1,4 +1,4 @@
-//! Comparison with SciPy; the values and how they were made are in `reference.json`.
+//! Comparison with SciPy; the values are in `reference.json`, how they were made in it and in `reference.py`.
 
 use serde::Deserialize;
 
@@ -13,6 +13,29 @@ struct Reference {
     student: Vec<Student>,
     student_pairs: Vec<Pairs>,
     bootstrap: Vec<Bootstrap>,
+    runs_possible: Vec<RunsPossible>,
+    pairs_possible: Vec<PairsSeen>,
+}
+
+#[derive(Debug, Deserialize)]
+struct RunsPossible {
+    size: u64,
+    passed: u64,
+    seen: u64,
+    alpha: f64,
+    least: u64,
+    most: u64,
+}
+
+#[derive(Debug, Deserialize)]
+struct PairsSeen {
+    size: u64,
+    seen: u64,
+    worse: u64,
+    better: u64,
+    alpha: f64,
+    least_net: i64,
+    most_discordant: u64,
 }
 
 #[derive(Debug, Deserialize)]
@@ -127,6 +150,22 @@ fn paired_means() {
         let bound = student_pairs(&row.differences, row.alpha).unwrap();
         near(bound.lower, row.lower, 1e-10, &row);
         near(bound.upper, row.upper, 1e-10, &row);
+    }
+}
+
+#[test]
+fn what_a_finite_population_can_still_hold() {
+    use population::{Pairs, Runs};
+    let reference = reference();
+    assert!(reference.runs_possible.len() >= 5 && reference.pairs_possible.len() >= 4);
+    for row in reference.runs_possible {
+        let found = Runs::new(row.size).unwrap().passes(row.passed, row.seen, row.alpha).unwrap();
+        assert_eq!(found, (row.least, row.most), "{row:?}");
+    }
+    for row in reference.pairs_possible {
+        let seen = PairedCounts { pairs: row.seen, candidate_only: row.worse, active_only: row.better };
+        let found = Pairs::new(row.size).unwrap().possible(seen, row.alpha).unwrap();
+        assert_eq!((found.least_net, found.most_discordant), (row.least_net, row.most_discordant), "{row:?}");
     }
 }
 

@@ -2,8 +2,11 @@
 //! threshold was set with. With `--from` it measures frozen versions on other seeds; the versions
 //! after the first are compared with it in pairs.
 //!
-//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED]`, conditions `canonical`,
-//! `sandbox`, `live`, or `drills` for the recovery drills.
+//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED] [--pairs FILE]`,
+//! conditions `canonical`, `sandbox`, `live`, or `drills` for the recovery drills.
+//!
+//! `--pairs` writes the pairs of the first two versions (the active version first) in the form that
+//! `holdpoint bench stats` reads from `src/bench/data/`.
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
 
 use std::collections::BTreeMap;
@@ -13,7 +16,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
-use holdpoint::governance::evidence::DrillKind;
+use holdpoint::bench::stats::tables;
+use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::rho;
@@ -35,7 +39,13 @@ fn main() -> Result<()> {
         from = arguments.get(at + 1).context("--from needs a seed")?.parse()?;
         arguments.drain(at..at + 2);
     }
+    let mut pairs_file = None;
+    if let Some(at) = arguments.iter().position(|a| a == "--pairs") {
+        pairs_file = Some(arguments.get(at + 1).context("--pairs needs a file")?.clone());
+        arguments.drain(at..at + 2);
+    }
     let [conditions, n, folders @ ..] = arguments.as_slice() else { bail!("see the head of this file") };
+    let word = conditions.clone();
     let conditions = match conditions.as_str() {
         "canonical" => Conditions::Canonical,
         "sandbox" => Conditions::Sandbox,
@@ -62,6 +72,17 @@ fn main() -> Result<()> {
         match &first {
             None => first = Some(records),
             Some(first) if first.iter().zip(&records).all(|(a, b)| a.task == b.task) => {
+                if version == 1
+                    && let Some(file) = &pairs_file
+                {
+                    let head = format!(
+                        "# {} against {}, conditions {word}, profile sim, {n} seeds from {from}, holdpoint {}\n",
+                        capability.id(),
+                        capabilities[0].id(),
+                        env!("CARGO_PKG_VERSION"),
+                    );
+                    std::fs::write(file, head + &tables::write(&pairs_of(first, &records)))?;
+                }
                 let pairs = first.iter().zip(&records).map(|(a, b)| (b.success, a.success));
                 let bound = binary_pairs(PairedCounts::of(pairs), 0.05)?;
                 println!(
@@ -113,6 +134,14 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
         println!("{} drills n {n} {} rho {rho:.3}", version.id(), shown.join(" "));
     }
     Ok(())
+
+/// The pairs of which both episodes could be carried out.
+fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
+    let both = active.iter().zip(candidate);
+    both.filter_map(|(old, new)| {
+        Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+    })
+    .collect()
 }
 
 #[allow(clippy::cast_precision_loss)]

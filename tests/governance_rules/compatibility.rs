@@ -232,9 +232,10 @@ fn behavioural_changes() {
         (ProfileName::Human, (0, GOOD), (39, anomaly), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (0, GOOD), (60, failure), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (30, failure), (0, GOOD), Compatible, BehaviorImproved),
-        (ProfileName::Sim, (30, failure), (12, anomaly), Incompatible, BehaviorSafetyTraded),
-        (ProfileName::Sim, (0, GOOD), (120, slow), Compatible, BehaviorCompatible),
-        (ProfileName::Sim, (0, GOOD), (120, retry), Incompatible, BehaviorEstablishedWorse),
+        (ProfileName::Sim, (30, failure), (12, anomaly), Suspicious, BehaviorSafetyTraded),
+        (ProfileName::Sim, (30, failure), (30, anomaly), Incompatible, BehaviorSafetyTraded),
+        (ProfileName::Sim, (0, GOOD), (300, slow), Compatible, BehaviorCompatible),
+        (ProfileName::Sim, (0, GOOD), (300, retry), Incompatible, BehaviorEstablishedWorse),
     ] {
         let found = behaviour(name, active, candidate);
         let codes: Vec<ReasonCode> = found.assessment.reasons.iter().map(|reason| reason.code).collect();
@@ -256,7 +257,7 @@ fn unusable_episodes_are_no_data_and_hard_stops_end_it() {
     let mut twice = good.clone();
     twice.pairs[1].seed = 0;
     let mut few = good.clone();
-    few.pairs.truncate(119);
+    few.pairs.pop();
     let mut none = good.clone();
     none.pairs.clear();
     let mut hard = good.clone();
@@ -272,7 +273,7 @@ fn unusable_episodes_are_no_data_and_hard_stops_end_it() {
     }
     assert!(!behavior::is_lost(&good, &binding(), &profile));
     let mut lost = good;
-    lost.pairs.truncate(110);
+    lost.pairs.truncate(290);
     lost.pairs.iter_mut().for_each(|pair| pair.candidate.violation = true);
     assert!(behavior::is_lost(&lost, &binding(), &profile));
 }

@@ -30,7 +30,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn one_bad_number_in_an_episode(field in 0..3usize, at in 0..120usize, old in any::<bool>(), value in no_number()) {
+    fn one_bad_number_in_an_episode(field in 0..3usize, at in 0..300usize, old in any::<bool>(), value in no_number()) {
         let profile = profile(ProfileName::Sim);
         let mut evidence = pairs(&profile);
         let pair = &mut evidence.pairs[at];

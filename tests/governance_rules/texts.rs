@@ -131,7 +131,7 @@ fn bad_profiles_are_refused_by_name() {
     for (text, expected) in [
         (replace("rho_floor = 0.7", "rho_floor = nan #"), "\"recovery.rho_floor\" has the value \"NaN\""),
         (
-            replace("sandbox_pairs = 120", "sandbox_pairs = 3"),
+            replace("sandbox_pairs = 300", "sandbox_pairs = 3"),
             "\"evaluation.sandbox_pairs\" has the value \"3\"",
         ),
         (replace("drills_per_kind = 40", "drills_per_kind = 39"), "40 to 10000"),
