@@ -6,13 +6,17 @@
 mod alarming;
 pub mod cache;
 pub mod cell;
+mod descent;
 pub mod dossier;
 pub mod drills;
 pub mod evaluate;
 pub mod ledger;
 pub mod live;
 pub mod manager;
+pub mod rehearsal;
 pub mod seeds;
+pub mod sentry;
 pub mod shadow;
 pub mod stages;
 mod standing;
+pub mod witness;

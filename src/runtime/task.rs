@@ -209,6 +209,10 @@ pub struct Tick<'a> {
     pub seen: &'a Telemetry,
     /// What the watcher established by it.
     pub raised: &'a [WatcherSignal],
+    /// Why the guard denied or clamped the command, where it did.
+    pub checked: Option<PolicyHit>,
+    /// What the guard measured past a limit, where it did.
+    pub measured: Option<PolicyHit>,
 }
 
 /// Called after every tick: how a drill injects a failure, a shadow listens, a console draws and a
@@ -266,14 +270,22 @@ pub fn run<B: Body>(
         seen = handle.telemetry();
         tick += 1;
         let raised = watcher.observe(&seen);
-        if let Some(hit) = guard.measure(&seen) {
+        let measured = guard.measure(&seen);
+        if let Some(hit) = measured {
             note_hit(&mut record, tick, hit);
             wants_recovery = true;
         }
         record.near |= guard.is_near(&seen);
         note_path(&mut record, &seen, tick);
-        let passed =
-            Tick { tick, observation: &observation, command: &checked.command, seen: &seen, raised: &raised };
+        let passed = Tick {
+            tick,
+            observation: &observation,
+            command: &checked.command,
+            seen: &seen,
+            raised: &raised,
+            checked: checked.hit,
+            measured,
+        };
         match supervise(handle, &passed) {
             Supervision::Continue => {}
             Supervision::Release => {
