@@ -14,6 +14,7 @@ mod decide_verb;
 pub mod doctor;
 mod engine_verbs;
 pub mod error;
+pub mod experiment;
 pub mod identity;
 pub mod output;
 pub mod profile;
@@ -92,6 +93,8 @@ pub enum Verb {
     Audit(audit::AuditArgs),
     /// Measures the engine on this machine.
     Bench(bench::BenchArgs),
+    /// Runs an experiment and writes its report.
+    Experiment(experiment::ExperimentArgs),
     /// Tells whether this machine and terminal have what is needed.
     Doctor(doctor::DoctorArgs),
     /// Prints a completion script for a shell.
@@ -206,6 +209,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
+        Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }
