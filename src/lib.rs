@@ -5,6 +5,7 @@ pub mod approvals;
 pub mod bench;
 pub mod cli;
 pub mod engine;
+pub mod experiment;
 pub mod governance;
 pub mod headless;
 pub mod pipeline;

@@ -20,7 +20,15 @@ pub enum Fault {
         /// Index of the joint, base first.
         joint: usize,
     },
+    /// The drive of one joint turns slowly whatever it is told, until its stop.
+    JointRunaway {
+        /// Index of the joint, base first.
+        joint: usize,
+    },
 }
+
+/// Speed of a joint that runs away, rad/s: well above what counts as standing, far below its limit.
+pub(crate) const RUNAWAY_RAD_S: f64 = 0.3;
 
 /// The faults in force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,4 +36,5 @@ pub(crate) struct Faults {
     pub(crate) tool_dead: bool,
     pub(crate) grip_lost: bool,
     pub(crate) stuck_joint: Option<usize>,
+    pub(crate) runaway_joint: Option<usize>,
 }

@@ -18,9 +18,9 @@ use crate::build::{self, Handles, from_rapier};
 use crate::chain::Frame;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
-use crate::fault::Faults;
+use crate::fault::{Faults, RUNAWAY_RAD_S};
 use crate::ik::IkOptions;
-use crate::io::{Command, GuardVerdict, JointVec, TaskKind};
+use crate::io::{Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
 use crate::motors::{self, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
@@ -138,9 +138,11 @@ impl State {
             let Some(link) = multibody.link_mut(*id) else { continue };
             motors::engage_limit(&mut link.joint, i < self.servo.q.len());
             if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
+                let told = f64::from(link.joint.data.motors[JointAxis::AngX as usize].target_pos);
                 let reference = if self.faults.stuck_joint == Some(i) {
-                    let held = &link.joint.data.motors[JointAxis::AngX as usize];
-                    Reference { position: f64::from(held.target_pos), speed: 0.0 }
+                    Reference { position: told, speed: 0.0 }
+                } else if self.faults.runaway_joint == Some(i) {
+                    Reference { position: told + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
                 } else {
                     Reference { position: *q, speed: *dq }
                 };

@@ -190,6 +190,7 @@ impl World {
             Fault::ToolDead => s.faults.tool_dead = true,
             Fault::GripLost => s.faults.grip_lost = true,
             Fault::JointStuck { joint } => s.faults.stuck_joint = Some(joint),
+            Fault::JointRunaway { joint } => s.faults.runaway_joint = Some(joint),
         }
     }
 

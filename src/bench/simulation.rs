@@ -138,7 +138,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchE
         };
         let mut shadow = Shadow::new(candidate, terms.clone(), fork);
         let seed = seed(Purpose::Live, call);
-        let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow);
+        let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow, None);
         let worked = report.task(candidate.bundle.task()).map(|done| &done.record);
         let (trace, fork) = shadow.conclude(worked, report.seed);
         kept = fork;

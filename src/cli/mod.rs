@@ -17,6 +17,7 @@ pub mod error;
 pub mod experiment;
 pub mod identity;
 pub mod output;
+pub mod per_candidate;
 pub mod pool;
 pub mod profile;
 pub mod registry;
@@ -94,10 +95,10 @@ pub enum Verb {
     Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
-    /// Runs the experiments that score the engine's decisions.
-    Experiment(experiment::ExperimentArgs),
     /// Measures the engine on this machine.
     Bench(bench::BenchArgs),
+    /// Runs an experiment and writes its report.
+    Experiment(experiment::ExperimentArgs),
     /// Tells whether this machine and terminal have what is needed.
     Doctor(doctor::DoctorArgs),
     /// Prints a completion script for a shell.
@@ -212,8 +213,8 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
-        Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
+        Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }

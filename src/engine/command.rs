@@ -57,6 +57,11 @@ pub enum Command {
         /// `mild`, `middle` or `strong`.
         magnitude: String,
     },
+    /// Break something in the simulated live world, for a rehearsal.
+    LiveFault {
+        /// `telemetry-lost` or `camera-lost`; absent mends it.
+        fault: Option<String>,
+    },
     /// Note that somebody has seen an alarm.
     AcknowledgeAlarm {
         /// Which.
@@ -157,6 +162,7 @@ impl Command {
             Self::Register { .. }
             | Self::Decide { .. }
             | Self::Drift { .. }
+            | Self::LiveFault { .. }
             | Self::AcknowledgeAlarm { .. }
             | Self::Snapshot
             | Self::Shutdown => None,

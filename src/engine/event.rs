@@ -9,6 +9,7 @@ use crate::governance::decision::{Dimension, Reason};
 use crate::governance::ids::{CapabilityId, Digest, Family};
 use crate::governance::lifecycle::{Stage, State};
 use crate::governance::outcome::ActivationMode;
+use crate::governance::rollback::{RollbackRecord, RungFailure};
 
 /// One thing that happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -206,6 +207,10 @@ pub enum EventKind {
         rung: String,
         /// Whether it held.
         ok: bool,
+        /// Why it did not.
+        failure: Option<RungFailure>,
+        /// Simulated time it took, ms.
+        ms: u64,
         /// What was found.
         text: String,
     },
@@ -217,12 +222,14 @@ pub enum EventKind {
         restored: Option<CapabilityId>,
         /// What triggered it.
         trigger: String,
-        /// From the trigger to standstill, ms.
-        time_to_safe_ms: u64,
-        /// From the trigger to the predecessor's first tick, ms.
-        time_to_rollback_ms: u64,
+        /// From the trigger until every joint stood, ms; absent where they never did.
+        time_to_safe_ms: Option<u64>,
+        /// From the trigger until the predecessor was bound and ready, ms; absent where that failed.
+        time_to_rollback_ms: Option<u64>,
         /// Whether the family works again.
         recovered: bool,
+        /// All of it, rung by rung.
+        record: Box<RollbackRecord>,
     },
     /// A drift set in or ended.
     Drift {
@@ -230,6 +237,11 @@ pub enum EventKind {
         kind: Option<String>,
         /// How strong.
         magnitude: String,
+    },
+    /// Something in the live world broke, or was mended.
+    LiveFault {
+        /// What is broken; absent where nothing is.
+        fault: Option<String>,
     },
     /// An alarm changed.
     Alarm {

@@ -23,6 +23,7 @@ pub mod policy;
 mod policy_table;
 pub mod profile;
 pub mod recovery;
+pub mod rollback;
 pub mod submission;
 pub mod text_error;
 pub mod value_type;

@@ -348,6 +348,20 @@ impl Monitor {
         self.act(action, vec![reason], now_tick)
     }
 
+    /// When silence that goes on is next acted on, virtual ticks; absent where it has been.
+    #[must_use]
+    pub fn silence_due_tick(&self) -> Option<u64> {
+        if self.rolled_back || self.restricted {
+            return None;
+        }
+        let after_ms = if self.escalation.is_some() {
+            self.settings.telemetry_restrict_ms
+        } else {
+            self.settings.telemetry_escalate_ms
+        };
+        Some(self.last_telemetry_tick.saturating_add(ticks(after_ms / 1e3)))
+    }
+
     /// An operator asks for something.
     pub fn operator(&mut self, action: MonitorAction, why: &str, now_tick: u64) -> MonitorDecision {
         let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, why);

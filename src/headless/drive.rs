@@ -105,6 +105,8 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
             driver.say(say, ApprovalDecision::Reject)
         } else if let Some(drift) = &step.drift {
             driver.drift(drift)
+        } else if let Some(fault) = &step.fault {
+            driver.accept(Command::LiveFault { fault: Some(fault.kind.name().to_owned()) })
         } else if let Some(expect) = &step.expect {
             driver.expect(expect, index)
         } else {

@@ -101,8 +101,9 @@ fn text(kind: &EventKind) -> String {
             let why: Vec<String> = reasons.iter().map(ToString::to_string).collect();
             format!("monitor  {version}: {decision}; {}", why.join("; "))
         }
-        EventKind::Rung { version, rung, ok, text } => {
-            format!("ladder   {version}: {rung} {}: {text}", if *ok { "held" } else { "FAILED" })
+        EventKind::Rung { version, rung, failure, ms, text, .. } => {
+            let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
+            format!("ladder   {version}: {rung} {ended} in {ms} ms: {text}")
         }
         EventKind::RolledBack {
             version,
@@ -111,17 +112,25 @@ fn text(kind: &EventKind) -> String {
             time_to_safe_ms,
             time_to_rollback_ms,
             recovered,
+            ..
         } => {
+            let after =
+                |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
             format!(
-                "rollback {version} -> {restored}: {trigger}; safe after {time_to_safe_ms} ms, \
-                 restored after {time_to_rollback_ms} ms, {}",
+                "rollback {version} -> {restored}: {trigger}; safe {}, restored {}, {}",
+                after(time_to_safe_ms),
+                after(time_to_rollback_ms),
                 if *recovered { "recovered" } else { "NOT recovered" }
             )
         }
         EventKind::Drift { kind, magnitude } => match kind {
             Some(kind) => format!("drift    {kind} {magnitude} sets in"),
             None => "drift    ends".to_owned(),
+        },
+        EventKind::LiveFault { fault } => match fault {
+            Some(fault) => format!("fault    {fault} in the live world"),
+            None => "fault    mended in the live world".to_owned(),
         },
         EventKind::Alarm { alarm, state, priority, text, .. } => {
             format!("alarm    {alarm} [{priority}, {state}] {text}")

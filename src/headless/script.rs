@@ -20,6 +20,7 @@ use serde::Deserialize;
 use crate::governance::ids::CapabilityId;
 use crate::governance::profile::ProfileName;
 use crate::governance::text_error::{self, TextError};
+use crate::pipeline::live::LiveFault;
 
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
@@ -61,6 +62,8 @@ pub struct Step {
     pub reject: Option<Say>,
     /// Let a drift set in.
     pub drift: Option<DriftStep>,
+    /// Break something in the live world.
+    pub fault: Option<FaultStep>,
     /// Check what has come of it.
     pub expect: Option<Expect>,
 }
@@ -98,6 +101,14 @@ pub struct DriftStep {
     pub kind: DriftKind,
     /// How strong.
     pub magnitude: Magnitude,
+}
+
+/// A fault of the live world, which stays.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultStep {
+    /// Which.
+    pub kind: LiveFault,
 }
 
 /// What must have come of the last candidate.
@@ -140,11 +151,12 @@ impl Script {
                 step.approve.is_some(),
                 step.reject.is_some(),
                 step.drift.is_some(),
+                step.fault.is_some(),
                 step.expect.is_some(),
             ];
             let count = given.into_iter().filter(|given| *given).count();
             if count != 1 {
-                let allowed = "exactly one of register, wait, approve, reject, drift, expect";
+                let allowed = "exactly one of register, wait, approve, reject, drift, fault, expect";
                 return problem(&at, &format!("{count} of them"), allowed);
             }
             if let Some(wait) = &step.wait {
@@ -211,11 +223,13 @@ mod tests {
             [[step]]
             drift = { kind = "combined", magnitude = "strong" }
             [[step]]
+            fault = { kind = "telemetry-lost" }
+            [[step]]
             wait = { state = "confirmed", timeout_s = 600 }
             [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 6);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 7);
     }
 
     #[test]

@@ -202,6 +202,22 @@ impl Ledger {
         self.family(&id.family)?.find(id).ok_or_else(|| LedgerError::UnknownVersion(id.clone()))
     }
 
+    /// Reads a version from the store again, as it is kept there now.
+    ///
+    /// # Errors
+    /// Where it is not there, does not load, or is not what was registered.
+    pub fn reload(&self, id: &CapabilityId) -> Result<Capability, LedgerError> {
+        let registered = self.version(id)?.2.capability.digest();
+        let member =
+            load_member(&self.store.views()?, id)?.ok_or_else(|| LedgerError::UnknownVersion(id.clone()))?;
+        let found = member.capability.digest();
+        if found == registered {
+            Ok(member.capability)
+        } else {
+            Err(LedgerError::DigestDiffers { id: id.clone(), found, recorded: registered })
+        }
+    }
+
     /// The highest version of a family that meets a requirement and may take over: active or superseded.
     #[must_use]
     pub fn resolve(&self, family: &Family, requirement: &semver::VersionReq) -> Option<&Capability> {
@@ -417,21 +433,23 @@ fn new_version(capability: &Capability, baseline: bool) -> Result<NewVersion, Le
 
 /// Loads every version of a family from the store, in registration order, and checks its digest.
 fn load_members(views: &Views, family: &Family) -> Result<Vec<Member>, LedgerError> {
-    let mut members = Vec::new();
-    for id in views.family_in_order(family)? {
-        let Some(detail) = views.version(&id)? else { continue };
-        let stored: StoredPackage = serde_json::from_str(&detail.submission)
-            .map_err(|source| LedgerError::Record { what: "package", of: id.to_string(), source })?;
-        let capability = Capability::load(&id.to_string(), stored.package)
-            .map_err(|source| LedgerError::Load { id: id.clone(), source })?;
-        if capability.digest() != detail.candidate_digest {
-            return Err(LedgerError::DigestDiffers {
-                id,
-                found: capability.digest(),
-                recorded: detail.candidate_digest,
-            });
-        }
-        members.push(Member { capability, row_version: detail.summary.row_version });
+    let ids = views.family_in_order(family)?;
+    ids.iter().filter_map(|id| load_member(views, id).transpose()).collect()
+}
+
+/// Loads one version from the store and checks its digest.
+fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Member>, LedgerError> {
+    let Some(detail) = views.version(id)? else { return Ok(None) };
+    let stored: StoredPackage = serde_json::from_str(&detail.submission)
+        .map_err(|source| LedgerError::Record { what: "package", of: id.to_string(), source })?;
+    let capability = Capability::load(&id.to_string(), stored.package)
+        .map_err(|source| LedgerError::Load { id: id.clone(), source })?;
+    if capability.digest() != detail.candidate_digest {
+        return Err(LedgerError::DigestDiffers {
+            id: id.clone(),
+            found: capability.digest(),
+            recorded: detail.candidate_digest,
+        });
     }
-    Ok(members)
+    Ok(Some(Member { capability, row_version: detail.summary.row_version }))
 }

@@ -6,17 +6,25 @@
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::fault::Fault as SimFault;
 use holdpoint_sim::io::TaskKind;
+use holdpoint_sim::referee::RefereeLimits;
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use super::cell::Cell;
+use super::rehearsal::Verdict;
+use super::sentry::Sentry;
+use super::witness::Witnessed;
 use crate::runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use crate::runtime::agent::{ActiveView, Agent, Goal};
-use crate::runtime::arm::Arm;
+use crate::runtime::arm::{ActuatorHandle, Arm};
 use crate::runtime::capability::Capability;
 use crate::runtime::task::{Supervision, Tick};
 use crate::runtime::terms::Terms;
+
+/// The most verdicts kept for somebody to take.
+const VERDICTS_MAX: usize = 100_000;
 
 /// One sequence of the live world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +55,31 @@ impl SequenceReport {
     }
 }
 
+/// What is broken in the live world, from the next sequence on until it is mended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LiveFault {
+    /// The link to the monitors is down: nothing of the arm reaches them. Guard and watcher, which sit at the
+    /// arm, still see it.
+    TelemetryLost,
+    /// Every picture is lost.
+    CameraLost,
+}
+
+impl LiveFault {
+    /// Every fault.
+    pub const ALL: [Self; 2] = [Self::TelemetryLost, Self::CameraLost];
+
+    /// The name in commands, scenarios and records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TelemetryLost => "telemetry-lost",
+            Self::CameraLost => "camera-lost",
+        }
+    }
+}
+
 /// Called around the live tasks.
 pub trait Listener {
     /// A task is about to start on this world.
@@ -68,11 +101,13 @@ impl Listener for Nobody {
 /// The live cell with its arm and its agent.
 pub struct LiveCell {
     cell: Cell,
-    arm: Arm<World>,
+    arm: Arm<Witnessed>,
     agent: Agent,
     distribution: Distribution,
     drift: Option<Drift>,
+    fault: Option<LiveFault>,
     sequences: u64,
+    verdicts: Vec<Verdict>,
 }
 
 impl LiveCell {
@@ -81,9 +116,50 @@ impl LiveCell {
     /// # Errors
     /// Where the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
-        let arm = Arm::new(cell.world()?);
+        let arm = Arm::new(Witnessed::new(cell.world()?));
         let distribution = (*cell.live).clone();
-        Ok(Self { cell, arm, agent: Agent::default(), distribution, drift: None, sequences: 0 })
+        Ok(Self {
+            cell,
+            arm,
+            agent: Agent::default(),
+            distribution,
+            drift: None,
+            fault: None,
+            sequences: 0,
+            verdicts: Vec::new(),
+        })
+    }
+
+    /// Breaks something, or mends it.
+    pub const fn set_fault(&mut self, fault: Option<LiveFault>) {
+        self.fault = fault;
+    }
+
+    /// What is broken.
+    #[must_use]
+    pub const fn fault(&self) -> Option<LiveFault> {
+        self.fault
+    }
+
+    /// Whether the arm's telemetry reaches the monitors.
+    #[must_use]
+    pub fn link_is_up(&self) -> bool {
+        self.fault != Some(LiveFault::TelemetryLost)
+    }
+
+    /// From now on a referee looks on, for a report.
+    pub const fn call_referee(&mut self, limits: RefereeLimits) {
+        self.arm.body_mut().call_referee(limits);
+    }
+
+    /// Ground truth since the last call, task by task; empty where no referee looks on.
+    pub fn take_verdicts(&mut self) -> Vec<Verdict> {
+        std::mem::take(&mut self.verdicts)
+    }
+
+    /// Goes on with another sequence number, so that a copy of a store meets episodes of its own.
+    pub const fn skip_to(&mut self, sequence: u64) {
+        self.sequences = sequence;
     }
 
     /// Sets in a drift, or ends it.
@@ -118,40 +194,63 @@ impl LiveCell {
     }
 
     /// The body, for the ladder between tasks.
-    pub(super) const fn body_mut(&mut self) -> &mut World {
-        self.arm.body_mut()
+    pub(super) const fn arm_mut(&mut self) -> &mut Arm<Witnessed> {
+        &mut self.arm
     }
 
     /// The body, to look at.
     #[must_use]
     pub const fn world(&self) -> &World {
-        self.arm.body()
+        self.arm.body().world()
     }
 
-    /// Works one pick-align-place sequence.
+    /// Works one pick-align-place sequence, under the monitors where a sentry stands for them.
     pub fn run_sequence<V: ActiveView>(
         &mut self,
         view: &V,
         terms: &dyn Fn(&Capability) -> Terms,
         seed: u64,
         listener: &mut dyn Listener,
+        mut sentry: Option<&mut Sentry<'_>>,
     ) -> SequenceReport {
         let mut report =
             SequenceReport { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 };
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.cell.scene, &self.distribution, seed);
+        let sequence = self.sequences;
         self.sequences += 1;
-        if self.arm.body_mut().reset(&setup).is_err() {
+        let world = self.arm.body_mut().world_mut();
+        if world.reset(&setup).is_err() {
             report.failed = true;
             return report;
         }
+        if self.fault == Some(LiveFault::CameraLost) {
+            world.inject(SimFault::CameraLost);
+        }
+        self.arm.body_mut().verdict();
         for task in Goal::PickAlignPlace.plan() {
-            self.arm.body_mut().begin_task(task);
-            listener.before_task(self.arm.body(), task, seed);
-            let worked = self.agent.dispatch(view, &mut self.arm, terms, task, seed, &mut |_, passed| {
-                listener.tick(task, passed)
-            });
+            self.arm.body_mut().world_mut().begin_task(task);
+            listener.before_task(self.world(), task, seed);
+            let started = self.world().tick();
+            let at_work = view.active(&Agent::select(task)).map(Capability::id);
+            let mut supervise = |_: &mut ActuatorHandle<'_, Witnessed>, passed: &Tick<'_>| {
+                let asked = listener.tick(task, passed);
+                let watched = match (&mut sentry, &at_work) {
+                    (Some(sentry), Some(id)) => sentry.tick(id, started + passed.tick, passed),
+                    _ => Supervision::Continue,
+                };
+                if watched == Supervision::Abort { watched } else { asked }
+            };
+            let worked = self.agent.dispatch(view, &mut self.arm, terms, task, seed, &mut supervise);
+            let verdict = self.arm.body_mut().verdict();
             match worked {
                 Ok(dispatched) => {
+                    if let Some(sentry) = &mut sentry {
+                        sentry.ended(&dispatched.id, &dispatched.record);
+                    }
+                    if self.verdicts.len() < VERDICTS_MAX {
+                        let kept = verdict.map(|verdict| (sequence, dispatched.id.clone(), verdict));
+                        self.verdicts.extend(kept);
+                    }
                     let done = dispatched.record.success;
                     report.tasks.push(dispatched);
                     if !done {
@@ -170,7 +269,7 @@ impl LiveCell {
         }
         // Simulated seconds of one sequence are far below the range of the conversion.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let duration_ms = (self.arm.body().sim_secs() * 1000.0) as u64;
+        let duration_ms = (self.world().sim_secs() * 1000.0) as u64;
         report.duration_ms = duration_ms;
         report
     }

@@ -60,6 +60,9 @@ pub struct Standstill {
 }
 
 impl Standstill {
+    /// Ticks over which the mean is taken.
+    pub const TICKS: usize = STANDSTILL_TICKS;
+
     /// Takes one tick; tells whether the arm stands by now.
     pub fn observe(&mut self, seen: &Telemetry) -> bool {
         self.window.push_back(seen.dq.clone());

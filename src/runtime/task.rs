@@ -215,6 +215,10 @@ pub struct Tick<'a> {
     pub seen: &'a Telemetry,
     /// What the watcher established by it.
     pub raised: &'a [WatcherSignal],
+    /// Why the guard denied or clamped the command, where it did.
+    pub checked: Option<PolicyHit>,
+    /// What the guard measured past a limit, where it did.
+    pub measured: Option<PolicyHit>,
 }
 
 /// Called after every tick: how a drill injects a failure, a shadow listens, a console draws and a
@@ -272,7 +276,8 @@ pub fn run<B: Body>(
         seen = handle.telemetry();
         tick += 1;
         let raised = watcher.observe(&seen);
-        if let Some(hit) = guard.measure(&seen) {
+        let measured = guard.measure(&seen);
+        if let Some(hit) = measured {
             note_hit(&mut record, tick, hit);
             wants_recovery = true;
         }
@@ -280,8 +285,15 @@ pub fn run<B: Body>(
         record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
         record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
         note_path(&mut record, &seen, tick);
-        let passed =
-            Tick { tick, observation: &observation, command: &checked.command, seen: &seen, raised: &raised };
+        let passed = Tick {
+            tick,
+            observation: &observation,
+            command: &checked.command,
+            seen: &seen,
+            raised: &raised,
+            checked: checked.hit,
+            measured,
+        };
         match supervise(handle, &passed) {
             Supervision::Continue => {}
             Supervision::Release => {

@@ -16,6 +16,7 @@ use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Leave, Stage};
 use crate::governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use crate::governance::recovery::RecoveryAssessment;
+use crate::governance::rollback::TriggerKind;
 use crate::pipeline::cell::Conditions;
 use crate::pipeline::evaluation::{Evaluation, Plan};
 use crate::pipeline::manager::{Fault, UpgradeManager, Work};
@@ -98,7 +99,8 @@ impl UpgradeManager {
         });
         let Some(predecessor) = predecessor else {
             let trigger = "its doubt cannot be settled: there is no predecessor to compare it with";
-            return self.roll_back(id, trigger, Leave::Demoted);
+            let trigger = self.trigger(TriggerKind::OpenDoubt, trigger);
+            return self.roll_back(id, trigger, None, Leave::Demoted);
         };
         let candidate = self.capability(id)?;
         let binding = Binding { active: Some(predecessor.digest()), ..self.binding(&candidate) };
@@ -164,7 +166,8 @@ impl UpgradeManager {
             return self.maybe_confirm(id);
         }
         self.dossier(id).reasons = reasons;
-        let trigger = "the doubt it was let in with remains on fresh evidence";
-        self.roll_back(id, trigger, Leave::Demoted)
+        let text = "the doubt it was let in with remains on fresh evidence";
+        let trigger = self.trigger(TriggerKind::OpenDoubt, text);
+        self.roll_back(id, trigger, None, Leave::Demoted)
     }
 }

@@ -3,20 +3,20 @@
 use holdpoint_sim::io::TaskKind;
 
 use crate::engine::event::{EventKind, TaskSummary};
-use crate::governance::decision::Reason;
+use crate::governance::decision::{Reason, ReasonCode};
 use crate::governance::evidence::{EpisodeValues, Signature};
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::lifecycle::{Event, Leave};
-use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision, SafetyEvent};
+use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision};
+use crate::governance::rollback::{Trigger, TriggerKind};
 use crate::pipeline::ledger::Note;
 use crate::pipeline::live::{Listener, Nobody, SequenceReport};
 use crate::pipeline::manager::{Fault, UpgradeManager};
 use crate::pipeline::seeds::{Purpose, episode_seed};
+use crate::pipeline::sentry::{Sentry, Trip, safety_events};
 use crate::pipeline::shadow::Shadow;
 use crate::registry::{AuditBody, Batch};
-use crate::runtime::guard::PolicyHit;
 use crate::runtime::task::TaskRecord;
-use crate::runtime::watcher::WatcherSignal;
 use crate::stats::wilson_upper;
 
 /// Sequences whose success is kept for display.
@@ -32,6 +32,10 @@ pub struct Watch {
     pub(in crate::pipeline) episodes: u32,
     pub(in crate::pipeline) restricted: bool,
     pub(in crate::pipeline) confirmed: bool,
+    /// The gravest thing it has asked for.
+    pub(in crate::pipeline) told: MonitorAction,
+    /// What its first question was raised for.
+    pub(in crate::pipeline) asked: Option<ReasonCode>,
 }
 
 impl UpgradeManager {
@@ -42,11 +46,19 @@ impl UpgradeManager {
             .ok_or_else(|| Fault::Impossible(format!("{id} has no shadow evidence to monitor it against")))?;
         let monitor = Monitor::new(&self.profile, &expected, self.now_tick())
             .map_err(|error| Fault::Impossible(error.to_string()))?;
-        Ok(Watch { id: id.clone(), monitor, episodes: 0, restricted: false, confirmed: false })
+        Ok(Watch {
+            id: id.clone(),
+            monitor,
+            episodes: 0,
+            restricted: false,
+            confirmed: false,
+            told: MonitorAction::Continue,
+            asked: None,
+        })
     }
 
     pub(in crate::pipeline) fn now_tick(&self) -> u64 {
-        self.clock.now_ms().saturating_mul(u64::from(holdpoint_sim::io::RATE_HZ)) / 1000
+        tick_of(self.clock.now_ms())
     }
 
     /// One sequence of the live world; monitors learn from it.
@@ -72,7 +84,10 @@ impl UpgradeManager {
                 .find(|(known, _)| *known == id)
                 .map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
-        let report = self.live.run_sequence(&self.ledger, &choose, seed, listener);
+        let link_up = self.live.link_is_up();
+        let mut sentry = Sentry::new(&mut self.watches, tick_of(self.clock.now_ms()), link_up);
+        let report = self.live.run_sequence(&self.ledger, &choose, seed, listener, Some(&mut sentry));
+        let mut raised = sentry.into_raised();
         self.clock.advance(report.duration_ms);
         let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
         self.recent.push_back(report.succeeded());
@@ -87,13 +102,25 @@ impl UpgradeManager {
             refused: report.refused.as_ref().map(ToString::to_string),
         });
         for dispatched in &report.tasks {
-            self.keep_telemetry(&dispatched.id, &dispatched.record, report.duration_ms)?;
-            self.watch(&dispatched.id, &dispatched.record)?;
+            let id = &dispatched.id;
+            // Nothing of a task reaches the monitors while the link is down.
+            if link_up {
+                self.keep_telemetry(id, &dispatched.record, report.duration_ms)?;
+            }
+            let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
+            raised = others;
+            let tripped = ours.iter().any(|raised| raised.decision.action == MonitorAction::Rollback);
+            for raised in ours {
+                self.act_on(id, &raised.decision, raised.trip.as_ref())?;
+            }
+            if link_up && !tripped {
+                self.watch(id, &dispatched.record)?;
+            }
         }
         Ok(report)
     }
 
-    fn terms_of_profile(&self) -> crate::runtime::terms::Terms {
+    pub(in crate::pipeline) fn terms_of_profile(&self) -> crate::runtime::terms::Terms {
         crate::runtime::terms::Terms::new(
             &self.profile,
             self.table.clone(),
@@ -142,35 +169,56 @@ impl UpgradeManager {
         for event in safety_events(record) {
             decision = watch.monitor.safety(event, now_tick);
         }
-        self.act_on(id, &decision)
+        self.act_on(id, &decision, None)
     }
 
     /// Silence and unanswered escalations. Tells whether anything was done.
     pub(in crate::pipeline) fn look_at_monitors(&mut self) -> Result<bool, Fault> {
         let now_tick = self.now_tick();
-        let due: Vec<CapabilityId> = self
-            .watches
-            .values()
-            .filter(|watch| {
-                watch.monitor.escalation().is_some_and(|waiting| now_tick >= waiting.deadline_tick)
-            })
-            .map(|watch| watch.id.clone())
-            .collect();
-        for id in &due {
-            let Some(watch) = self.watches.get_mut(&id.family) else { continue };
+        let link_up = self.live.link_is_up();
+        let mut due = Vec::new();
+        for watch in self.watches.values_mut() {
+            if link_up {
+                // The arm at rest is read as well.
+                watch.monitor.telemetry(now_tick);
+            }
             let decision = watch.monitor.tick(now_tick);
-            self.act_on(id, &decision)?;
+            if decision.action > watch.told {
+                due.push((watch.id.clone(), decision));
+            }
+        }
+        for (id, decision) in &due {
+            self.act_on(id, decision, None)?;
         }
         Ok(!due.is_empty())
     }
 
+    /// When a monitor has to be looked at again, virtual ms.
     pub(in crate::pipeline) fn next_escalation_ms(&self) -> Option<u64> {
-        let deadlines = self.watches.values().filter_map(|watch| watch.monitor.escalation());
-        let rate = u64::from(holdpoint_sim::io::RATE_HZ);
-        deadlines.map(|waiting| waiting.deadline_tick.saturating_mul(1000).div_ceil(rate)).min()
+        let link_up = self.live.link_is_up();
+        let due = self.watches.values().flat_map(|watch| {
+            let deadline = watch.monitor.escalation().map(|waiting| waiting.deadline_tick);
+            let silence = if link_up { None } else { watch.monitor.silence_due_tick() };
+            [deadline, silence]
+        });
+        due.flatten().map(ms_of).min()
     }
 
-    fn act_on(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
+    /// Does what a monitor asks for. `trip` is the task it stopped, where it did.
+    fn act_on(
+        &mut self,
+        id: &CapabilityId,
+        decision: &MonitorDecision,
+        trip: Option<&Trip>,
+    ) -> Result<(), Fault> {
+        let mut silent = false;
+        if let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) {
+            if watch.asked.is_none() && decision.action != MonitorAction::Continue {
+                watch.asked = decision.reasons.first().map(|reason| reason.code);
+            }
+            watch.told = watch.told.max(decision.action);
+            silent = watch.asked == Some(ReasonCode::MonitorTelemetryMissing);
+        }
         match decision.action {
             MonitorAction::Continue => self.maybe_confirm(id),
             MonitorAction::Restrict => self.restrict(id, &decision.reasons),
@@ -193,7 +241,13 @@ impl UpgradeManager {
                     |reason| format!("{}: {}", reason.code, reason.text),
                 );
                 self.dossier(id).reasons.clone_from(&decision.reasons);
-                self.roll_back(id, &trigger, Leave::RolledBack)
+                let trigger = Trigger {
+                    kind: TriggerKind::of(&decision.reasons, silent),
+                    event: trip.and_then(|trip| trip.event),
+                    text: trigger,
+                    tick: decision.tick,
+                };
+                self.roll_back(id, trigger, trip, Leave::RolledBack)
             }
         }
     }
@@ -277,25 +331,14 @@ fn summary(dispatched: &crate::runtime::agent::dispatcher::Dispatched) -> TaskSu
     }
 }
 
-/// The events of a live task that trip at once.
-fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
-    let of_hit = |hit: &PolicyHit| match hit {
-        PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
-        PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),
-        PolicyHit::KeepOut => Some(SafetyEvent::KeepOut),
-        PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
-        PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
-        PolicyHit::ModeUncovered | PolicyHit::ModeForbidden | PolicyHit::ModeUnreviewed => {
-            Some(SafetyEvent::PermissionBreach)
-        }
-        PolicyHit::OutsideWorkspace
-        | PolicyHit::RetriesExceeded
-        | PolicyHit::SpeedClamped
-        | PolicyHit::ForceClamped => None,
-    };
-    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(hit));
-    let collided = record.signals.iter().any(|raised| raised.signal == WatcherSignal::UnexpectedContact);
-    hits.chain(collided.then_some(SafetyEvent::Collision)).collect()
+/// Virtual ticks of a virtual time.
+const fn tick_of(at_ms: u64) -> u64 {
+    at_ms.saturating_mul(holdpoint_sim::io::RATE_HZ as u64) / 1000
+}
+
+/// The first virtual time at which a tick has come.
+const fn ms_of(tick: u64) -> u64 {
+    tick.saturating_mul(1000).div_ceil(holdpoint_sim::io::RATE_HZ as u64)
 }
 
 /// What is normal: for each rate the upper bound that the twins leave open.

@@ -10,7 +10,9 @@ use crate::governance::decision::{Dimension, Reason, ReasonCode};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Event, Leave, Stage, State};
 use crate::governance::profile::ProfileName;
+use crate::governance::rollback::TriggerKind;
 use crate::pipeline::ledger::{LedgerError, Note};
+use crate::pipeline::live::LiveFault;
 use crate::pipeline::manager::{Fault, UpgradeManager, registered_event};
 use crate::registry::{AuditBody, Interrupted, StoreError};
 use crate::runtime::capability::{Capability, Package};
@@ -72,6 +74,7 @@ impl UpgradeManager {
                 self.simple(&operation, "active again", |version| Event::Rearm { version })
             }
             Command::Drift { kind, magnitude } => self.drift(kind.as_deref(), &magnitude),
+            Command::LiveFault { fault } => self.live_fault(fault.as_deref()),
             Command::AcknowledgeAlarm { alarm, by } => {
                 self.alarm_event(&AlarmEvent::Acknowledge { key: alarm.clone(), by });
                 Ok(Reply::Accepted { text: format!("{alarm} is acknowledged"), version: None })
@@ -153,7 +156,8 @@ impl UpgradeManager {
         let trigger = format!("operator {}: {}", operation.by, operation.reason);
         self.dossier(&id).reasons =
             vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
-        self.roll_back(&id, &trigger, leave)?;
+        let trigger = self.trigger(TriggerKind::Operator, trigger);
+        self.roll_back(&id, trigger, None, leave)?;
         accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
     }
 
@@ -213,6 +217,31 @@ impl UpgradeManager {
         Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
     }
 
+    /// Breaks something in the live world, or mends it.
+    fn live_fault(&mut self, name: Option<&str>) -> Result<Reply, Fault> {
+        let fault = match name {
+            None => None,
+            Some(name) => {
+                let known = LiveFault::ALL.into_iter().find(|fault| fault.name() == name);
+                if known.is_none() {
+                    let value = Untrusted::new(name).line().into_string();
+                    let text =
+                        format!("the fault {value:?} is not allowed; telemetry-lost and camera-lost are");
+                    return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+                }
+                known
+            }
+        };
+        self.live.set_fault(fault);
+        let name = fault.map(|fault| fault.name().to_owned());
+        let body = serde_json::json!({ "fault": name }).to_string();
+        let record = AuditBody { kind: "live-fault".to_owned(), subject: String::new(), body };
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(Vec::new(), vec![record], at_ms)?;
+        self.emit(EventKind::LiveFault { fault: name });
+        Ok(Reply::Accepted { text: "the fault has set in".to_owned(), version: None })
+    }
+
     /// Finishes or undoes what an interrupted engine left, and says so.
     pub(in crate::pipeline) fn recover(&mut self) -> Result<(), Fault> {
         self.reload_dossiers()?;
@@ -222,7 +251,8 @@ impl UpgradeManager {
             match left {
                 Interrupted::RollbackPending { version } => {
                     self.say_recovered(&version, "a rollback was under way and is finished now");
-                    self.roll_back(&version, "a rollback was interrupted", Leave::RolledBack)?;
+                    let trigger = self.trigger(TriggerKind::Restart, "a rollback was interrupted");
+                    self.roll_back(&version, trigger, None, Leave::RolledBack)?;
                 }
                 Interrupted::Stage { version, .. } => {
                     if restarted.insert(version.family.clone()) {
@@ -265,7 +295,9 @@ impl UpgradeManager {
             Err(fault) => {
                 // What cannot be watched does not act.
                 self.say_recovered(id, &format!("it cannot be monitored ({fault}) and is rolled back"));
-                self.roll_back(id, "no monitor could be set up after a restart", Leave::RolledBack)
+                let text = "no monitor could be set up after a restart";
+                let trigger = self.trigger(TriggerKind::Restart, text);
+                self.roll_back(id, trigger, None, Leave::RolledBack)
             }
         }
     }

@@ -1,43 +1,46 @@
 //! Stage 7: the ladder. Every rung can fail and says so; a failed rung ends in a safe-stopped family
 //! with a latched alarm, never in a silent "rolled back".
-
-use holdpoint_sim::io::{Command, GuardVerdict, Interrupt, RATE_HZ};
+//!
+//! Owns the order of the rungs and their record. What moves the arm is in `pipeline/descent.rs`; which versions
+//! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use crate::engine::event::EventKind;
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::{Event, Leave, State};
+use crate::governance::evidence::HardStop;
+use crate::governance::ids::{CapabilityId, Digest};
+use crate::governance::lifecycle::{Event, Leave, State, VersionRef};
+use crate::governance::monitor::SafetyEvent;
 use crate::governance::policy::PolicyTable;
-use crate::pipeline::ledger::Note;
-use crate::pipeline::live::LiveCell;
+use crate::governance::rollback::{
+    RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
+};
+use crate::pipeline::descent::Descent;
+use crate::pipeline::ledger::{LedgerError, Note};
 use crate::pipeline::manager::{Fault, UpgradeManager};
+use crate::pipeline::sentry::{Trip, safety_events};
 use crate::registry::names::EvidenceKind;
 use crate::registry::{ActiveCause, Change};
-use crate::runtime::arm::Body;
 use crate::runtime::capability::Capability;
-use crate::runtime::recovery::Standstill;
-use crate::runtime::skill::Hook;
-use crate::runtime::terms::Terms;
+use crate::runtime::task::TaskRecord;
 
-/// What the arm did on the ladder.
-struct Descent {
-    rungs: Vec<(&'static str, bool, String)>,
-    time_to_safe_ms: u64,
-    duration_ms: u64,
-}
+/// Tasks of the predecessor after which it is judged whether the family works again.
+const RESUME_TASKS: u32 = 3;
 
-impl Descent {
-    fn held(&self) -> bool {
-        self.rungs.iter().all(|(_, ok, _)| *ok)
-    }
-}
+/// Most sequences for them: the live world may not reach the family's task.
+const RESUME_SEQUENCES_MAX: u32 = 9;
 
 impl UpgradeManager {
+    /// What sets a rollback off now.
+    pub(in crate::pipeline) fn trigger(&self, kind: TriggerKind, text: impl Into<String>) -> Trigger {
+        Trigger { kind, event: None, text: text.into(), tick: self.now_tick() }
+    }
+
     /// Takes an active version off: first its command authority, then the arm to a safe pose, then
-    /// the binding, then the record.
+    /// the binding, then the record. `trip` is the task that was stopped for it, where one was.
     pub(in crate::pipeline) fn roll_back(
         &mut self,
         id: &CapabilityId,
-        trigger: &str,
+        trigger: Trigger,
+        trip: Option<&Trip>,
         leave: Leave,
     ) -> Result<(), Fault> {
         let (version, standing, _) = self.ledger.version(id)?;
@@ -46,183 +49,273 @@ impl UpgradeManager {
         }
         let target = standing.predecessor;
         if !standing.flags.rollback_pending {
-            let note = Note::because(format!("command authority is revoked: {trigger}"));
+            let note = Note::because(format!("command authority is revoked: {}", trigger.text));
             self.transition(&id.family, Event::BeginRollback { version }, note)?;
         }
-        self.rung(id, "revoke-authority", true, "the version gives no command any more");
-        let leaving = self.capability(id)?;
-        let terms = self.terms_of(&leaving);
-        let descent = self.live.descend(&leaving, &terms)?;
-        self.clock.advance(descent.duration_ms);
-        for (name, ok, text) in &descent.rungs {
-            self.rung(id, name, *ok, text);
-        }
-        let restored = target
-            .and_then(|target| {
-                self.ledger.family(&id.family).ok()?.members.get(usize::from(target.0)).cloned()
-            })
-            .map(|member| member.capability);
-        let loadable = restored.as_ref().is_some_and(Self::still_loads);
-        self.rung(
-            id,
-            "load-predecessor",
-            loadable,
-            "the predecessor's bundle is present and its digest true",
-        );
-        let policy_true = self.policy_state_true();
-        self.rung(id, "verify-policy", policy_true, "the policy table is the one of the profile");
+        let mut record = RollbackRecord {
+            candidate: id.clone(),
+            predecessor: None,
+            trigger,
+            in_flight: trip.is_some(),
+            time_to_safe_ticks: None,
+            time_to_safe_ms: None,
+            time_to_restored_ticks: None,
+            time_to_restored_ms: None,
+            unsafe_continuation_ms: 0,
+            rungs: Vec::new(),
+            post_status: "safe-stopped".to_owned(),
+            recovered: None,
+            resumed_tasks: 0,
+        };
+        self.rung(&mut record, Rung::RevokeAuthority, None, "the version gives no command any more");
+        let descent = self.come_to_rest(id, trip, &mut record)?;
         self.watches.remove(&id.family);
-        if !(descent.held() && loadable && policy_true) {
-            return self.safe_stop(id, trigger, &descent);
+        if !descent.held() {
+            return self.safe_stop(id, version, record);
         }
-        let state = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" };
-        let evidence = serde_json::json!({
-            "candidate": id, "predecessor": restored.as_ref().map(Capability::id), "trigger": trigger,
-            "time_to_safe_ms": descent.time_to_safe_ms, "time_to_rollback_ms": descent.duration_ms,
-            "post_status": state,
-        });
-        let json = evidence.to_string();
-        let digest = crate::governance::ids::Digest::of_json("holdpoint.rollback.v1", &evidence)?;
+        let Some(predecessor) = self.load_predecessor(id, target, &mut record) else {
+            return self.safe_stop(id, version, record);
+        };
+        let failure = self.policy_failure();
+        self.rung(&mut record, Rung::VerifyPolicy, failure, "policy table and context against the profile");
+        if failure.is_some() {
+            return self.safe_stop(id, version, record);
+        }
+        let ready = self.ready(&predecessor);
+        let restored_ticks = descent.ticks + ready.ticks;
+        self.clock.advance(ready.ms);
+        let is_ready = ready.goes_on();
+        self.push_rung(&mut record, ready);
+        if !is_ready {
+            return self.safe_stop(id, version, record);
+        }
+        record.post_status = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" }.to_owned();
+        record.predecessor = Some(predecessor.id());
+        record.time_to_restored_ticks = Some(restored_ticks);
+        record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
         let note = Note {
             cause: Some(ActiveCause::Restore),
-            before: vec![Change::PutEvidence {
-                version: id.clone(),
-                kind: EvidenceKind::Rollback,
-                json,
-                digest,
-            }],
-            ..Note::because(trigger)
+            before: vec![evidence(&record)?],
+            ..Note::because(record.trigger.text.clone())
         };
-        self.transition(&id.family, Event::FinishRollback { version, leave }, note)?;
-        self.rung(id, "swap-binding", true, "the predecessor is bound again");
-        // Nothing is in flight: the live world works task by task, and the next plan is made anew.
-        let report = self.live_sequence(None)?;
-        let recovered = !report.failed && report.refused.is_none();
-        self.rung(id, "resume", recovered, "a sequence ran under the predecessor");
-        self.emit(EventKind::RolledBack {
-            version: id.clone(),
-            restored: restored.map(|capability| capability.id()),
-            trigger: trigger.to_owned(),
-            time_to_safe_ms: descent.time_to_safe_ms,
-            time_to_rollback_ms: descent.duration_ms,
-            recovered,
+        match self.transition(&id.family, Event::FinishRollback { version, leave }, note) {
+            Ok(_) => self.rung(&mut record, Rung::SwapBinding, None, "the predecessor is bound again"),
+            Err(Fault::Ledger(LedgerError::Store(error))) => {
+                let text = format!("the swap could not be written: {error}");
+                self.rung(&mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
+                return self.safe_stop(id, version, record);
+            }
+            Err(fault) => return Err(fault),
+        }
+        self.resume(&predecessor.id(), &mut record)?;
+        self.conclude(record)
+    }
+
+    /// The rungs that move the arm. A body that fails stands still for nobody.
+    fn come_to_rest(
+        &mut self,
+        id: &CapabilityId,
+        trip: Option<&Trip>,
+        record: &mut RollbackRecord,
+    ) -> Result<Descent, Fault> {
+        let leaving = self.capability(id)?;
+        let terms = self.terms_of(&leaving);
+        let descent = self.live.descend(&leaving, &terms, trip).unwrap_or_else(|error| {
+            let text = format!("the body failed: {error}");
+            let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, text);
+            Descent { rungs: vec![rung], safe_ticks: None, ticks: 0, ticks_here: 0, motion_ticks: 0 }
         });
+        self.clock.advance(ticks_to_ms(descent.ticks_here));
+        record.time_to_safe_ticks = descent.safe_ticks;
+        record.time_to_safe_ms = descent.safe_ticks.map(ticks_to_ms);
+        record.unsafe_continuation_ms = ticks_to_ms(descent.motion_ticks);
+        for rung in &descent.rungs {
+            self.push_rung(record, rung.clone());
+        }
+        Ok(descent)
+    }
+
+    /// The predecessor, read from the store again.
+    fn load_predecessor(
+        &mut self,
+        id: &CapabilityId,
+        target: Option<VersionRef>,
+        record: &mut RollbackRecord,
+    ) -> Option<Capability> {
+        let known = target.and_then(|target| {
+            let entry = self.ledger.family(&id.family).ok()?;
+            let restorable = entry.state.state(target) == Some(State::Superseded);
+            let member = entry.members.get(usize::from(target.0)).filter(|_| restorable)?;
+            Some(member.capability.id())
+        });
+        let loaded = match &known {
+            None => Err((RungFailure::PredecessorMissing, "there is no version to go back to".to_owned())),
+            Some(known) => self.ledger.reload(known).map_err(|error| {
+                let failure = match error {
+                    LedgerError::Store(_) => RungFailure::StoreFailed,
+                    LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_) => {
+                        RungFailure::PredecessorMissing
+                    }
+                    LedgerError::Exists(_)
+                    | LedgerError::Refused(_)
+                    | LedgerError::Load { .. }
+                    | LedgerError::Record { .. }
+                    | LedgerError::DigestDiffers { .. } => RungFailure::DigestMismatch,
+                };
+                (failure, error.to_string())
+            }),
+        };
+        match loaded {
+            Ok(predecessor) => {
+                let text = format!("{} is in the store and true to its digest", predecessor.id());
+                self.rung(record, Rung::LoadPredecessor, None, &text);
+                Some(predecessor)
+            }
+            Err((failure, text)) => {
+                self.rung(record, Rung::LoadPredecessor, Some(failure), &text);
+                None
+            }
+        }
+    }
+
+    /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
+    fn policy_failure(&self) -> Option<RungFailure> {
+        let same = PolicyTable::builtin(&self.profile).is_ok_and(|table| table.digest == self.table.digest);
+        let context = match self.ledger.store().views().and_then(|views| views.context()) {
+            Ok(context) => context,
+            Err(_) => return Some(RungFailure::StoreFailed),
+        };
+        let bound = context.is_some_and(|(_, digest, _)| digest == self.context_digest);
+        (!(same && bound)).then_some(RungFailure::PolicyMismatch)
+    }
+
+    fn ready(&mut self, predecessor: &Capability) -> RungRecord {
+        let terms = self.terms_of(predecessor);
+        self.live.ready(predecessor, &terms).unwrap_or_else(|error| {
+            let text = format!("the body failed: {error}");
+            RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, text)
+        })
+    }
+
+    /// Nothing is in flight: the agent plans anew, and the first tasks under the predecessor are looked at.
+    fn resume(&mut self, predecessor: &CapabilityId, record: &mut RollbackRecord) -> Result<(), Fault> {
+        let mut events = Vec::new();
+        let from_ms = self.clock.now_ms();
+        for _ in 0..RESUME_SEQUENCES_MAX {
+            let report = self.live_sequence(None)?;
+            for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
+                record.resumed_tasks += 1;
+                events.extend(safety_events(&done.record));
+                events.extend(moved_on(&done.record, self.profile.runtime.unsafe_continuation_max_ms));
+            }
+            let replaced = self.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);
+            if record.resumed_tasks >= RESUME_TASKS || !events.is_empty() || replaced {
+                break;
+            }
+        }
+        let recovered = record.resumed_tasks > 0 && events.is_empty();
+        record.recovered = Some(recovered);
+        let text = match (events.first(), record.resumed_tasks) {
+            (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
+            (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
+            (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
+        };
+        let rate = u64::from(holdpoint_sim::io::RATE_HZ);
+        let ticks = (self.clock.now_ms() - from_ms) * rate / 1000;
+        let failure = (!recovered).then_some(RungFailure::NotRecovered);
+        self.push_rung(record, RungRecord::new(Rung::Resume, failure, ticks, text));
+        Ok(())
+    }
+
+    /// The terminal record: what came of it is known now.
+    fn conclude(&mut self, record: RollbackRecord) -> Result<(), Fault> {
+        let id = record.candidate.clone();
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(vec![evidence(&record)?], Vec::new(), at_ms)?;
+        if record.recovered == Some(false) {
+            let priority = self.profile.alarms.safe_stopped;
+            let text = format!("{} is back to its predecessor and does not work safely", id.family);
+            self.raise(&format!("not-recovered:{}", id.family), "rollback", priority, true, &text);
+        }
         let priority = self.profile.alarms.rolled_back;
-        self.raise(
-            &format!("rolled-back:{id}"),
-            "rollback",
-            priority,
-            true,
-            &format!("{id} was taken off: {trigger}"),
-        );
-        self.close_audit(id, state)
+        let text = format!("{id} was taken off: {}", record.trigger.text);
+        self.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &text);
+        let state = record.post_status.clone();
+        self.emit(told(record));
+        self.close_audit(&id, &state)
     }
 
     /// A rung failed or there is nothing to go back to.
-    fn safe_stop(&mut self, id: &CapabilityId, trigger: &str, descent: &Descent) -> Result<(), Fault> {
-        let (version, _, _) = self.ledger.version(id)?;
+    fn safe_stop(
+        &mut self,
+        id: &CapabilityId,
+        version: VersionRef,
+        mut record: RollbackRecord,
+    ) -> Result<(), Fault> {
+        record.post_status = "safe-stopped".to_owned();
+        record.predecessor = None;
+        record.time_to_restored_ticks = None;
+        record.time_to_restored_ms = None;
+        record.recovered = Some(false);
+        let why = record.stopped_by().map_or("a rung failed", RungFailure::name);
         let note = Note {
             cause: Some(ActiveCause::Vacate),
-            ..Note::because(format!("a rung of the rollback failed; the family is stopped ({trigger})"))
+            before: vec![evidence(&record)?],
+            ..Note::because(format!(
+                "a rung of the rollback failed ({why}); the family is stopped ({})",
+                record.trigger.text
+            ))
         };
         self.transition(&id.family, Event::FailRollback { version }, note)?;
-        self.emit(EventKind::RolledBack {
-            version: id.clone(),
-            restored: None,
-            trigger: trigger.to_owned(),
-            time_to_safe_ms: descent.time_to_safe_ms,
-            time_to_rollback_ms: descent.duration_ms,
-            recovered: false,
-        });
         let priority = self.profile.alarms.safe_stopped;
-        let text = format!("the family {} is safe-stopped: no version is active", id.family);
+        let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
         self.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);
+        self.emit(told(record));
         self.close_audit(id, "safe-stopped")
     }
 
-    fn rung(&mut self, id: &CapabilityId, rung: &str, ok: bool, text: &str) {
-        self.emit(EventKind::Rung { version: id.clone(), rung: rung.to_owned(), ok, text: text.to_owned() });
+    fn rung(&mut self, record: &mut RollbackRecord, rung: Rung, failure: Option<RungFailure>, text: &str) {
+        self.push_rung(record, RungRecord::new(rung, failure, 0, text));
     }
 
-    /// Loads a version from its texts again and compares its digest.
-    fn still_loads(capability: &Capability) -> bool {
-        let id = capability.id().to_string();
-        Capability::load(&id, (*capability.package).clone())
-            .is_ok_and(|again| again.digest() == capability.digest())
-    }
-
-    /// Compiles the profile's policies again and compares their digest.
-    fn policy_state_true(&self) -> bool {
-        PolicyTable::builtin(&self.profile).is_ok_and(|table| table.digest == self.table.digest)
-    }
-}
-
-impl LiveCell {
-    /// The physical rungs: the version's own safe-abort hook, the interrupt that no version can
-    /// refuse, hold, and the retreat to a safe height. Whether a rung held is read from the joints.
-    fn descend(&mut self, leaving: &Capability, terms: &Terms) -> Result<Descent, holdpoint_sim::SimError> {
-        let started = self.world().tick();
-        let mut rungs = Vec::new();
-        let guard = terms.guard(leaving.manifest.permissions.authority);
-        let mut skill = leaving.bundle.start(0);
-        skill.enter(Hook::SafeAbort);
-        let secs = leaving.abort_secs();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let hook_ticks = (secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64;
-        let body = self.body_mut();
-        let mut verdict = GuardVerdict::Allowed;
-        let mut seen = body.telemetry();
-        let mut standstill = Standstill::default();
-        let mut stands = false;
-        for _ in 0..hook_ticks {
-            let observation = Body::observe(body, verdict);
-            let checked = guard.check(&skill.tick(&observation), &seen);
-            verdict = checked.verdict;
-            body.step(&checked.command)?;
-            seen = body.telemetry();
-            stands = standstill.observe(&seen);
-        }
-        let text =
-            if stands { "the hook brought the arm to a standstill" } else { "the hook did not stop the arm" };
-        // A hook that fails is no failed ladder: the interrupt is there for it.
-        rungs.push(("safe-abort", true, text.to_owned()));
-        body.interrupt(Interrupt::Stop);
-        for _ in 0..RATE_HZ {
-            body.step(&Command::Hold)?;
-            seen = body.telemetry();
-            stands = standstill.observe(&seen);
-            if stands {
-                break;
-            }
-        }
-        let safe_tick = body.tick();
-        rungs.push(("hold", stands, "every joint stands".to_owned()));
-        body.interrupt(Interrupt::Release);
-        let mut up = seen.tool;
-        up.position[2] = up.position[2].max(0.2);
-        let retreat = Command::ToolPose { pose: up, max_speed_m_s: 0.2 };
-        let checked = guard.check(&retreat, &seen);
-        body.step(&checked.command)?;
-        for _ in 0..4 * RATE_HZ {
-            body.step(&Command::Hold)?;
-            seen = body.telemetry();
-            stands = standstill.observe(&seen);
-            if seen.tool.distance_m(&up) < 0.01 && stands {
-                break;
-            }
-        }
-        let clear =
-            seen.tool.position[2] > 0.15 && !seen.contacts.robot_fixture && !seen.contacts.robot_clutter;
-        rungs.push(("retract", clear && stands, "the tool stands clear of everything".to_owned()));
-        let ended = body.tick();
-        Ok(Descent {
-            rungs,
-            time_to_safe_ms: ticks_to_ms(safe_tick.saturating_sub(started)),
-            duration_ms: ticks_to_ms(ended.saturating_sub(started)),
-        })
+    fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
+        self.emit(EventKind::Rung {
+            version: record.candidate.clone(),
+            rung: rung.rung.name().to_owned(),
+            ok: rung.failure.is_none(),
+            failure: rung.failure,
+            ms: rung.ms,
+            text: rung.text.clone(),
+        });
+        record.rungs.push(rung);
     }
 }
 
-const fn ticks_to_ms(ticks: u64) -> u64 {
-    ticks * 1000 / RATE_HZ as u64
+/// Motion after a stop, as the monitor counts it.
+#[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
+fn moved_on(record: &TaskRecord, limit_ms: f64) -> Option<SafetyEvent> {
+    let moved = record.unsafe_continuation_ms as f64 > limit_ms
+        || record.hard_stop == Some(HardStop::MotionAfterStop);
+    moved.then_some(SafetyEvent::UnsafeContinuation)
 }
+
+fn evidence(record: &RollbackRecord) -> Result<Change, Fault> {
+    let json = serde_json::to_string(record)?;
+    let digest = Digest::of_json("holdpoint.rollback.v2", record)?;
+    Ok(Change::PutEvidence { version: record.candidate.clone(), kind: EvidenceKind::Rollback, json, digest })
+}
+
+fn told(record: RollbackRecord) -> EventKind {
+    EventKind::RolledBack {
+        version: record.candidate.clone(),
+        restored: record.predecessor.clone(),
+        trigger: record.trigger.text.clone(),
+        time_to_safe_ms: record.time_to_safe_ms,
+        time_to_rollback_ms: record.time_to_restored_ms,
+        recovered: record.recovered == Some(true),
+        record: Box::new(record),
+    }
+}
+
+#[cfg(test)]
+mod tests;

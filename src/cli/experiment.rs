@@ -1,0 +1,141 @@
+//! `holdpoint experiment`: arguments, progress lines and the printed report.
+//!
+//! Prints what [`crate::experiment`] measured; must not measure or judge anything itself.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::output::Table;
+use super::per_candidate::{self, PerCandidateArgs};
+use super::run::JOBS_MAX;
+use super::{CliError, Exit, Output};
+use crate::experiment::ExperimentError;
+use crate::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
+use crate::governance::metrics::Proportion;
+use crate::text::{WIDTH_MAX, sanitise};
+
+/// The arguments of `experiment`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint experiment drift --runs 30 --out results/drift
+  holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --json
+  holdpoint experiment per-candidate --pool pool-7")]
+pub struct ExperimentArgs {
+    /// Which experiment.
+    #[command(subcommand)]
+    pub which: Which,
+}
+
+/// The experiments.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum Which {
+    /// Rollback under drift: four drifts in three magnitudes set in after an activation.
+    Drift(DriftArgs),
+    /// Every candidate of a pool through the seven stages, scored against its truth file afterwards.
+    PerCandidate(PerCandidateArgs),
+}
+
+/// The arguments of `experiment drift`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct DriftArgs {
+    /// Independent runs; each has a seed and a candidate of its own.
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    pub runs: u64,
+    /// Seed of the first run; the others follow it.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// How many runs at once [default: one per core].
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The folder of cells and report; finished cells in it are not run again.
+    #[arg(long, value_name = "DIR", default_value = "experiment-drift")]
+    pub out: PathBuf,
+    /// Live sequences until a version that is not taken off is left.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub horizon: u32,
+    /// Sequences of the twins that tell whether a drift worsens a version.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    pub pairs: u32,
+}
+
+/// Measures and prints.
+///
+/// # Errors
+/// Where the options are not allowed, a file cannot be used, or the pipeline fails.
+pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    match &args.which {
+        Which::Drift(args) => run_drift(args, out),
+        Which::PerCandidate(args) => per_candidate::run(args, out),
+    }
+}
+
+fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let options = DriftOptions {
+        runs: args.runs,
+        seed: args.seed,
+        jobs: args.jobs.map_or_else(cores, usize::from),
+        out: args.out.clone(),
+        horizon: args.horizon,
+        pairs: args.pairs,
+    };
+    let tell = |line: &str| {
+        // Progress that cannot be shown is no reason to stop measuring.
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+    };
+    let report = drift::run(&options, &tell).map_err(|error| match error {
+        error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
+        error => CliError::internal(error),
+    })?;
+    out.answer(&report, |out| show(&report, &options, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(report: &DriftReport, options: &DriftOptions, out: &mut Output<'_>) -> Result<(), CliError> {
+    let mut table = Table::new(&[
+        "drift",
+        "magnitude",
+        "n",
+        "worsened",
+        "came off",
+        "recovered",
+        "end to end",
+        "lower 95 %",
+        "tasks",
+        "safe ms",
+        "restored ms",
+    ]);
+    for cell in &report.cells {
+        table.row(row(cell));
+    }
+    out.table(&table)?;
+    let left = report.not_activated;
+    if left > 0 {
+        out.line(&format!("{left} of {} runs had no activated candidate and count nowhere", report.runs))?;
+    }
+    out.line(&format!("drift.md, drift.csv, drift.json and drift.svg are in {}", options.out.display()))
+}
+
+fn row(cell: &DriftCell) -> Vec<String> {
+    let count = |share: &Proportion| format!("{}/{}", share.count, share.total);
+    let median = |spread: Option<Spread>| {
+        spread.map_or_else(|| "-".to_owned(), |spread| format!("{:.0}", spread.median))
+    };
+    let lower = cell.end_to_end.interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.2}", ends.lower));
+    vec![
+        crate::pipeline::manager::word(&cell.kind),
+        crate::pipeline::manager::word(&cell.magnitude),
+        cell.runs.to_string(),
+        count(&cell.needed),
+        count(&cell.trigger_recall),
+        count(&cell.recovery_given_trigger),
+        count(&cell.end_to_end),
+        lower,
+        median(cell.episodes_to_rollback),
+        median(cell.time_to_safe_ms),
+        median(cell.time_to_restored_ms),
+    ]
+}

@@ -1,0 +1,133 @@
+//! `holdpoint experiment per-candidate`: arguments and the printed report.
+//!
+//! Prints what [`crate::experiment::per_candidate`] measured; must not measure or leave anything out (JSON has
+//! every digit).
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::Table;
+use super::run::{JOBS_MAX, ProfileArg};
+use super::{CliError, Exit, Output};
+use crate::experiment::ExperimentError;
+use crate::experiment::per_candidate::{self, Report};
+use crate::experiment::verdict::{Shown, Summary};
+use crate::governance::metrics::Proportion;
+use crate::text::{WIDTH_MAX, sanitise};
+
+/// The arguments of `experiment per-candidate`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Exit codes: 0 nothing is refuted, 1 something is.
+
+Examples:
+  holdpoint pool generate --seed 7 --out pool-7
+  holdpoint experiment per-candidate --pool pool-7
+  holdpoint experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
+pub struct PerCandidateArgs {
+    /// The pool's folder; its truth file stands beside it.
+    #[arg(long, value_name = "DIR")]
+    pub pool: PathBuf,
+    /// A profile, from the loosest to the strictest; may be given several times.
+    #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
+    pub profiles: Vec<ProfileArg>,
+    /// The first run seed. Below 100 its episodes were never used for tuning.
+    #[arg(long, default_value_t = 30, value_name = "N")]
+    pub seed: u64,
+    /// Run seeds that the candidates are spread over, 1 to 100.
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub blocks: u64,
+    /// Candidates at once [default: the number of cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// Keeps finished candidates here; a run that was cut off goes on from them.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Runs the experiment and prints its report.
+///
+/// # Errors
+/// Where the pool or the folder cannot be used, or a candidate does not come to an end.
+pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = per_candidate::Plan {
+        pool: args.pool.clone(),
+        profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
+        seed: args.seed,
+        blocks: args.blocks,
+        jobs: args.jobs.map_or(cores, usize::from),
+        out: args.out.clone(),
+    };
+    // Progress is for whoever waits; losing it loses nothing.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+    };
+    let report = per_candidate::run(&plan, &tell).map_err(failed)?;
+    if out.is_json() {
+        for candidate in &report.candidates {
+            out.json(candidate)?;
+        }
+        out.json(&serde_json::json!({ "summaries": report.summaries, "claims": report.claims }))?;
+    } else {
+        show(&report, out)?;
+    }
+    let refuted = report.claims.iter().any(|claim| claim.verdict == Shown::Refuted);
+    Ok(if refuted { Exit::Rejected } else { Exit::Confirmed })
+}
+
+fn failed(error: ExperimentError) -> CliError {
+    match &error {
+        ExperimentError::Pool(_) | ExperimentError::File { .. } => CliError::usage(error),
+        _ => CliError::internal(error),
+    }
+}
+
+fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
+    for summary in &report.summaries {
+        out.line(&format!("profile {}", summary.profile.name()))?;
+        let header = ["class", "kind", "all", "valid", "sandb", "shadow", "gate", "taken off", "kept", "episodes"];
+        let mut table = Table::new(&header);
+        for kind in &summary.kinds {
+            let mut row = vec![kind.class.name().to_owned(), kind.kind.clone(), kind.all.to_string()];
+            row.extend(kind.stopped.iter().map(u64::to_string));
+            row.extend([kind.contained, kind.kept, kind.median_episodes].map(|count| count.to_string()));
+            table.row(row);
+        }
+        out.table(&table)?;
+        out.line("")?;
+        rates(summary, out)?;
+        out.line("")?;
+    }
+    let mut table = Table::new(&["claim", "verdict", "because"]);
+    for claim in &report.claims {
+        table.row([claim.claim.as_str(), claim.verdict.name(), claim.because.as_str()]);
+    }
+    out.table(&table)
+}
+
+fn rates(summary: &Summary, out: &mut Output<'_>) -> Result<(), CliError> {
+    let mut table = Table::new(&["rate", "share", "count", "95 % interval"]);
+    let (overt, marginal) = (&summary.overt, &summary.marginal);
+    for (name, rate) in [
+        ("badr_screen", &overt.badr_screen),
+        ("badr_preactivation", &overt.badr_preactivation),
+        ("badr_lifecycle", &overt.badr_lifecycle),
+        ("false_accept_rate", &overt.false_accept_rate),
+        ("false_reject_rate", &overt.false_reject_rate),
+        ("benign not kept", &summary.benign_not_kept),
+        ("marginal: badr_preactivation", &marginal.badr_preactivation),
+        ("marginal: badr_lifecycle", &marginal.badr_lifecycle),
+    ] {
+        let Proportion { count, total, interval } = rate;
+        table.row([
+            name.to_owned(),
+            rate.share().map_or_else(|| "-".to_owned(), |share| format!("{share:.3}")),
+            format!("{count} of {total}"),
+            interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.3} to {:.3}", ends.lower, ends.upper)),
+        ]);
+    }
+    out.table(&table)
+}

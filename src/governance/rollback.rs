@@ -1,0 +1,332 @@
+//! The record of a rollback: what triggered it, how each rung of the ladder ended, and how fast.
+//!
+//! Plain values with the words they are stored as (paper appendix F.3; design rules 3.8 and 3.11). Climbs
+//! nothing and measures nothing: the pipeline fills it in.
+
+use holdpoint_sim::io::RATE_HZ;
+use serde::{Deserialize, Serialize};
+
+use super::decision::{Reason, ReasonCode};
+use super::ids::CapabilityId;
+use super::monitor::SafetyEvent;
+
+/// What a version is taken off for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TriggerKind {
+    /// A safety event, in the tick it happened.
+    SafetyEvent,
+    /// A rate is established as worse.
+    RateTrip,
+    /// Nobody answered an escalation by its deadline.
+    EscalationUnanswered,
+    /// A person asked for it.
+    Operator,
+    /// Telemetry stayed away, and nobody answered the escalation it raised.
+    TelemetrySilence,
+    /// The engine came up again and found a rollback unfinished, or a version it cannot watch.
+    Restart,
+    /// The doubt it was let in with remained on fresh evidence at the end of its window.
+    OpenDoubt,
+}
+
+impl TriggerKind {
+    /// Every kind.
+    pub const ALL: [Self; 7] = [
+        Self::SafetyEvent,
+        Self::RateTrip,
+        Self::EscalationUnanswered,
+        Self::Operator,
+        Self::TelemetrySilence,
+        Self::Restart,
+        Self::OpenDoubt,
+    ];
+
+    /// The kind that goes with the deciding reason of a monitor. `silent`: the escalation that was not
+    /// answered had been raised for want of telemetry.
+    #[must_use]
+    pub fn of(reasons: &[Reason], silent: bool) -> Self {
+        match reasons.first().map(|reason| reason.code) {
+            Some(ReasonCode::MonitorRateTrip) => Self::RateTrip,
+            Some(ReasonCode::MonitorOperator) => Self::Operator,
+            Some(ReasonCode::MonitorEscalationUnanswered) if silent => Self::TelemetrySilence,
+            Some(ReasonCode::MonitorEscalationUnanswered) => Self::EscalationUnanswered,
+            // What else a monitor rolls back for is a safety event; so is a reason that got lost.
+            _ => Self::SafetyEvent,
+        }
+    }
+
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SafetyEvent => "safety-event",
+            Self::RateTrip => "rate-trip",
+            Self::EscalationUnanswered => "escalation-unanswered",
+            Self::Operator => "operator",
+            Self::TelemetrySilence => "telemetry-silence",
+            Self::Restart => "restart",
+            Self::OpenDoubt => "open-doubt",
+        }
+    }
+}
+
+/// The steps of the ladder, in their order (design rule 3.11).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rung {
+    /// The version gives no command any more.
+    RevokeAuthority,
+    /// The version's own hook brings the arm to a stand.
+    SafeAbort,
+    /// The interrupt that no version can refuse; every joint stands.
+    Hold,
+    /// The tool rises clear of everything.
+    Retract,
+    /// The predecessor is read from the store again, true to its digest.
+    LoadPredecessor,
+    /// Policy table and context are those of the profile.
+    VerifyPolicy,
+    /// Beside the standing arm the predecessor gives a command that its guard passes.
+    ReadyPredecessor,
+    /// Binding, pointer and record move together.
+    SwapBinding,
+    /// The agent plans anew, and the first sequences are worked under the predecessor.
+    Resume,
+}
+
+impl Rung {
+    /// Every rung, in order.
+    pub const ALL: [Self; 9] = [
+        Self::RevokeAuthority,
+        Self::SafeAbort,
+        Self::Hold,
+        Self::Retract,
+        Self::LoadPredecessor,
+        Self::VerifyPolicy,
+        Self::ReadyPredecessor,
+        Self::SwapBinding,
+        Self::Resume,
+    ];
+
+    /// The name in events and records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::RevokeAuthority => "revoke-authority",
+            Self::SafeAbort => "safe-abort",
+            Self::Hold => "hold",
+            Self::Retract => "retract",
+            Self::LoadPredecessor => "load-predecessor",
+            Self::VerifyPolicy => "verify-policy",
+            Self::ReadyPredecessor => "ready-predecessor",
+            Self::SwapBinding => "swap-binding",
+            Self::Resume => "resume",
+        }
+    }
+}
+
+/// Why a rung did not hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RungFailure {
+    /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
+    HookFailed,
+    /// A joint still moves, or nothing tells that it does not.
+    NoStandstill,
+    /// The tool did not come clear.
+    RetreatBlocked,
+    /// There is no predecessor to go back to.
+    PredecessorMissing,
+    /// The predecessor in the store does not load, or is not what was registered.
+    DigestMismatch,
+    /// The policies in force are not those of the profile.
+    PolicyMismatch,
+    /// The store could not be read or written.
+    StoreFailed,
+    /// The predecessor gave no command that its guard passes, or one that no version may give.
+    PredecessorFailed,
+    /// The first sequences under the predecessor had a safety event, or none could be worked.
+    NotRecovered,
+}
+
+impl RungFailure {
+    /// Every class.
+    pub const ALL: [Self; 9] = [
+        Self::HookFailed,
+        Self::NoStandstill,
+        Self::RetreatBlocked,
+        Self::PredecessorMissing,
+        Self::DigestMismatch,
+        Self::PolicyMismatch,
+        Self::StoreFailed,
+        Self::PredecessorFailed,
+        Self::NotRecovered,
+    ];
+
+    /// Whether the family is stopped for it. A hook that fails is no failed ladder, and after the swap the
+    /// predecessor is in control: what it does then is said, with an alarm, and is for people to judge.
+    #[must_use]
+    pub const fn ends_ladder(self) -> bool {
+        !matches!(self, Self::HookFailed | Self::NotRecovered)
+    }
+
+    /// The name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::HookFailed => "hook-failed",
+            Self::NoStandstill => "no-standstill",
+            Self::RetreatBlocked => "retreat-blocked",
+            Self::PredecessorMissing => "predecessor-missing",
+            Self::DigestMismatch => "digest-mismatch",
+            Self::PolicyMismatch => "policy-mismatch",
+            Self::StoreFailed => "store-failed",
+            Self::PredecessorFailed => "predecessor-failed",
+            Self::NotRecovered => "not-recovered",
+        }
+    }
+}
+
+/// How one rung ended.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RungRecord {
+    /// Which.
+    pub rung: Rung,
+    /// Why it did not hold; absent where it held.
+    pub failure: Option<RungFailure>,
+    /// Simulated time it took, ticks; what only reads and writes takes none.
+    pub ticks: u64,
+    /// The same, ms.
+    pub ms: u64,
+    /// What was found, one sentence.
+    pub text: String,
+}
+
+impl RungRecord {
+    /// A rung with its result and its time.
+    #[must_use]
+    pub fn new(rung: Rung, failure: Option<RungFailure>, ticks: u64, text: impl Into<String>) -> Self {
+        Self { rung, failure, ticks, ms: ticks_to_ms(ticks), text: text.into() }
+    }
+
+    /// Whether the ladder goes on after it.
+    #[must_use]
+    pub const fn goes_on(&self) -> bool {
+        match self.failure {
+            None => true,
+            Some(failure) => !failure.ends_ladder(),
+        }
+    }
+}
+
+/// What set a rollback off.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trigger {
+    /// Which kind.
+    pub kind: TriggerKind,
+    /// Which safety event, where it was one.
+    pub event: Option<SafetyEvent>,
+    /// One sentence.
+    pub text: String,
+    /// When, virtual ticks.
+    pub tick: u64,
+}
+
+/// One rollback (paper appendix F.3). Times count from the trigger.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RollbackRecord {
+    /// The version that was taken off.
+    pub candidate: CapabilityId,
+    /// The version that is in control again; absent where nobody is.
+    pub predecessor: Option<CapabilityId>,
+    /// What set it off.
+    pub trigger: Trigger,
+    /// Whether the arm was at work under the version when it was triggered.
+    pub in_flight: bool,
+    /// Until every joint stood, ticks; absent where they never did.
+    pub time_to_safe_ticks: Option<u64>,
+    /// The same, ms.
+    pub time_to_safe_ms: Option<u64>,
+    /// Until the predecessor was bound and had given a command its guard passes, ticks; absent where that failed.
+    pub time_to_restored_ticks: Option<u64>,
+    /// The same, ms.
+    pub time_to_restored_ms: Option<u64>,
+    /// Motion that went on after the trigger, without what braking takes, ms.
+    pub unsafe_continuation_ms: u64,
+    /// The rungs that were tried, in order.
+    pub rungs: Vec<RungRecord>,
+    /// `rolled-back`, `demoted` or `safe-stopped`.
+    pub post_status: String,
+    /// Whether the first tasks under the predecessor ended without a safety event; absent before they were worked.
+    pub recovered: Option<bool>,
+    /// Tasks the predecessor had worked when that was judged.
+    pub resumed_tasks: u32,
+}
+
+impl RollbackRecord {
+    /// The failure the family was stopped for.
+    #[must_use]
+    pub fn stopped_by(&self) -> Option<RungFailure> {
+        self.rungs.iter().filter_map(|rung| rung.failure).find(|failure| failure.ends_ladder())
+    }
+}
+
+/// Simulated milliseconds of so many ticks, rounded down.
+#[must_use]
+pub const fn ticks_to_ms(ticks: u64) -> u64 {
+    ticks.saturating_mul(1000) / RATE_HZ as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::governance::decision::Dimension;
+
+    #[test]
+    fn names_are_what_is_stored() {
+        let name = |value: serde_json::Result<serde_json::Value>| value.unwrap().as_str().unwrap().to_owned();
+        for kind in TriggerKind::ALL {
+            assert_eq!(name(serde_json::to_value(kind)), kind.name());
+        }
+        for rung in Rung::ALL {
+            assert_eq!(name(serde_json::to_value(rung)), rung.name());
+        }
+        for failure in RungFailure::ALL {
+            assert_eq!(name(serde_json::to_value(failure)), failure.name());
+        }
+    }
+
+    #[test]
+    fn the_deciding_reason_names_the_trigger() {
+        for (code, silent, kind) in [
+            (ReasonCode::MonitorSafetyTrip, false, TriggerKind::SafetyEvent),
+            (ReasonCode::MonitorRateTrip, true, TriggerKind::RateTrip),
+            (ReasonCode::MonitorEscalationUnanswered, true, TriggerKind::TelemetrySilence),
+            (ReasonCode::MonitorEscalationUnanswered, false, TriggerKind::EscalationUnanswered),
+            (ReasonCode::MonitorOperator, false, TriggerKind::Operator),
+        ] {
+            let reasons = [Reason::new(code, Dimension::Monitor, "why")];
+            assert_eq!(TriggerKind::of(&reasons, silent), kind, "{code}");
+        }
+        assert_eq!(TriggerKind::of(&[], false), TriggerKind::SafetyEvent);
+    }
+
+    #[test]
+    fn a_failed_hook_is_no_failed_ladder() {
+        let rung = |failure| RungRecord::new(Rung::SafeAbort, failure, 24, "");
+        for (failure, goes_on) in [
+            (None, true),
+            (Some(RungFailure::HookFailed), true),
+            (Some(RungFailure::NotRecovered), true),
+            (Some(RungFailure::NoStandstill), false),
+            (Some(RungFailure::StoreFailed), false),
+        ] {
+            assert_eq!(rung(failure).goes_on(), goes_on, "{failure:?}");
+        }
+        assert_eq!(rung(None).ms, 100);
+    }
+}

@@ -1,0 +1,146 @@
+//! The monitor's place inside a live task: a safety event of a watched version acts in the tick it happens.
+//!
+//! It feeds the monitors tick by tick and stops a task where one of them asks for more than a question. It
+//! decides nothing (the rules do, in `governance::monitor`) and writes nothing: what was decided is acted on
+//! after the task, when the arm stands.
+
+use std::collections::BTreeMap;
+
+use super::stages::monitoring::Watch;
+use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
+use crate::runtime::guard::PolicyHit;
+use crate::runtime::recovery::RecoveryReport;
+use crate::runtime::task::{Supervision, TaskRecord, Tick};
+use crate::runtime::watcher::WatcherSignal;
+
+/// A task that was stopped in flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trip {
+    /// The safety event; absent where it was for something else.
+    pub event: Option<SafetyEvent>,
+    /// When, ticks of the live world.
+    pub world_tick: u64,
+    /// When, virtual ticks of the engine.
+    pub tick: u64,
+    /// What was done to stop the arm.
+    pub stopped: Option<RecoveryReport>,
+}
+
+/// What a monitor decided during a sequence.
+#[derive(Clone, Debug)]
+pub struct Raised {
+    /// About which version.
+    pub id: CapabilityId,
+    /// What.
+    pub decision: MonitorDecision,
+    /// The task it stopped, where it did.
+    pub trip: Option<Trip>,
+}
+
+/// Watches one sequence for every monitor there is.
+pub struct Sentry<'a> {
+    watches: &'a mut BTreeMap<Family, Watch>,
+    from_tick: u64,
+    link_up: bool,
+    raised: Vec<Raised>,
+}
+
+impl<'a> Sentry<'a> {
+    /// A sentry for a sequence that begins at virtual tick `from_tick`. `link_up`: telemetry arrives.
+    pub(super) fn new(watches: &'a mut BTreeMap<Family, Watch>, from_tick: u64, link_up: bool) -> Self {
+        if link_up {
+            // The arm at rest has been read before it sets out.
+            watches.values_mut().for_each(|watch| watch.monitor.telemetry(from_tick));
+        }
+        Self { watches, from_tick, link_up, raised: Vec::new() }
+    }
+
+    /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
+    pub fn tick(&mut self, id: &CapabilityId, world_tick: u64, passed: &Tick<'_>) -> Supervision {
+        let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
+            return Supervision::Continue;
+        };
+        let now = self.from_tick.saturating_add(world_tick);
+        // Where the link is down nothing of the task reaches the monitor, its safety events neither.
+        let event = if self.link_up { safety_event(passed) } else { None };
+        if self.link_up {
+            watch.monitor.telemetry(now);
+        }
+        let decision = match event {
+            Some(event) => watch.monitor.safety(event, now),
+            None => watch.monitor.tick(now),
+        };
+        if decision.action <= watch.told {
+            return Supervision::Continue;
+        }
+        watch.told = decision.action;
+        let stops = decision.action >= MonitorAction::Restrict;
+        let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
+        self.raised.push(Raised { id: id.clone(), decision, trip });
+        if stops { Supervision::Abort } else { Supervision::Continue }
+    }
+
+    /// After a task of `id`: how the arm was stopped belongs to the trip that stopped it.
+    pub fn ended(&mut self, id: &CapabilityId, record: &TaskRecord) {
+        let last = self.raised.last_mut().filter(|raised| raised.id == *id);
+        if let Some(trip) = last.and_then(|raised| raised.trip.as_mut())
+            && trip.stopped.is_none()
+        {
+            trip.stopped = record.recovered;
+        }
+    }
+
+    /// What was decided, in order.
+    #[must_use]
+    pub fn into_raised(self) -> Vec<Raised> {
+        self.raised
+    }
+}
+
+/// The safety event in a tick, the gravest source first.
+fn safety_event(passed: &Tick<'_>) -> Option<SafetyEvent> {
+    let of_hit = |hit: Option<PolicyHit>| hit.as_ref().and_then(of_hit);
+    of_hit(passed.measured)
+        .or_else(|| of_hit(passed.checked))
+        .or_else(|| passed.raised.iter().find_map(|signal| of_signal(*signal)))
+}
+
+/// The safety events of a finished task.
+#[must_use]
+pub fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
+    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(hit));
+    let signals = record.signals.iter().filter_map(|raised| of_signal(raised.signal));
+    hits.chain(signals).collect()
+}
+
+const fn of_hit(hit: &PolicyHit) -> Option<SafetyEvent> {
+    match hit {
+        PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
+        PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),
+        PolicyHit::KeepOut => Some(SafetyEvent::KeepOut),
+        PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
+        PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
+        PolicyHit::ModeUncovered | PolicyHit::ModeForbidden | PolicyHit::ModeUnreviewed => {
+            Some(SafetyEvent::PermissionBreach)
+        }
+        PolicyHit::OutsideWorkspace
+        | PolicyHit::RetriesExceeded
+        | PolicyHit::SpeedClamped
+        | PolicyHit::ForceClamped => None,
+    }
+}
+
+const fn of_signal(signal: WatcherSignal) -> Option<SafetyEvent> {
+    match signal {
+        WatcherSignal::UnexpectedContact => Some(SafetyEvent::Collision),
+        WatcherSignal::TelemetryInvalid => Some(SafetyEvent::NotANumber),
+        WatcherSignal::ObjectSlip
+        | WatcherSignal::ObjectLost
+        | WatcherSignal::TrackingError
+        | WatcherSignal::StaleInput
+        | WatcherSignal::ToolLost
+        | WatcherSignal::GripFault
+        | WatcherSignal::Overrun => None,
+    }
+}
