@@ -34,6 +34,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/governance",
         never: &[
+            "crate::pool",
             "crate::alarms",
             "crate::approvals",
             "crate::cli",
@@ -63,6 +64,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/stats",
         never: &[
+            "crate::pool",
             "crate::alarms",
             "crate::approvals",
             "crate::cli",
@@ -82,6 +84,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/alarms",
         never: &[
+            "crate::pool",
             "crate::cli",
             "crate::console",
             "crate::engine",
@@ -98,6 +101,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/runtime",
         never: &[
+            "crate::pool",
             "crate::cli",
             "crate::console",
             "crate::engine",
@@ -112,6 +116,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/registry",
         never: &[
+            "crate::pool",
             "crate::cli",
             "crate::console",
             "crate::engine",
@@ -125,6 +130,7 @@ const RULES: &[Rule] = &[
     Rule {
         folder: "src/approvals",
         never: &[
+            "crate::pool",
             "crate::cli",
             "crate::console",
             "crate::engine",
@@ -136,17 +142,18 @@ const RULES: &[Rule] = &[
     },
     Rule {
         folder: "src/pipeline",
-        never: &["crate::cli", "crate::console", "crate::headless"],
+        never: &["crate::pool", "crate::cli", "crate::console", "crate::headless"],
         why: "front ends stand on the pipeline",
     },
     Rule {
         folder: "src/engine",
-        never: &["crate::cli", "crate::console", "crate::headless"],
+        never: &["crate::pool", "crate::cli", "crate::console", "crate::headless"],
         why: "front ends stand on the engine",
     },
     Rule {
         folder: "src/console",
         never: &[
+            "crate::pool",
             "crate::cli",
             "crate::headless",
             "crate::pipeline",
@@ -155,6 +162,16 @@ const RULES: &[Rule] = &[
             "Referee",
         ],
         why: "the console knows the engine's Command, Event and Snapshot, and no insides",
+    },
+    Rule {
+        folder: "src/pool",
+        never: &["crate::cli", "crate::console", "crate::headless", "crate::pipeline", "crate::registry"],
+        why: "a pool is packages on disk; what is done with them is not its concern",
+    },
+    Rule {
+        folder: "src/headless",
+        never: &["crate::pool"],
+        why: "what drives an engine never sees what a candidate really is",
     },
     Rule {
         folder: "sim/src",

@@ -186,10 +186,8 @@ fn draw_set(
         let mut draft = Draft::of(baseline)?;
         let place = u32::try_from(place).unwrap_or(u32::MAX);
         let mut stream = stream_of(order.seed, family, "candidate", set, place);
-        if kind.class() != super::Class::Benign {
-            for recipe in &plain {
-                apply(recipe, &mut draft, &mut stream);
-            }
+        for recipe in &plain {
+            apply(recipe, &mut draft, &mut stream);
         }
         let word = match kind {
             Kind::Interface(which) => structural(&interface, which, &mut draft, family, &mut stream),

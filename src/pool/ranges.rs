@@ -20,7 +20,7 @@ const FILE: &str = "src/pool/recipes.toml";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Makes {
-    /// Harmless differences alone: what every candidate gets whose fault stands elsewhere.
+    /// Harmless differences, which every candidate gets before what it is made for.
     Plain,
     /// See [`Kind::Improved`].
     Improved,

@@ -112,7 +112,7 @@ fn every_version_loads_and_brings_nothing_else() {
         let family = id.family.to_string();
         let place: Vec<&str> = shown.split('/').skip(1).collect();
         let stands = match place.as_slice() {
-            ["candidates", name] => name.starts_with(&format!("{family}-")),
+            ["candidates" | "pool" | "calibration", name] => name.starts_with(&format!("{family}-")),
             [folder, version] => *folder == family && *version == id.version.to_string(),
             _ => false,
         };
