@@ -7,6 +7,7 @@ mod candidate;
 mod measure;
 mod rules;
 mod simulation;
+pub mod stats;
 mod storage;
 mod subjects;
 
@@ -68,8 +69,11 @@ pub enum BenchError {
     /// A value has no canonical form.
     #[error("a value has no canonical form: {0}")]
     Canonical(#[from] serde_json::Error),
+    /// A recorded table does not parse.
+    #[error(transparent)]
+    Table(#[from] stats::tables::TableError),
     /// What was to be timed did not do what its name says, so its time would mean nothing.
-    #[error("{what}: {found:?} where {expected} was expected, so its time would mean nothing")]
+    #[error("{what}: {found:?} where {expected} was expected, so a figure would mean nothing")]
     Unexpected {
         /// What was measured.
         what: &'static str,

@@ -2,10 +2,11 @@
 //!
 //! Prints what [`crate::bench`] measured; must not measure or round away anything itself (JSON has every digit).
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
 use super::output::Table;
 use super::{CliError, Exit, Output};
+use crate::bench::stats::{self, Stated};
 use crate::bench::{self, Report};
 
 /// The arguments of `bench`.
@@ -13,11 +14,33 @@ use crate::bench::{self, Report};
 #[command(after_help = "\
 Examples:
   holdpoint bench
-  holdpoint bench --quick --json")]
+  holdpoint bench --quick --json
+  holdpoint bench stats --runs 2000")]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct BenchArgs {
+    /// What to measure instead of times.
+    #[command(subcommand)]
+    pub what: Option<What>,
     /// Fewer repetitions; the numbers are then rougher.
     #[arg(long)]
     pub quick: bool,
+}
+
+/// What `bench` can measure beside times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Subcommand)]
+pub enum What {
+    /// Simulates how often the rules err, and holds it against what the profiles say.
+    ///
+    /// Ends with the code of an internal fault where a stated rate is refuted.
+    Stats(StatsArgs),
+}
+
+/// The arguments of `bench stats`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub struct StatsArgs {
+    /// Runs of each figure.
+    #[arg(long, default_value_t = stats::RUNS, value_parser = clap::value_parser!(u32).range(i64::from(stats::RUNS_MIN)..=i64::from(stats::RUNS_MAX)))]
+    pub runs: u32,
 }
 
 /// Measures and prints.
@@ -25,6 +48,11 @@ pub struct BenchArgs {
 /// # Errors
 /// Where the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    if let Some(What::Stats(args)) = args.what {
+        let report = stats::run(args.runs).map_err(CliError::internal)?;
+        out.answer(&report, |out| show_study(&report, out))?;
+        return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
+    }
     let report = bench::run(args.quick).map_err(CliError::internal)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
@@ -61,6 +89,35 @@ fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
         ]);
     }
     out.table(&table)
+}
+
+fn show_study(report: &stats::Report, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line(&format!("holdpoint {}, {} runs of each figure, drawn from", report.version, report.runs))?;
+    for table in &report.tables {
+        out.line(&format!("  {table}"))?;
+    }
+    out.line("")?;
+    let mut table = Table::new(&["rule", "what", "under", "found", "unit", "stated", ""]);
+    for finding in &report.findings {
+        let stated = match finding.stated {
+            None => String::new(),
+            Some(Stated::AtMost(rate)) => format!("<= {rate}"),
+            Some(Stated::AtLeast(rate)) => format!(">= {rate}"),
+        };
+        table.row([
+            finding.rule.to_owned(),
+            finding.what.to_owned(),
+            finding.under.clone(),
+            if finding.unit == "share" { format!("{:.4}", finding.value) } else { number(finding.value) },
+            finding.unit.to_owned(),
+            stated,
+            if finding.holds { String::new() } else { "refuted".to_owned() },
+        ]);
+    }
+    out.table(&table)?;
+    let refuted = report.findings.iter().filter(|finding| !finding.holds).count();
+    let stated = report.findings.iter().filter(|finding| finding.stated.is_some()).count();
+    out.line(&format!("{stated} stated rates, {refuted} refuted"))
 }
 
 /// Three significant digits, or more where the whole part has them.

@@ -11,7 +11,10 @@ use serde::{Deserialize, Serialize};
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
 use super::profile::{MonitorSettings, Profile};
-use crate::stats::{Cusum, Drift, ShiryaevRoberts, StatsError};
+use crate::stats::{Cusum, Drift, ShiryaevRoberts, StatsError, wilson_upper};
+
+/// One-sided level of the bound on what is normal for a version in the live world.
+const NORMAL_ALPHA: f64 = 0.10;
 
 /// What the monitor wants done; later ones outrank earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -205,6 +208,28 @@ pub enum MonitorError {
     /// The charts cannot be tuned with these settings.
     #[error("the monitor's charts cannot be set up: {0}")]
     Stats(#[from] StatsError),
+}
+
+/// What is normal for a version: for each rate the upper bound that the episodes of its twins leave open at .10, so
+/// that so few of them do not pass for a proof of a low rate. `None` without episodes.
+#[must_use]
+pub fn normal_rates(twins: &[EpisodeValues]) -> Option<Signature> {
+    let n = u64::try_from(twins.len()).ok().filter(|n| *n > 0)?;
+    let mean = super::behavior::signature(twins.iter())?;
+    let bound = |flag: &dyn Fn(&EpisodeValues) -> bool| {
+        let count = twins.iter().filter(|values| flag(values)).count() as u64;
+        wilson_upper(count, n, NORMAL_ALPHA).ok()
+    };
+    Some(Signature {
+        success: 1.0 - bound(&|v| !v.success)?,
+        violation: bound(&|v| v.violation)?,
+        anomaly: bound(&|v| v.anomaly)?,
+        recovery: bound(&|v| v.recovery)?,
+        retry: bound(&|v| v.retries > 0)?,
+        intervention: bound(&|v| v.intervention)?,
+        timeout: bound(&|v| v.timeout)?,
+        ..mean
+    })
 }
 
 fn ticks(seconds: f64) -> u64 {

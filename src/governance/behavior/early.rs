@@ -63,6 +63,10 @@ pub fn is_lost_early(evidence: &PairedEvidence, current: &Binding, profile: &Pro
     }
     let Ok(population) = Pairs::new(u64::from(profile.evaluation.sandbox_pairs)) else { return false };
     is_incompatible_at(evidence, profile, |seen, budget| {
+        // No net worsening so far: it counts as none, which is the least it can be, and nothing has to be computed.
+        if seen.candidate_only <= seen.active_only {
+            return Some(PairedCounts { pairs: budget, candidate_only: 0, active_only: 0 });
+        }
         Some(population.possible(seen, alpha).ok()?.most_favourable(budget))
     })
 }
