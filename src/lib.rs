@@ -6,6 +6,7 @@ pub mod bench;
 pub mod cli;
 pub mod engine;
 pub mod experiment;
+pub mod explain;
 pub mod governance;
 pub mod headless;
 pub mod pipeline;

@@ -15,6 +15,7 @@ pub mod doctor;
 mod engine_verbs;
 pub mod error;
 pub mod experiment;
+pub mod explain;
 pub mod identity;
 pub mod output;
 pub mod per_candidate;
@@ -87,6 +88,8 @@ pub enum Verb {
     Pause(decide::PauseArgs),
     /// Resumes a paused pipeline.
     Resume(decide::PauseArgs),
+    /// Says why a version stands where it stands, decision by decision.
+    Explain(explain::ExplainArgs),
     /// Makes and lists the identities that sign decisions.
     Identity(identity::IdentityArgs),
     /// Shows and checks deployment profiles.
@@ -209,6 +212,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Demote(args)) => engine.decide(&context()?, &Asked::Demote(args.clone()), out),
         Some(Verb::Pause(args)) => engine.decide(&context()?, &Asked::Pause(args.clone()), out),
         Some(Verb::Resume(args)) => engine.decide(&context()?, &Asked::Resume(args.clone()), out),
+        Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),

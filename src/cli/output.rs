@@ -17,6 +17,23 @@ const CELL_WIDTH_MAX: usize = 160;
 /// The narrowest terminal a table is fitted into; below it lines are left to wrap.
 const TABLE_WIDTH_MIN: u16 = 40;
 
+/// The width of text where there is no terminal.
+const WRAP_WIDTH: u16 = 80;
+
+/// Characters that are made harmless at a time; even as escapes they stay below the sanitiser's width.
+const PIECE_CHARS: usize = 64;
+
+/// A text in parts of at most [`PIECE_CHARS`] characters.
+fn pieces(text: &str) -> impl Iterator<Item = &str> {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let end = rest.char_indices().nth(PIECE_CHARS).map_or(rest.len(), |(at, _)| at);
+        let (piece, left) = rest.split_at_checked(end)?;
+        rest = left;
+        (!piece.is_empty()).then_some(piece)
+    })
+}
+
 /// Where answers go.
 pub struct Output<'a> {
     sink: Box<dyn Write + 'a>,
@@ -87,6 +104,23 @@ impl<'a> Output<'a> {
     /// [`CliError::ReaderGone`] or [`CliError::Output`].
     pub fn line(&mut self, text: &str) -> Result<(), CliError> {
         Ok(writeln!(self.sink, "{}", sanitise(text, WIDTH_MAX))?)
+    }
+
+    /// Text for people, indented and wrapped to the terminal, or to 80 columns where there is none. Lines after the
+    /// first stand four columns further in. Nothing is left off.
+    ///
+    /// # Errors
+    /// As [`Output::line`].
+    pub fn paragraph(&mut self, indent: &str, text: &str) -> Result<(), CliError> {
+        let width = usize::from(self.width.unwrap_or(WRAP_WIDTH).max(TABLE_WIDTH_MIN));
+        let further = format!("{indent}    ");
+        let options = textwrap::Options::new(width).initial_indent(indent).subsequent_indent(&further);
+        // What is foreign is made harmless before it is measured; a part at a time, so that no length is cut.
+        let safe: String = pieces(text).map(|piece| sanitise(piece, WIDTH_MAX).into_string()).collect();
+        for line in textwrap::wrap(&safe, options) {
+            writeln!(self.sink, "{}", line.trim_end())?;
+        }
+        Ok(())
     }
 
     /// One JSON document on one line, with nothing in it that a terminal would act on.
@@ -176,6 +210,15 @@ mod tests {
              漢字\\u{202e}\\u{1b}[2J  hidden\\u{a}line\n\
              short\n"
         );
+    }
+
+    #[test]
+    fn paragraphs_are_wrapped_and_complete() {
+        let words: Vec<String> = (0..200).map(|i| format!("word{i}")).collect();
+        let text = printed(false, |out| out.paragraph("  ", &words.join(" ")));
+        assert!(text.lines().all(|line| line.len() <= 80 && line.starts_with("  ")), "{text}");
+        assert_eq!(text.split_whitespace().collect::<Vec<_>>(), words);
+        assert_eq!(printed(false, |out| out.paragraph("", "a\u{1b}[2Jb")), "a\\u{1b}[2Jb\n");
     }
 
     #[test]

@@ -51,7 +51,9 @@ impl<'a> Sentry<'a> {
     pub(super) fn new(watches: &'a mut BTreeMap<Family, Watch>, from_tick: u64, link_up: bool) -> Self {
         if link_up {
             // The arm at rest has been read before it sets out.
-            watches.values_mut().for_each(|watch| watch.monitor.telemetry(from_tick));
+            for watch in watches.values_mut() {
+                watch.monitor.telemetry(from_tick);
+            }
         }
         Self { watches, from_tick, link_up, raised: Vec::new() }
     }
@@ -100,21 +102,22 @@ impl<'a> Sentry<'a> {
 
 /// The safety event in a tick, the gravest source first.
 fn safety_event(passed: &Tick<'_>) -> Option<SafetyEvent> {
-    let of_hit = |hit: Option<PolicyHit>| hit.as_ref().and_then(of_hit);
-    of_hit(passed.measured)
-        .or_else(|| of_hit(passed.checked))
+    passed
+        .measured
+        .and_then(of_hit)
+        .or_else(|| passed.checked.and_then(of_hit))
         .or_else(|| passed.raised.iter().find_map(|signal| of_signal(*signal)))
 }
 
 /// The safety events of a finished task.
 #[must_use]
 pub fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
-    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(hit));
+    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(*hit));
     let signals = record.signals.iter().filter_map(|raised| of_signal(raised.signal));
     hits.chain(signals).collect()
 }
 
-const fn of_hit(hit: &PolicyHit) -> Option<SafetyEvent> {
+const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {
     match hit {
         PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
         PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),

@@ -89,7 +89,8 @@ impl UpgradeManager {
         if !is_ready {
             return self.safe_stop(id, version, record);
         }
-        record.post_status = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" }.to_owned();
+        let left = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" };
+        left.clone_into(&mut record.post_status);
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
@@ -181,9 +182,8 @@ impl UpgradeManager {
     /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
     fn policy_failure(&self) -> Option<RungFailure> {
         let same = PolicyTable::builtin(&self.profile).is_ok_and(|table| table.digest == self.table.digest);
-        let context = match self.ledger.store().views().and_then(|views| views.context()) {
-            Ok(context) => context,
-            Err(_) => return Some(RungFailure::StoreFailed),
+        let Ok(context) = self.ledger.store().views().and_then(|views| views.context()) else {
+            return Some(RungFailure::StoreFailed);
         };
         let bound = context.is_some_and(|(_, digest, _)| digest == self.context_digest);
         (!(same && bound)).then_some(RungFailure::PolicyMismatch)
@@ -252,7 +252,7 @@ impl UpgradeManager {
         version: VersionRef,
         mut record: RollbackRecord,
     ) -> Result<(), Fault> {
-        record.post_status = "safe-stopped".to_owned();
+        "safe-stopped".clone_into(&mut record.post_status);
         record.predecessor = None;
         record.time_to_restored_ticks = None;
         record.time_to_restored_ms = None;

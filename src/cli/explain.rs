@@ -1,0 +1,106 @@
+//! `holdpoint explain`: why a version stands where it stands, from the store alone.
+//!
+//! Prints what [`crate::explain`] reads; must not judge. Lines are wrapped to the terminal, and nothing of it is
+//! left off in JSON.
+
+use std::path::Path;
+
+use clap::Args;
+
+use super::{CliError, Context, Exit, Output, audit};
+use crate::explain::{self, Explained, Explanation};
+use crate::governance::ids::CapabilityId;
+use crate::headless::embedded;
+use crate::runtime::capability::Capability;
+
+/// The arguments of `explain`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint explain align@1.1.0
+  holdpoint explain grasp-improved --json")]
+pub struct ExplainArgs {
+    /// The version, or the folder of a candidate that was registered.
+    #[arg(value_name = "VERSION|FOLDER")]
+    pub subject: String,
+}
+
+/// Reads and prints.
+///
+/// # Errors
+/// Where there is no store, or no such version in it.
+pub fn run(context: &Context, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = audit::open(&context.data)?;
+    let id = version(&args.subject)?;
+    let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
+        return Err(CliError::usage(format!(
+            "{id} is not in the store {:?}\nHint: see `holdpoint registry list`",
+            context.data
+        )));
+    };
+    out.answer(&explanation, |out| show(&explanation, out))?;
+    Ok(Exit::Confirmed)
+}
+
+/// A version by its name, or by the folder it was submitted from.
+fn version(subject: &str) -> Result<CapabilityId, CliError> {
+    if let Ok(id) = subject.parse() {
+        return Ok(id);
+    }
+    let known = |path: &Path| embedded::read(path).ok();
+    let package =
+        known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
+    let Some(package) = package else {
+        return Err(CliError::usage(format!(
+            "{subject:?} is neither a version nor a candidate's folder\nHint: a version is <family>@<version>, such as align@1.1.0"
+        )));
+    };
+    Capability::load(subject, package).map(|capability| capability.id()).map_err(CliError::usage)
+}
+
+fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError> {
+    let Explanation { version, state, author, decisions } = explanation;
+    out.paragraph("", &format!("{version} by {author} is {state}"))?;
+    if decisions.is_empty() {
+        return out.paragraph("", "nothing has been decided about it yet");
+    }
+    for decision in decisions {
+        out.line("")?;
+        one(decision, out)?;
+    }
+    Ok(())
+}
+
+fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
+    let Explained { record, at_ms, stage, outcome, rule, reasons, change, then } = decision;
+    out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
+    out.paragraph("  ", &format!("rule  {}: {}", rule.name, rule.source))?;
+    for reason in reasons {
+        let mark = if reason.code.is_empty() {
+            "-"
+        } else if reason.in_favour {
+            "+"
+        } else {
+            "!"
+        };
+        let code = if reason.code.is_empty() { String::new() } else { format!("{}: ", reason.code) };
+        let numbers = match (reason.evidence, reason.limit) {
+            (Some(found), Some(limit)) => format!(" [{found:.3} against {limit:.3}]"),
+            _ => String::new(),
+        };
+        out.paragraph("  ", &format!("{mark} {code}{}{numbers}", reason.text))?;
+        if let Some(measured) = &reason.measured {
+            out.paragraph("      ", measured)?;
+        }
+        if !reason.code.is_empty() && !reason.in_favour {
+            out.paragraph("      ", &format!("{}: {}", reason.rule.name, reason.rule.source))?;
+        }
+    }
+    for text in change {
+        out.paragraph("  ", &format!("to change  {text}"))?;
+    }
+    for text in then {
+        out.paragraph("  ", &format!("then  {text}"))?;
+    }
+    Ok(())
+}
