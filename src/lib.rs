@@ -8,6 +8,7 @@ pub mod engine;
 pub mod governance;
 pub mod headless;
 pub mod pipeline;
+pub mod refine;
 pub mod registry;
 pub mod runtime;
 pub mod stats;

@@ -17,6 +17,7 @@ pub mod error;
 pub mod identity;
 pub mod output;
 pub mod profile;
+pub mod refine;
 pub mod registry;
 pub mod run;
 mod side;
@@ -90,6 +91,8 @@ pub enum Verb {
     Profile(profile::ProfileArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    /// Makes a candidate of a baseline by optimising its parameters on success alone.
+    Refine(refine::RefineArgs),
     /// Measures the engine on this machine.
     Bench(bench::BenchArgs),
     /// Tells whether this machine and terminal have what is needed.
@@ -205,6 +208,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Refine(args)) => refine::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
