@@ -11,6 +11,7 @@ pub mod governance;
 pub mod headless;
 pub mod pipeline;
 pub mod pool;
+pub mod refine;
 pub mod registry;
 pub mod runtime;
 pub mod stats;

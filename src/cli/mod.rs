@@ -21,6 +21,7 @@ pub mod output;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;
+pub mod refine;
 pub mod registry;
 pub mod run;
 mod side;
@@ -98,6 +99,8 @@ pub enum Verb {
     Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    /// Makes a candidate of a baseline by optimising its parameters on success alone.
+    Refine(refine::RefineArgs),
     /// Measures the engine on this machine.
     Bench(bench::BenchArgs),
     /// Runs an experiment and writes its report.
@@ -217,6 +220,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Refine(args)) => refine::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),

@@ -9,6 +9,10 @@ pub const BLOCK: u64 = 10_000;
 /// Run seeds from here on use calibration episodes.
 pub const CALIBRATION_FROM_RUN: u64 = 100;
 
+/// First episode on which an optimiser practises. Calibration all the same, and far above the block of any run
+/// seed in use (they reach it from 4.6e14 on), so that nothing is judged on what was practised.
+pub const PRACTICE_FROM: u64 = 1 << 62;
+
 /// What episodes are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
@@ -49,6 +53,12 @@ pub const fn episode_seed(run_seed: u64, purpose: Purpose, index: u64) -> u64 {
     run_seed.wrapping_mul(BLOCK).wrapping_add(from + index % count)
 }
 
+/// The seed of the `index`-th episode that the search of a seed practises on. Indices wrap within a block.
+#[must_use]
+pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
+    PRACTICE_FROM + search_seed as u64 * BLOCK + index % BLOCK
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,5 +90,14 @@ mod tests {
             assert!(episode_seed(CALIBRATION_FROM_RUN - 1, purpose, 9_999) < 1_000_000);
             assert!(episode_seed(CALIBRATION_FROM_RUN, purpose, 0) >= 1_000_000);
         }
+    }
+
+    #[test]
+    fn practice_is_apart_from_every_run() {
+        let last_of_runs = episode_seed(u64::from(u32::MAX), Purpose::ConfirmationDrill, 199);
+        assert!(last_of_runs < practice_seed(0, 0));
+        // One search does not reach into another's, and the highest is still a seed.
+        assert_eq!(practice_seed(7, BLOCK - 1) + 1, practice_seed(8, 0));
+        assert!(practice_seed(u32::MAX, BLOCK - 1) > practice_seed(0, 0));
     }
 }

@@ -48,7 +48,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
                 format!("{name}, signals at {rate}, two looks"),
                 true,
                 stated,
-                &|draw| Some(of([(); 4].map(|()| draw.chance(rate)))),
+                &|draw| Some(of([(); 6].map(|()| draw.chance(rate)))),
             )?;
         }
         for worse in WORSE {
@@ -59,7 +59,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
                 None,
                 &|draw| {
                     let live = draw.chance(0.05);
-                    Some(of([false, false, live, live || draw.chance(worse)]))
+                    Some(of([false, false, false, false, live, live || draw.chance(worse)]))
                 },
             )?;
         }
@@ -90,12 +90,14 @@ fn deployed(
     if first.check == Check::Inconclusive { lengthen(settings.shadow_sequences_max) } else { first }
 }
 
-/// Signals in the order live policy, twin policy, live watcher, twin watcher.
-const fn of(
-    [live_policy_hit, twin_policy_hit, live_watcher_event, twin_watcher_event]: [bool; 4],
-) -> ShadowSequence {
+/// Signals in pairs, live before twin: the task failed, policy hit, watcher event.
+const fn of(signals: [bool; 6]) -> ShadowSequence {
+    let [live_failed, twin_failed, live_policy_hit, twin_policy_hit, live_watcher_event, twin_watcher_event] =
+        signals;
     ShadowSequence {
         seed: 0,
+        live_success: !live_failed,
+        twin_success: !twin_failed,
         live_policy_hit,
         twin_policy_hit,
         live_watcher_event,
@@ -108,11 +110,20 @@ const fn of(
 /// The signals that a twin and its live episode give (as `pipeline::shadow` reads them).
 fn sequence(pair: &Pair) -> ShadowSequence {
     let Pair { active, candidate, .. } = pair;
-    of([active.violation, candidate.violation, active.anomaly, candidate.anomaly])
+    of([
+        !active.success,
+        !candidate.success,
+        active.violation,
+        candidate.violation,
+        active.anomaly,
+        candidate.anomaly,
+    ])
 }
 
 fn mirrored(of: &ShadowSequence) -> ShadowSequence {
     ShadowSequence {
+        live_success: of.twin_success,
+        twin_success: of.live_success,
         live_policy_hit: of.twin_policy_hit,
         twin_policy_hit: of.live_policy_hit,
         live_watcher_event: of.twin_watcher_event,

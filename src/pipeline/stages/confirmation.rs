@@ -67,10 +67,7 @@ impl UpgradeManager {
         let Some(dossier) = self.dossiers.get(id) else { return false };
         let doubted = dossier.kappas.as_ref().is_some_and(|kappas| {
             kappas.behavior.outcome == BehaviorOutcome::Suspicious
-                || matches!(
-                    kappas.recovery.outcome,
-                    RecoveryOutcome::Fragile | RecoveryOutcome::Conditional
-                )
+                || matches!(kappas.recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
                 || kappas
                     .recovery
                     .reasons
@@ -150,7 +147,8 @@ impl UpgradeManager {
         changes.push(Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest });
         let at_ms = self.clock.now_ms();
         self.ledger.write(changes, Vec::new(), at_ms)?;
-        let assessments = [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
+        let assessments =
+            [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
         let reasons: Vec<_> = assessments.into_iter().flatten().cloned().collect();
         let settled = confirmation.is_settled();
         let dossier = self.dossier(id);

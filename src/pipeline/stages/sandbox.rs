@@ -107,12 +107,7 @@ impl UpgradeManager {
                     return self.decide_sandbox(&id, &comparison);
                 }
                 let parties = (self.party(&candidate), self.party(&active));
-                let slice = comparison.evaluation.step(
-                    &self.lab(),
-                    &parties.0,
-                    &parties.1,
-                    &self.profile,
-                )?;
+                let slice = comparison.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
                 self.note_slice(&id, &mut comparison, slice)?;
                 Phase::Compare(comparison)
             }

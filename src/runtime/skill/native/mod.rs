@@ -87,8 +87,9 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Every numeric parameter with the range it may lie in.
-    fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
+    /// Every numeric parameter: its name, its value, and the lowest and highest value allowed.
+    #[must_use]
+    pub fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
         match self {
             Self::Grasp(p) | Self::GraspToolFrame(p) => vec![
                 ("look_pictures", f64::from(p.look_pictures), 1.0, 60.0),

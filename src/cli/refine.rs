@@ -1,0 +1,295 @@
+//! `holdpoint refine`: arguments, progress on the standard error, and the printed report.
+//!
+//! Must not search or judge: [`crate::refine`] does the one, and the pipeline does the other once the candidate is
+//! registered.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
+use holdpoint_sim::io::TaskKind;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+
+use super::output::Table;
+use super::run::JOBS_MAX;
+use super::{CliError, Exit, Output};
+use crate::refine::search::Progress;
+use crate::refine::{Comparison, EPISODES_MAX, GENERATIONS_MAX, RefineError, Report, Settings, refine};
+
+/// How often the bar is drawn between two evaluations.
+const DRAW_EVERY: Duration = Duration::from_millis(200);
+
+/// The arguments of `refine`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The search sees whether the work was done in unperturbed episodes, and how long it took. It sees no
+violation, no anomaly, no recovery: whether the result may act is for the pipeline to find out.
+Interrupted, it goes on where it was when the same command is given again.
+
+Examples:
+  holdpoint refine grasp
+  holdpoint refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
+pub struct RefineArgs {
+    /// The family whose baseline is improved.
+    #[arg(value_enum)]
+    pub family: FamilyArg,
+    /// Generations of the search.
+    #[arg(long, value_name = "N", default_value_t = 20,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(GENERATIONS_MAX)))]
+    pub generations: u32,
+    /// Episodes per set of parameters.
+    #[arg(long, value_name = "N", default_value_t = 12,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(EPISODES_MAX)))]
+    pub episodes: u32,
+    /// Same arguments and same seed give the same candidate.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u32,
+    /// How many episodes to simulate at once [default: one per core]; the candidate is the same for any number.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The folder in which <FAMILY>-refined is made; nothing is overwritten.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+    /// The candidate's version [default: the baseline's next minor one].
+    #[arg(long, value_name = "X.Y.Z")]
+    pub version: Option<semver::Version>,
+}
+
+/// A family on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FamilyArg {
+    /// Approach and lift.
+    Grasp,
+    /// Carry over the tray.
+    Align,
+    /// Set down and retreat.
+    Place,
+}
+
+impl From<FamilyArg> for TaskKind {
+    fn from(argument: FamilyArg) -> Self {
+        match argument {
+            FamilyArg::Grasp => Self::Grasp,
+            FamilyArg::Align => Self::Align,
+            FamilyArg::Place => Self::Place,
+        }
+    }
+}
+
+/// Searches, tells how far it is, and prints what came of it.
+///
+/// # Errors
+/// [`CliError`]: 2 for what is wrong with arguments or files, 3 where it was interrupted or found nothing better.
+pub fn run(args: &RefineArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let settings = Settings {
+        task: args.family.into(),
+        generations: args.generations,
+        episodes: args.episodes,
+        seed: args.seed,
+        jobs: args.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX)),
+        out: &args.out,
+        version: args.version.clone(),
+    };
+    let interrupts = Interrupts::take()?;
+    let mut teller = Teller::new();
+    let report = refine(&settings, &interrupts.raised, &mut |progress| teller.tell(progress));
+    teller.finish();
+    let report = report.map_err(error)?;
+    out.answer(&report, |out| show(&report, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn error(error: RefineError) -> CliError {
+    match error {
+        RefineError::Interrupted { .. } | RefineError::NothingBetter { .. } => CliError::held(error),
+        RefineError::Setting { .. }
+        | RefineError::Exists(_)
+        | RefineError::Io { .. }
+        | RefineError::JournalTooLarge { .. } => CliError::usage(error),
+        RefineError::NoBaseline(_)
+        | RefineError::Package(_)
+        | RefineError::Native(_)
+        | RefineError::Edit { .. }
+        | RefineError::Profile(_)
+        | RefineError::Policy(_)
+        | RefineError::Sim(_)
+        | RefineError::Optimiser(_) => CliError::internal(error),
+    }
+}
+
+fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line(&format!("{} is in {}", report.id, report.folder.display()))?;
+    out.line(&format!(
+        "from {} in {} evaluations, {} generations, seed {}; declares {} m/s and {} N",
+        report.parent,
+        report.evaluations,
+        report.generations,
+        report.seed,
+        report.max_speed_m_s,
+        report.max_force_n
+    ))?;
+    for (what, Comparison { before, after }) in
+        [("practised episodes", &report.practised), ("fresh episodes", &report.fresh)]
+    {
+        out.line(&format!("{what:<19} {before} before, {after} after"))?;
+    }
+    out.line("")?;
+    let mut table = Table::new(&["parameter", "before", "after"]);
+    for change in &report.changes {
+        table.row([change.parameter.to_owned(), change.before.to_string(), change.after.to_string()]);
+    }
+    out.table(&table)?;
+    out.line("")?;
+    out.line(&format!("the evaluations are kept in {}", report.kept.display()))?;
+    out.line(&format!(
+        "only success and time were looked at; next: holdpoint candidate check {}",
+        report.folder.display()
+    ))
+}
+
+/// Tells on the standard error how far the search is: a bar on a terminal, a line a generation otherwise.
+struct Teller {
+    bar: Option<ProgressBar>,
+    began: Instant,
+}
+
+impl Teller {
+    fn new() -> Self {
+        let began = Instant::now();
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+            if let Ok(style) = ProgressStyle::with_template("{bar:24} {msg}") {
+                bar.set_style(style.progress_chars("=> "));
+            }
+            bar.enable_steady_tick(DRAW_EVERY);
+            bar
+        });
+        Self { bar, began }
+    }
+
+    fn tell(&mut self, progress: &Progress) {
+        let line = line(progress, self.began.elapsed());
+        match &self.bar {
+            Some(bar) => {
+                bar.set_length(progress.episodes_total);
+                bar.set_position(progress.episodes_done);
+                bar.set_message(line);
+            }
+            None if progress.generation_ended => {
+                // Whoever does not read how far it is is not told; the search goes on.
+                drop(writeln!(std::io::stderr().lock(), "{line}"));
+            }
+            None => {}
+        }
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// How far a search is, in a line.
+fn line(progress: &Progress, elapsed: Duration) -> String {
+    let Progress { generation, generations, best, episodes_done, episodes_simulated, episodes_total, .. } =
+        progress;
+    let left = episodes_total.saturating_sub(*episodes_done);
+    // What was kept cost nothing, so only simulated episodes tell how long the rest takes.
+    let expected = (*episodes_simulated > 0)
+        .then(|| elapsed.as_secs_f64() * left as f64 / *episodes_simulated as f64)
+        .map_or_else(String::new, |secs| format!(", at most {secs:.0} s left"));
+    format!(
+        "generation {generation} of {generations}: best {best}, {episodes_done} of {episodes_total} episodes, {:.0} s{expected}",
+        elapsed.as_secs_f64()
+    )
+}
+
+/// Takes the signals to end while it lives: the search then ends between two episodes.
+struct Interrupts {
+    raised: Arc<AtomicBool>,
+    stop: CancellationToken,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Interrupts {
+    fn take() -> Result<Self, CliError> {
+        let raised = Arc::new(AtomicBool::new(false));
+        let stop = CancellationToken::new();
+        let thread = Self::listen(&raised, &stop)
+            .map_err(|error| CliError::usage(format!("cannot take the signals to end: {error}")))?;
+        Ok(Self { raised, stop, thread: Some(thread) })
+    }
+
+    fn listen(raised: &Arc<AtomicBool>, stop: &CancellationToken) -> std::io::Result<JoinHandle<()>> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+        {
+            let _inside = runtime.enter();
+            for kind in [SignalKind::terminate(), SignalKind::interrupt(), SignalKind::hangup()] {
+                let (raised, mut signal) = (Arc::clone(raised), signal(kind)?);
+                runtime.spawn(async move {
+                    while signal.recv().await.is_some() {
+                        raised.store(true, Ordering::Release);
+                    }
+                });
+            }
+        }
+        let stop = stop.clone();
+        std::thread::Builder::new()
+            .name("interrupts".to_owned())
+            .spawn(move || runtime.block_on(stop.cancelled()))
+    }
+}
+
+impl Drop for Interrupts {
+    fn drop(&mut self) {
+        self.stop.cancel();
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::refine::objective::Score;
+
+    #[test]
+    fn a_line_says_how_far_it_is_and_what_is_left() {
+        let score = Score { episodes: 4, successes: 4, ticks: 4 * 480 };
+        let progress = Progress {
+            generation: 2,
+            generations: 8,
+            generation_ended: true,
+            baseline: score,
+            best: score,
+            episodes_done: 60,
+            episodes_simulated: 20,
+            episodes_total: 100,
+        };
+        for (progress, text) in [
+            (
+                progress,
+                "generation 2 of 8: best 4/4 done in 2.00 s, 60 of 100 episodes, 10 s, at most 20 s left",
+            ),
+            (
+                Progress {
+                    episodes_simulated: 0,
+                    best: Score { successes: 0, ticks: 0, ..score },
+                    ..progress
+                },
+                "generation 2 of 8: best 0/4 done, 60 of 100 episodes, 10 s",
+            ),
+        ] {
+            assert_eq!(line(&progress, Duration::from_secs(10)), text);
+        }
+    }
+}
