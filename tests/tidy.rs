@@ -186,6 +186,24 @@ const RULES: &[Rule] = &[
         why: "the optimiser is told whether the work was done and how long it took, and nothing else",
     },
     Rule {
+        folder: "src/explain",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::engine",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::runtime",
+            "Referee",
+        ],
+        why: "what is explained is what is on record, with or without an engine",
+    },
+    Rule {
+        folder: "src/experiment",
+        never: &["crate::cli", "crate::console"],
+        why: "experiments drive the pipeline; front ends stand on them",
+    },
+    Rule {
         folder: "src/console",
         never: &[
             "crate::pool",
