@@ -108,7 +108,6 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
     for seed in SEEDS {
         let (candidates, truth) = loaded(order(seed, 3, Preset::Full10));
         for (table, profile) in &profiles {
-            let name = profile.name;
             for (candidate, entry) in candidates.iter().zip(&truth.entries) {
                 let found = verdict(candidate, profile, table, &baselines);
                 let breaks = entry.kind.starts_with("interface-");

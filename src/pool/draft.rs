@@ -82,9 +82,8 @@ impl Draft {
     /// What differs from the baseline, in the order it was changed.
     #[must_use]
     pub fn differences(&self) -> String {
-        let shown = |value: &Option<Value>| {
-            value.as_ref().map_or_else(|| "nothing".to_owned(), |value| value.to_string())
-        };
+        let shown =
+            |value: &Option<Value>| value.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string);
         let differs = self.changes.iter().filter(|change| change.old != change.new);
         let lines = differs.map(|c| format!("{} {} -> {}", c.field, shown(&c.old), shown(&c.new)));
         lines.collect::<Vec<_>>().join("; ")

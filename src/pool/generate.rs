@@ -16,6 +16,7 @@ use super::structure::{INTERFACE, Mechanism, PERMISSION};
 use super::truth::{Truth, TruthEntry};
 use super::{FORMAT, INDEX_FILE, PoolCandidate, PoolError, PoolIndex, sha256, shown, truth_path};
 use crate::governance::ids::Digest;
+use crate::governance::submission::Provenance;
 use crate::runtime::capability::{Capability, Package};
 
 /// The most sets of a pool.
@@ -314,7 +315,7 @@ fn submission(stream: &mut Stream) -> Table {
     };
     let mut table = Table::new();
     table.insert("author".to_owned(), Value::from(choose(&AUTHORS)));
-    let provenances = crate::governance::submission::Provenance::ALL.map(|p| p.name());
+    let provenances = Provenance::ALL.map(Provenance::name);
     table.insert("provenance".to_owned(), Value::from(choose(&provenances)));
     table.insert("parent".to_owned(), Value::from("1.0.0"));
     table.insert("estimated_risk".to_owned(), Value::from(choose(&["low", "low", "medium"])));

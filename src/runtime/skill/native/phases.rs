@@ -47,7 +47,14 @@ pub struct Run<P> {
     pub commanded: bool,
     /// Where the tool was sent last.
     pub target: Pose,
-    ended: Option<Option<FailureSignal>>,
+    ended: Option<End>,
+}
+
+/// How the work ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Done,
+    Failed(FailureSignal),
 }
 
 impl<P> Run<P> {
@@ -60,7 +67,10 @@ impl<P> Run<P> {
 
     /// Ends the work, with what failed or without; it is said at the next tick.
     pub const fn finish(&mut self, failure: Option<FailureSignal>) -> Command {
-        self.ended = Some(failure);
+        self.ended = Some(match failure {
+            None => End::Done,
+            Some(signal) => End::Failed(signal),
+        });
         Command::Hold
     }
 }
@@ -90,11 +100,11 @@ impl<C: Phased> Skill for Runner<C> {
         }
         let began = *self.began.get_or_insert(seen.tick);
         if seen.tick.saturating_sub(began) > ticks(frame.timeout_secs) {
-            self.run.ended.get_or_insert(Some(FailureSignal::TimedOut));
+            self.run.ended.get_or_insert(End::Failed(FailureSignal::TimedOut));
         }
         match self.run.ended {
-            Some(None) => Command::Done,
-            Some(Some(signal)) => Command::Fail { signal },
+            Some(End::Done) => Command::Done,
+            Some(End::Failed(signal)) => Command::Fail { signal },
             None => {
                 self.run.tick += 1;
                 self.controller.work(&mut self.run, seen)
