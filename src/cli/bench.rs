@@ -37,6 +37,10 @@ pub enum What {
 
 /// The arguments of `bench stats`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint bench stats
+  holdpoint bench stats --runs 2000 --json")]
 pub struct StatsArgs {
     /// Runs of each figure.
     #[arg(long, default_value_t = stats::RUNS, value_parser = clap::value_parser!(u32).range(i64::from(stats::RUNS_MIN)..=i64::from(stats::RUNS_MAX)))]
