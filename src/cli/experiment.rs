@@ -40,6 +40,10 @@ pub enum Which {
 
 /// The arguments of `experiment drift`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint experiment drift --runs 30 --out results/drift
+  holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20")]
 pub struct DriftArgs {
     /// Independent runs; each has a seed and a candidate of its own.
     #[arg(long, value_name = "N", default_value_t = 30)]

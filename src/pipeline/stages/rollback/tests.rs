@@ -331,7 +331,8 @@ fn silence_asks_then_restricts_then_rolls_back() {
     bench.assert_restored(&record);
     let waited_s = bench.manager.profile.monitor.escalation_deadline_s;
     let at_s = record.trigger.tick as f64 / f64::from(RATE_HZ);
-    assert!((waited_s..waited_s + 1.0).contains(&at_s), "rolled back at {at_s} s");
+    // A deadline that passes while another version is at work is acted on after that sequence.
+    assert!((waited_s..waited_s + 15.0).contains(&at_s), "rolled back at {at_s} s");
 }
 
 #[test]
