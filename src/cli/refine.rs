@@ -53,7 +53,7 @@ pub struct RefineArgs {
     /// How many episodes to simulate at once [default: one per core]; the candidate is the same for any number.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// The folder in which <FAMILY>-refined is made; nothing is overwritten.
+    /// The folder in which FAMILY-refined is made; nothing is overwritten.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
     /// The candidate's version [default: the baseline's next minor one].
