@@ -88,7 +88,8 @@ fn failed(error: ExperimentError) -> CliError {
 fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
     for summary in &report.summaries {
         out.line(&format!("profile {}", summary.profile.name()))?;
-        let header = ["class", "kind", "all", "valid", "sandb", "shadow", "gate", "taken off", "kept", "episodes"];
+        let header =
+            ["class", "kind", "all", "valid", "sandb", "shadow", "gate", "taken off", "kept", "episodes"];
         let mut table = Table::new(&header);
         for kind in &summary.kinds {
             let mut row = vec![kind.class.name().to_owned(), kind.kind.clone(), kind.all.to_string()];

@@ -165,7 +165,9 @@ impl Drive<'_> {
             }
             if let Some(prompt) = snapshot.prompts.into_iter().find(|open| open.version == self.version) {
                 let who = APPROVERS.iter().find(|who| !prompt.approved_by.iter().any(|by| by == *who));
-                let Some(who) = who else { return Err(self.unsettled("more people are asked than there are")) };
+                let Some(who) = who else {
+                    return Err(self.unsettled("more people are asked than there are"));
+                };
                 let decision = ApprovalDecision::Approve;
                 let command = approver::answer(&self.engine, prompt, who, decision, "agrees to everything")
                     .map_err(|error| ExperimentError::candidate(self.name, error.to_string()))?;

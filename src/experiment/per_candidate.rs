@@ -137,17 +137,17 @@ fn work(
     if let Some(error) = failed.into_inner().ok().flatten() {
         return Err(error);
     }
-    let ends = ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
-    if ends.len() == tasks.len() { Ok(ends) } else { Err(ExperimentError::Unexpected("a worker ended without a result".to_owned())) }
+    let ends =
+        ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
+    if ends.len() == tasks.len() {
+        Ok(ends)
+    } else {
+        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
+    }
 }
 
 /// One candidate, or what is kept of it from an earlier run of the same build.
-fn one(
-    cell: &Cell,
-    folder: &Path,
-    cache: &Path,
-    task: &Task<'_>,
-) -> Result<CandidateEnd, ExperimentError> {
+fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
     let profile = crate::governance::profile::Profile::builtin(task.profile)
         .map_err(|error| ExperimentError::candidate(task.name, error.to_string()))?;
     let parts = [
@@ -163,7 +163,8 @@ fn one(
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let path = folder.join("ends").join(format!("{}.json", Digest::of_parts("holdpoint.end.v1", &parts)));
     // A damaged file is no file.
-    let kept = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<CandidateEnd>(&bytes).ok());
+    let kept =
+        std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<CandidateEnd>(&bytes).ok());
     if let Some(kept) = kept.filter(|kept| kept.name == task.name) {
         return Ok(kept);
     }

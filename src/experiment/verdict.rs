@@ -115,9 +115,9 @@ impl Summary {
             of_profile.iter().filter(|one| classes.contains(&one.class)).map(|one| one.record()).collect()
         };
         let benign = of_profile.iter().filter(|one| one.class == Class::Benign);
-        let rejected = of_profile.iter().filter(|one| {
-            one.class == Class::Faulty && matches!(one.end.fate, Fate::Blocked { .. })
-        });
+        let rejected = of_profile
+            .iter()
+            .filter(|one| one.class == Class::Faulty && matches!(one.end.fate, Fate::Blocked { .. }));
         let to_reject: Vec<u64> = rejected.map(|one| one.end.effort.sandbox).collect();
         let measured = to_reject.iter().copied().filter(|episodes| *episodes > 0).collect();
         Ok(Self {

@@ -134,6 +134,7 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
         println!("{} drills n {n} {} rho {rho:.3}", version.id(), shown.join(" "));
     }
     Ok(())
+}
 
 /// The pairs of which both episodes could be carried out.
 fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {

@@ -4,10 +4,10 @@ use holdpoint_sim::io::TaskKind;
 
 use crate::engine::event::{EventKind, TaskSummary};
 use crate::governance::decision::{Reason, ReasonCode};
-use crate::governance::evidence::{EpisodeValues, Signature};
+
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::lifecycle::{Event, Leave};
-use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision};
+use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
 use crate::governance::rollback::{Trigger, TriggerKind};
 use crate::pipeline::ledger::Note;
 use crate::pipeline::live::{Listener, Nobody, SequenceReport};
@@ -17,13 +17,9 @@ use crate::pipeline::sentry::{Sentry, Trip, safety_events};
 use crate::pipeline::shadow::Shadow;
 use crate::registry::{AuditBody, Batch};
 use crate::runtime::task::TaskRecord;
-use crate::stats::wilson_upper;
 
 /// Sequences whose success is kept for display.
 const RECENT: usize = 50;
-
-/// One-sided level of the bound on what is normal for a version in the live world.
-const EXPECTED_ALPHA: f64 = 0.10;
 
 /// The monitor of one activation.
 pub struct Watch {
@@ -42,7 +38,7 @@ impl UpgradeManager {
     /// A monitor for a version about to be activated. What is normal is what its twins did in the
     /// live world, at the unfavourable end of what so few of them can tell.
     pub(in crate::pipeline) fn new_watch(&mut self, id: &CapabilityId) -> Result<Watch, Fault> {
-        let expected = expected(&self.dossier(id).twins)
+        let expected = normal_rates(&self.dossier(id).twins)
             .ok_or_else(|| Fault::Impossible(format!("{id} has no shadow evidence to monitor it against")))?;
         let monitor = Monitor::new(&self.profile, &expected, self.now_tick())
             .map_err(|error| Fault::Impossible(error.to_string()))?;
@@ -339,24 +335,4 @@ const fn tick_of(at_ms: u64) -> u64 {
 /// The first virtual time at which a tick has come.
 const fn ms_of(tick: u64) -> u64 {
     tick.saturating_mul(1000).div_ceil(holdpoint_sim::io::RATE_HZ as u64)
-}
-
-/// What is normal: for each rate the upper bound that the twins leave open.
-fn expected(twins: &[EpisodeValues]) -> Option<Signature> {
-    let n = u64::try_from(twins.len()).ok().filter(|n| *n > 0)?;
-    let mean = crate::governance::behavior::signature(twins.iter())?;
-    let bound = |flag: &dyn Fn(&EpisodeValues) -> bool| {
-        let count = twins.iter().filter(|values| flag(values)).count() as u64;
-        wilson_upper(count, n, EXPECTED_ALPHA).ok()
-    };
-    Some(Signature {
-        success: 1.0 - bound(&|v| !v.success)?,
-        violation: bound(&|v| v.violation)?,
-        anomaly: bound(&|v| v.anomaly)?,
-        recovery: bound(&|v| v.recovery)?,
-        retry: bound(&|v| v.retries > 0)?,
-        intervention: bound(&|v| v.intervention)?,
-        timeout: bound(&|v| v.timeout)?,
-        ..mean
-    })
 }
