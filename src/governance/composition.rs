@@ -214,7 +214,11 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
         return (Recommendation::RollbackReview, Some(Dimension::Policy));
     }
     if blocked(behavior) {
-        return (Recommendation::Sandbox, Some(Dimension::Behavior));
+        // An evaluation that ended early on a failed recovery leaves behaviour short of its budget: what failed is
+        // the reason, not what is missing.
+        let failed = behavior != Check::Fail && recovery == Check::Fail;
+        let dimension = if failed { Dimension::Recovery } else { Dimension::Behavior };
+        return (Recommendation::Sandbox, Some(dimension));
     }
     if context.has_approver && recovery_is_reviewable(&kappas.recovery) {
         return (Recommendation::RollbackReview, Some(Dimension::Recovery));

@@ -138,6 +138,8 @@ reason_codes! {
     RecoveryFragile = "recovery-fragile",
     /// Recovery is above the floor and clearly below the active version's.
     RecoveryConditional = "recovery-conditional",
+    /// One kind of drill passes less often, not established: a doubt to be settled.
+    RecoveryLeaning = "recovery-leaning",
     /// The drills of one kind are established as passing less often than the active version's.
     RecoveryEstablishedWorse = "recovery-established-worse",
     /// A stopping rule ended the drills before their number; the text names it.

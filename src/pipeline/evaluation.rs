@@ -5,6 +5,7 @@
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
 use crate::governance::behavior::{self, BehaviorAssessment};
+use crate::governance::composition::recovery_is_reviewable;
 use crate::governance::ended::Ended;
 use crate::governance::evidence::{
     Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
@@ -253,8 +254,18 @@ impl Evaluation {
         let early = |ended: &Ended| *ended != Ended::Full;
         self.ended = behavior::ended(&self.paired(), &self.binding, profile)
             .filter(early)
-            .or_else(|| recovery::ended(&self.rehearsed(), &self.binding, profile).filter(early))
+            .or_else(|| self.recovery_ended(profile).filter(early))
             .or_else(|| self.next_turn().is_none().then_some(Ended::Full));
+    }
+
+    /// A lost recovery ends the evaluation, unless people may still be asked about it: they are shown behaviour
+    /// measured over its whole budget.
+    fn recovery_ended(&self, profile: &Profile) -> Option<Ended> {
+        let rehearsed = self.rehearsed();
+        let ended = recovery::ended(&rehearsed, &self.binding, profile)?;
+        let result = recovery::assess_ended(&rehearsed, &self.binding, profile, ended);
+        let reviewable = profile.has_approver() && recovery_is_reviewable(&result.assessment);
+        (!reviewable).then_some(ended)
     }
 
     /// What the rules make of what was worked. An early end counts for the dimension that bears it out; the other

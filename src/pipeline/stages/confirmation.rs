@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::event::EventKind;
 use crate::governance::behavior::BehaviorAssessment;
-use crate::governance::decision::ReasonCode;
+use crate::governance::decision::{Reason, ReasonCode};
 use crate::governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Leave, Stage};
-use crate::governance::outcome::{BehaviorOutcome, RecoveryOutcome};
+use crate::governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use crate::governance::recovery::RecoveryAssessment;
 use crate::governance::rollback::TriggerKind;
 use crate::pipeline::cell::Conditions;
@@ -43,9 +43,22 @@ impl Confirmation {
     /// Whether nothing of the doubt is left.
     #[must_use]
     pub fn is_settled(&self) -> bool {
-        self.behavior.assessment.outcome == BehaviorOutcome::Compatible
-            && self.recovery.assessment.outcome == RecoveryOutcome::Compatible
+        let (behavior, recovery) = (&self.behavior.assessment, &self.recovery.assessment);
+        behavior.outcome == BehaviorOutcome::Compatible
+            && recovery.outcome == RecoveryOutcome::Compatible
+            && !is_doubtful(behavior, recovery)
     }
+}
+
+/// Whether an assessment that advances leaves a doubt: suspicious behaviour, recovery under a restriction, or one
+/// kind of drill that passes less often than the active version's.
+fn is_doubtful(behavior: &Assessment<BehaviorOutcome>, recovery: &Assessment<RecoveryOutcome>) -> bool {
+    let leans = |reason: &Reason| {
+        matches!(reason.code, ReasonCode::RecoveryEstablishedWorse | ReasonCode::RecoveryLeaning)
+    };
+    behavior.outcome == BehaviorOutcome::Suspicious
+        || matches!(recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
+        || recovery.reasons.iter().any(leans)
 }
 
 /// A confirmation under way.
@@ -65,15 +78,8 @@ impl UpgradeManager {
     /// Whether a version was let in with a doubt that nothing has settled yet.
     pub(in crate::pipeline) fn has_open_doubt(&self, id: &CapabilityId) -> bool {
         let Some(dossier) = self.dossiers.get(id) else { return false };
-        let doubted = dossier.kappas.as_ref().is_some_and(|kappas| {
-            kappas.behavior.outcome == BehaviorOutcome::Suspicious
-                || matches!(kappas.recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
-                || kappas
-                    .recovery
-                    .reasons
-                    .iter()
-                    .any(|reason| reason.code == ReasonCode::RecoveryEstablishedWorse)
-        });
+        let doubted =
+            dossier.kappas.as_ref().is_some_and(|kappas| is_doubtful(&kappas.behavior, &kappas.recovery));
         doubted && !dossier.confirmation.as_ref().is_some_and(Confirmation::is_settled)
     }
 
