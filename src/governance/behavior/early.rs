@@ -125,6 +125,11 @@ pub fn assess_ended(
     let reason = Reason::new(ReasonCode::BehaviorEndedEarly, Dimension::Behavior, text)
         .with(seen as f64, budget as f64);
     result.assessment.reasons.insert(0, reason);
+    for (at, c) in result.components.iter().filter(|c| c.is_established()).enumerate() {
+        let text = format!("{} is worse in the pairs worked so far", c.name.name());
+        let worse = Reason::new(ReasonCode::BehaviorEstablishedWorse, Dimension::Behavior, text);
+        result.assessment.reasons.insert(1 + at, worse.with(c.worsening, c.tolerance));
+    }
     result.assessment.outcome = BehaviorOutcome::Incompatible;
     result.assessment.conditions.clear();
     result.improved = false;
