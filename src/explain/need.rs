@@ -121,6 +121,8 @@ pub(super) fn change(reason: &Reason, dossier: &Dossier) -> Option<String> {
         "behavior-no-data" | "composition-no-data" => {
             "it has to be measured: the next stage does that".to_owned()
         }
+        // The end of an evaluation is no demand of its own: what ended it stands beside it.
+        "behavior-ended-early" | "recovery-ended-early" => return None,
         "behavior-inconclusive" => format!("more paired episodes are needed: {}", against(reason)),
         "behavior-hard-stop" => {
             "the event has to be made impossible: one of them ends an evaluation".to_owned()
@@ -130,6 +132,9 @@ pub(super) fn change(reason: &Reason, dossier: &Dossier) -> Option<String> {
         | "recovery-far-below-floor"
         | "recovery-fragile"
         | "recovery-conditional" => weakest(reason, dossier),
+        "recovery-established-worse" | "recovery-leaning" => {
+            format!("they have to pass as often as the active version's: {}", against(reason))
+        }
         "recovery-no-data" | "shadow-no-data" | "gate-no-data" | "interface-no-data" | "policy-no-data" => {
             format!("evidence is missing: {}", reason.text)
         }
@@ -173,7 +178,7 @@ pub(super) fn change(reason: &Reason, dossier: &Dossier) -> Option<String> {
                 against(reason)
             )
         }
-        "shadow-output-divergence" | "shadow-envelope-divergence" => {
+        "shadow-output-divergence" | "shadow-envelope-divergence" | "shadow-leaning" => {
             format!("it only lengthens shadow: {}", against(reason))
         }
         "monitor-safety-trip" => "no safety event: the first one takes a version off".to_owned(),

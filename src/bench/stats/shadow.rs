@@ -52,16 +52,10 @@ pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
             )?;
         }
         for worse in WORSE {
-            push(
-                "worse: fails",
-                format!("{name}, watcher events .05 and +{worse}, one look"),
-                false,
-                None,
-                &|draw| {
-                    let live = draw.chance(0.05);
-                    Some(of([false, false, false, false, live, live || draw.chance(worse)]))
-                },
-            )?;
+            push("worse: fails", format!("{name}, watcher events .05 and +{worse}"), false, None, &|draw| {
+                let live = draw.chance(0.05);
+                Some(of([false, false, false, false, live, live || draw.chance(worse)]))
+            })?;
         }
     }
     Ok(findings)

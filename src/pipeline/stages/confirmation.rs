@@ -175,3 +175,38 @@ impl UpgradeManager {
         self.roll_back(id, trigger, None, Leave::Demoted)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::governance::decision::Dimension;
+    use crate::governance::outcome::Basis;
+
+    fn assessment<O>(outcome: O, codes: &[ReasonCode]) -> Assessment<O> {
+        let reason = |code: &ReasonCode| Reason::new(*code, Dimension::Recovery, "as tested");
+        Assessment {
+            outcome,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons: codes.iter().map(reason).collect(),
+            conditions: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_leaves_a_doubt() {
+        use BehaviorOutcome::{Compatible as Good, Suspicious};
+        use RecoveryOutcome::{Compatible, Conditional, Fragile};
+        for (behavior, recovery, codes, doubtful) in [
+            (Good, Compatible, [ReasonCode::RecoveryCompatible].as_slice(), false),
+            (Suspicious, Compatible, &[], true),
+            (Good, Conditional, &[], true),
+            (Good, Fragile, &[], true),
+            (Good, Compatible, &[ReasonCode::RecoveryCompatible, ReasonCode::RecoveryLeaning], true),
+            (Good, Compatible, &[ReasonCode::RecoveryEstablishedWorse], true),
+        ] {
+            let found = is_doubtful(&assessment(behavior, &[]), &assessment(recovery, codes));
+            assert_eq!(found, doubtful, "{behavior:?} {recovery:?} {codes:?}");
+        }
+    }
+}
