@@ -113,7 +113,7 @@ pub struct Activated {
 
 /// Takes the run's candidate to its activation. `None` where the pipeline did not let it pass.
 pub(super) fn activate(setting: &Setting, seed: u64) -> Result<Option<Activated>, ExperimentError> {
-    let folder = tempfile::tempdir().map_err(ExperimentError::file(Path::new("a temporary folder")))?;
+    let folder = super::scratch()?;
     let name = candidate_of(seed);
     let id = candidate(name)?.id();
     let mut manager = setting.manager(seed, folder.path())?;
@@ -304,7 +304,7 @@ impl Activated {
 
     /// A store of its own, as it was at the activation.
     fn copy(&self) -> Result<tempfile::TempDir, ExperimentError> {
-        let copy = tempfile::tempdir().map_err(ExperimentError::file(Path::new("a temporary folder")))?;
+        let copy = super::scratch()?;
         copy_folder(self.folder.path(), copy.path())?;
         Ok(copy)
     }

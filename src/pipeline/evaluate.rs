@@ -1,7 +1,7 @@
-//! Paired episodes: both versions face the same seeds, on a pool of worlds, results in seed order.
+//! Single episodes and batches of them, on a pool of worlds, results in the order they were asked for.
 //!
-//! Episodes of the active version are cached by what determines them, so that a second candidate
-//! does not pay for them again.
+//! Says what determines an episode ([`cache_key`]); what is kept under it, and which versions meet on which
+//! seeds, is for [`super::lab`] and [`super::evaluation`].
 
 use std::ops::ControlFlow;
 use std::sync::atomic::AtomicBool;
