@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
 use crate::approvals::SignedApproval;
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::lifecycle::Stage;
@@ -23,6 +24,8 @@ pub enum Command {
     Decide {
         /// The decision with its signature.
         signed: Box<SignedApproval>,
+        /// What was on the screen, kept with the decision; absent where there was none.
+        shown: Option<String>,
     },
     /// Refuse a candidate for good.
     Reject(Operation),
@@ -69,6 +72,67 @@ pub enum Command {
         /// Who.
         by: String,
     },
+    /// Close a latched alarm whose condition is gone.
+    ResetAlarm {
+        /// Which.
+        alarm: String,
+        /// Who.
+        by: String,
+        /// Why it is safe.
+        reason: String,
+    },
+    /// Set an alarm aside for a time.
+    ShelveAlarm {
+        /// Which.
+        alarm: String,
+        /// Who.
+        by: String,
+        /// For how long, ms.
+        for_ms: u64,
+        /// Why.
+        reason: String,
+    },
+    /// Take an alarm from its shelf.
+    UnshelveAlarm {
+        /// Which.
+        alarm: String,
+        /// Who.
+        by: String,
+    },
+    /// Answer a monitor's question: the version goes on as it is.
+    Continue(Operation),
+    /// How fast the simulated live world works.
+    Pace {
+        /// Simulated seconds in a second; absent for as fast as it computes.
+        times: Option<f64>,
+    },
+    /// Everything about one version.
+    Detail {
+        /// Which.
+        version: CapabilityId,
+    },
+    /// A page of the registry.
+    Registry {
+        /// Which versions.
+        group: Group,
+        /// Whose name contains this; empty for all.
+        text: String,
+        /// How many to skip.
+        offset: u64,
+        /// How many at most.
+        limit: u64,
+    },
+    /// A page of the audit log, the newest first.
+    Audit {
+        /// Records before this one; absent for the newest.
+        before: Option<u64>,
+        /// About this alone; empty for all.
+        subject: String,
+        /// How many at most.
+        limit: u64,
+    },
+    /// Check the whole audit chain.
+    VerifyAudit,
     /// How things stand.
     Snapshot,
     /// End in an orderly way: nothing is approved or activated by it.
@@ -122,6 +186,26 @@ pub enum Reply {
         /// All of it.
         snapshot: Box<super::snapshot::Snapshot>,
     },
+    /// Everything about one version.
+    Detail {
+        /// All of it.
+        detail: Box<Detail>,
+    },
+    /// A page of the registry.
+    Registry {
+        /// The page.
+        page: RegistryPage,
+    },
+    /// A page of the audit log.
+    Audit {
+        /// The page.
+        page: AuditPage,
+    },
+    /// What checking the audit chain came to.
+    Verified {
+        /// All of it.
+        verified: Verified,
+    },
 }
 
 /// Why a command was refused.
@@ -157,13 +241,22 @@ impl Command {
             | Self::Resume(operation)
             | Self::Restrict(operation)
             | Self::Rearm(operation)
+            | Self::Continue(operation)
             | Self::Demote { operation, .. }
             | Self::Repeat { operation, .. } => Some(&operation.version.family),
+            Self::Detail { version } => Some(&version.family),
             Self::Register { .. }
             | Self::Decide { .. }
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::AcknowledgeAlarm { .. }
+            | Self::ResetAlarm { .. }
+            | Self::ShelveAlarm { .. }
+            | Self::UnshelveAlarm { .. }
+            | Self::Pace { .. }
+            | Self::Registry { .. }
+            | Self::Audit { .. }
+            | Self::VerifyAudit
             | Self::Snapshot
             | Self::Shutdown => None,
         }

@@ -6,8 +6,10 @@
 
 pub mod clock;
 pub mod command;
+pub mod detail;
 pub mod door;
 pub mod event;
+pub mod picture;
 pub mod service;
 pub mod snapshot;
 mod view;

@@ -5,6 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::event::{DimensionResult, TaskSummary};
+use super::picture::Scenery;
+use crate::alarms::AlarmSummary;
 use crate::governance::composition::Condition;
 use crate::governance::decision::Reason;
 use crate::governance::evidence::{Drills, Signature};
@@ -34,10 +36,29 @@ pub struct Snapshot {
     pub candidates: Vec<CandidateView>,
     /// What waits for people.
     pub prompts: Vec<PromptView>,
-    /// Alarms that are not normal.
+    /// Monitors' questions that wait for an answer.
+    pub questions: Vec<QuestionView>,
+    /// Alarms that are not normal, in the order of attention.
     pub alarms: Vec<AlarmView>,
+    /// Counts for the status line.
+    pub alarm_summary: AlarmSummary,
     /// The live world.
     pub live: LiveView,
+    /// What stands round the robot.
+    pub scenery: Scenery,
+    /// The profile's limits of kappa I, P, B, R.
+    pub thresholds: [f64; 4],
+}
+
+/// A monitor's question: people are needed, or the version is rolled back at the deadline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct QuestionView {
+    /// About which active version.
+    pub version: CapabilityId,
+    /// Why it asks.
+    pub reasons: Vec<Reason>,
+    /// Until when, virtual ms.
+    pub deadline_ms: u64,
 }
 
 /// A family.
@@ -105,6 +126,10 @@ pub struct ProgressView {
     pub done: u64,
     /// Of.
     pub budget: u64,
+    /// When the stage began, virtual ms.
+    pub since_ms: u64,
+    /// What would end it early, one sentence.
+    pub early: String,
 }
 
 /// Paired episodes.
@@ -133,6 +158,25 @@ pub struct ShadowView {
     pub governance: f64,
     /// Mean envelope divergence.
     pub envelope: f64,
+    /// The profile's limits of the three; absent where one decides nothing by itself.
+    pub limits: [Option<f64>; 3],
+    /// Output, governance and envelope divergence of each sequence, in order.
+    pub series: Vec<[f32; 3]>,
+    /// Sequences in which twin and live world did not agree, the newest first; at most fifty.
+    pub disagreements: Vec<Disagreement>,
+}
+
+/// A shadowed sequence in which the two worlds ended differently.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Disagreement {
+    /// Which of the shadowed sequences, counting from 0.
+    pub index: u64,
+    /// Its seed.
+    pub seed: u64,
+    /// What the live world showed that the twin did not, and the reverse, in words.
+    pub text: String,
+    /// Output divergence.
+    pub output: f32,
 }
 
 /// Something that waits for people.
@@ -164,6 +208,18 @@ pub struct PromptView {
     pub valid_until_ms: u64,
     /// The store it belongs to.
     pub store_id: String,
+    /// When people were asked, virtual ms.
+    pub asked_ms: u64,
+    /// How much friction a decision needs (0, 1 or 2; reference A6).
+    pub tier: u8,
+    /// Who made the candidate, and so cannot approve it.
+    pub author: String,
+    /// Permissions that the active version does not have.
+    pub new_permissions: Vec<String>,
+    /// What was not tested, one sentence each.
+    pub untested: Vec<String>,
+    /// What happens when it gets worse after activation, one sentence.
+    pub on_drift: String,
 }
 
 /// An alarm.
@@ -181,6 +237,18 @@ pub struct AlarmView {
     pub text: String,
     /// Since when, virtual ms.
     pub since_ms: u64,
+    /// The state below a shelf; as `state` where there is none.
+    pub state_below: String,
+    /// Whether it stays until reset.
+    pub latching: bool,
+    /// Who has acknowledged it.
+    pub acknowledged_by: Option<String>,
+    /// Who set it aside, why, and until when, virtual ms.
+    pub shelf: Option<(String, String, u64)>,
+    /// How often it was raised since it was last normal.
+    pub raises: u32,
+    /// Whether it comes so often that it is one row with a count.
+    pub chattering: bool,
 }
 
 /// The live world.
@@ -196,4 +264,27 @@ pub struct LiveView {
     pub last: Vec<TaskSummary>,
     /// The drift that has set in.
     pub drift: Option<String>,
+    /// What is broken.
+    pub fault: Option<String>,
+    /// Simulated seconds in a second; absent for as fast as it computes.
+    pub pace: Option<f64>,
+    /// Success of the last sequences, the newest last; at most fifty.
+    pub outcomes: Vec<bool>,
+    /// Monitors of provisional and restricted versions.
+    pub monitors: Vec<MonitorView>,
+}
+
+/// A monitor's charts against their limits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MonitorView {
+    /// The version it watches.
+    pub version: CapabilityId,
+    /// Episodes watched.
+    pub episodes: u32,
+    /// Episodes of the provisional window.
+    pub needed: u32,
+    /// Whether it has tightened the envelope.
+    pub restricted: bool,
+    /// Each chart's name, where it stands and its limit.
+    pub charts: Vec<(String, f64, f64)>,
 }
