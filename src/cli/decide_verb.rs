@@ -196,7 +196,7 @@ fn sign(
         nonce: Nonce::random().map_err(CliError::internal)?,
         not_after_ms: prompt.valid_until_ms,
     };
-    side.carry_out(Command::Decide { signed: Box::new(who.sign(approval)) }, out)
+    side.carry_out(Command::Decide { signed: Box::new(who.sign(approval)), shown: None }, out)
 }
 
 fn identity(context: &Context, signature: &Signature) -> Result<Identity, CliError> {

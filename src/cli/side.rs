@@ -69,7 +69,11 @@ impl Side {
         match self.ask(Command::Snapshot)? {
             Reply::Snapshot { snapshot } => Ok(*snapshot),
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
-            Reply::Accepted { .. } => Err(CliError::internal("the engine answered without a snapshot")),
+            Reply::Accepted { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
         }
     }
 
@@ -85,7 +89,13 @@ impl Side {
                 Ok(Exit::Confirmed)
             }
             Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
-            Reply::Snapshot { .. } => Err(CliError::internal("the engine answered with a snapshot")),
+            Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => {
+                Err(CliError::internal("the engine answered with something that was not asked for"))
+            }
         }
     }
 }

@@ -193,7 +193,14 @@ impl Source<'_> {
                 }
                 Ok(Some(*snapshot))
             }
-            Ok(Reply::Accepted { .. } | Reply::Refused { .. })
+            Ok(
+                Reply::Accepted { .. }
+                | Reply::Refused { .. }
+                | Reply::Detail { .. }
+                | Reply::Registry { .. }
+                | Reply::Audit { .. }
+                | Reply::Verified { .. },
+            )
             | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),
             Err(error) => Err(super::side::door_error(error)),
         }

@@ -58,6 +58,10 @@ impl UpgradeManager {
             prompts: self.prompts(),
             alarms: self.alarm_views(),
             live: self.live_view(),
+            questions: Vec::new(),
+            alarm_summary: self.alarm_book().summary(),
+            scenery: super::picture::Scenery::default(),
+            thresholds: [0.0; 4],
         }
     }
 
@@ -79,6 +83,7 @@ impl UpgradeManager {
     }
 
     fn alarm_views(&self) -> Vec<AlarmView> {
+        let now_ms = self.clock().now_ms();
         self.alarm_book()
             .open()
             .into_iter()
@@ -89,6 +94,15 @@ impl UpgradeManager {
                 priority: crate::pipeline::manager::word(&alarm.priority),
                 text: alarm.text.line().into_string(),
                 since_ms: alarm.first_ms,
+                state_below: crate::pipeline::manager::word(&alarm.state_below()),
+                latching: alarm.latching,
+                acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
+                shelf: alarm
+                    .shelf
+                    .as_ref()
+                    .map(|shelf| (shelf.by.clone(), shelf.reason.line().into_string(), shelf.until_ms)),
+                raises: alarm.raises,
+                chattering: alarm.is_chattering(now_ms),
             })
             .collect()
     }
@@ -104,6 +118,10 @@ impl UpgradeManager {
             recent: n as u64,
             last: last.to_vec(),
             drift: self.drift_name(),
+            fault: None,
+            pace: None,
+            outcomes: recent,
+            monitors: Vec::new(),
         }
     }
 }
@@ -143,5 +161,8 @@ fn shadow(dossier: &Dossier) -> Option<ShadowView> {
             flag(s.twin_policy_hit || s.twin_watcher_event) - flag(s.live_policy_hit || s.live_watcher_event)
         }),
         envelope: mean(&|s| s.envelope_divergence),
+        limits: [None; 3],
+        series: Vec::new(),
+        disagreements: Vec::new(),
     })
 }

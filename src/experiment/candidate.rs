@@ -147,7 +147,12 @@ impl Drive<'_> {
         self.requests += 1;
         let request = Request { id: format!("experiment-{}", self.requests), command };
         match self.engine.submit(request) {
-            Reply::Accepted { .. } | Reply::Snapshot { .. } => self.learn(),
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => self.learn(),
             Reply::Refused { text, .. } => Err(ExperimentError::candidate(self.name, text)),
         }
     }

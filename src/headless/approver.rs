@@ -44,5 +44,5 @@ pub fn answer(
         nonce: Nonce::random().map_err(CliError::internal)?,
         not_after_ms: prompt.valid_until_ms,
     });
-    Ok(Command::Decide { signed: Box::new(signed) })
+    Ok(Command::Decide { signed: Box::new(signed), shown: None })
 }

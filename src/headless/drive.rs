@@ -313,7 +313,12 @@ impl<'a> Driver<'a> {
 
     fn accept(&mut self, command: Command) -> Result<Step, CliError> {
         match self.submit(command)? {
-            Reply::Accepted { .. } | Reply::Snapshot { .. } => Ok(Step::Done),
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => Ok(Step::Done),
             Reply::Refused { text, .. } => Err(CliError::usage(text)),
         }
     }

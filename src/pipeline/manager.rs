@@ -350,7 +350,11 @@ impl UpgradeManager {
     }
 
     pub(super) fn progress(&mut self, id: &CapabilityId, stage: Stage, what: &str, done: u64, budget: u64) {
-        let view = ProgressView { stage, what: what.to_owned(), done, budget };
+        let now_ms = self.clock.now_ms();
+        let before = self.dossier(id).progress.as_ref();
+        let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
+        let early = String::new();
+        let view = ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early };
         self.dossier(id).progress = Some(view);
         self.emit(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
     }

@@ -430,6 +430,12 @@ impl UpgradeManager {
                 deadline_ms: prompt.deadline_ms,
                 valid_until_ms: self.clock.now_ms().saturating_add(valid_ms),
                 store_id: self.ledger.store().store_id().to_owned(),
+                asked_ms: 0,
+                tier: 0,
+                author: prompt.request.author.clone(),
+                new_permissions: Vec::new(),
+                untested: Vec::new(),
+                on_drift: String::new(),
             })
             .collect()
     }

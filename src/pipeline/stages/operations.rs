@@ -48,7 +48,7 @@ impl UpgradeManager {
     fn carry_out(&mut self, command: Command) -> Result<Reply, Fault> {
         match command {
             Command::Register { package, name } => self.register(&name, package),
-            Command::Decide { signed } => self.decide(*signed),
+            Command::Decide { signed, shown: _ } => self.decide(*signed),
             Command::Reject(operation) => self.operator_reject(&operation),
             Command::Rollback(operation) => self.operator_rollback(&operation, Leave::RolledBack),
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
@@ -79,6 +79,19 @@ impl UpgradeManager {
                 self.alarm_event(&AlarmEvent::Acknowledge { key: alarm.clone(), by });
                 Ok(Reply::Accepted { text: format!("{alarm} is acknowledged"), version: None })
             }
+            Command::ResetAlarm { .. }
+            | Command::ShelveAlarm { .. }
+            | Command::UnshelveAlarm { .. }
+            | Command::Continue(_)
+            | Command::Pace { .. }
+            | Command::Detail { .. }
+            | Command::Registry { .. }
+            | Command::Audit { .. }
+            | Command::VerifyAudit => Ok(Reply::Refused {
+                code: Refusal::NotNow,
+                text: "this engine cannot do this yet".to_owned(),
+                hint: None,
+            }),
             // The engine answers these itself.
             Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
                 code: Refusal::BadInput,
