@@ -4,6 +4,7 @@ pub mod alarms;
 pub mod approvals;
 pub mod bench;
 pub mod cli;
+pub mod console;
 pub mod engine;
 pub mod experiment;
 pub mod explain;

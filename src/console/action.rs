@@ -1,0 +1,289 @@
+//! Everything the keyboard can ask for: one table that makes the help, the palette, the README's keys and the
+//! default keymap.
+//!
+//! An action says what is wanted; what it does, and whether it may, is `update`'s. Adding an action without a
+//! help line or without deciding its keys does not compile.
+
+use serde::{Deserialize, Serialize};
+
+/// Where an action means something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Scope {
+    /// Everywhere but in text fields.
+    Everywhere,
+    /// In lists and charts.
+    Lists,
+    /// On a version under the cursor.
+    Version,
+    /// On an alarm under the cursor.
+    Alarms,
+    /// In shadow's charts and the overview.
+    Charts,
+    /// In an open approval prompt alone.
+    Prompt,
+}
+
+impl Scope {
+    /// The heading in help and README.
+    #[must_use]
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Everywhere => "Everywhere",
+            Self::Lists => "Lists",
+            Self::Version => "Version under the cursor",
+            Self::Alarms => "Alarms",
+            Self::Charts => "Charts",
+            Self::Prompt => "Open approval prompt",
+        }
+    }
+
+    /// In the order of help and README.
+    pub const ALL: [Self; 6] =
+        [Self::Everywhere, Self::Lists, Self::Version, Self::Alarms, Self::Charts, Self::Prompt];
+}
+
+macro_rules! actions {
+    ($($(#[doc = $help:literal])+ $name:ident = $word:literal, $scope:ident, [$($key:literal),*];)*) => {
+        /// What can be asked for.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        pub enum Action {
+            $($(#[doc = $help])+ #[serde(rename = $word)] $name,)*
+        }
+
+        impl Action {
+            /// Every action, in the order of help and README.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// Its name on the command line and in the keymap file.
+            #[must_use]
+            pub const fn word(self) -> &'static str {
+                match self { $(Self::$name => $word,)* }
+            }
+
+            /// What it does, one sentence without a period.
+            #[must_use]
+            pub fn help(self) -> &'static str {
+                match self { $(Self::$name => concat!($($help),+).trim(),)* }
+            }
+
+            /// Where it means something.
+            #[must_use]
+            pub const fn scope(self) -> Scope {
+                match self { $(Self::$name => Scope::$scope,)* }
+            }
+
+            /// Its keys unless the keymap file says otherwise.
+            #[must_use]
+            pub const fn default_keys(self) -> &'static [&'static str] {
+                match self { $(Self::$name => &[$($key),*],)* }
+            }
+        }
+    };
+}
+
+actions! {
+    /// Overview: robot, active versions, pipeline
+    ShowOverview = "overview", Everywhere, ["1"];
+    /// Registry: families and versions
+    ShowRegistry = "registry", Everywhere, ["2"];
+    /// Candidate: every check and its evidence
+    ShowCandidate = "candidate", Everywhere, ["3"];
+    /// Shadow: twin against live
+    ShowShadow = "shadow", Everywhere, ["4"];
+    /// Alarms
+    ShowAlarms = "alarms", Everywhere, ["5"];
+    /// Approvals that wait
+    ShowApprovals = "approvals", Everywhere, ["6", "a"];
+    /// Audit log
+    ShowAudit = "audit", Everywhere, ["7"];
+    /// Abort: stop what runs, confirmed by one more key
+    Abort = "abort", Everywhere, ["x", "ctrl-x"];
+    /// Go to the highest alarm nobody has acknowledged
+    JumpToAlarm = "jump-to-alarm", Everywhere, ["!"];
+    /// Keys of this view; type to filter, Enter runs one
+    Help = "help", Everywhere, ["?", "f1"];
+    /// Command line
+    CommandLine = "command-line", Everywhere, [":"];
+    /// Filter this list; alarms in the status line stay
+    Filter = "filter", Everywhere, ["/"];
+    /// Back one step; close undecided
+    Back = "back", Everywhere, ["esc"];
+    /// Submit the next demonstration candidate
+    Demo = "demo", Everywhere, [];
+    /// Dismiss the tour line, or bring it back
+    Tour = "tour", Everywhere, ["."];
+    /// Next theme
+    NextTheme = "next-theme", Everywhere, ["T"];
+    /// Take the mouse, or give it back to the terminal
+    Mouse = "mouse", Everywhere, ["M"];
+    /// Copy the focused value (OSC 52)
+    Copy = "copy", Everywhere, ["y"];
+    /// Export this view as text and JSON
+    Export = "export", Everywhere, ["ctrl-s"];
+    /// Leave this view; from the overview, end the program
+    Quit = "quit", Everywhere, ["q", "ctrl-c"];
+    /// Refused: suspending would stop the monitors
+    Suspend = "suspend", Everywhere, ["ctrl-z"];
+    /// Up
+    Up = "up", Lists, ["k", "up"];
+    /// Down
+    Down = "down", Lists, ["j", "down"];
+    /// Left: previous pane, or close a branch
+    Left = "left", Lists, ["h", "left"];
+    /// Right: next pane, or open a branch
+    Right = "right", Lists, ["l", "right"];
+    /// Page up
+    PageUp = "page-up", Lists, ["pageup", "ctrl-b"];
+    /// Page down
+    PageDown = "page-down", Lists, ["pagedown", "ctrl-f"];
+    /// First
+    Top = "top", Lists, ["g", "home"];
+    /// Last
+    Bottom = "bottom", Lists, ["G", "end"];
+    /// Next pane
+    NextPane = "next-pane", Lists, ["tab"];
+    /// Previous pane
+    PreviousPane = "previous-pane", Lists, ["backtab"];
+    /// Open what is under the cursor; never a side effect
+    Open = "open", Lists, ["enter"];
+    /// Open the 3D recording of this upgrade
+    OpenRecording = "open-recording", Version, ["o"];
+    /// Hold this candidate, reason required
+    Pause = "pause", Version, ["p"];
+    /// Let a held candidate go on, reason required
+    Resume = "resume", Version, ["u"];
+    /// Reject this candidate for good, reason required
+    Refuse = "refuse", Version, ["F"];
+    /// Send this version back to evaluation, reason required
+    Demote = "demote", Version, ["D"];
+    /// Roll this active version back, reason required
+    Rollback = "rollback", Version, ["B"];
+    /// Tighten the envelope of this active version, reason required
+    Restrict = "restrict", Version, ["t"];
+    /// Answer a monitor's question: go on, reason required
+    Continue = "continue", Version, ["c"];
+    /// Make a superseded version of a stopped family active again, reason required
+    Rearm = "rearm", Version, ["A"];
+    /// Check the whole audit chain
+    Verify = "verify", Everywhere, ["v"];
+    /// Acknowledge this alarm
+    Acknowledge = "acknowledge", Alarms, ["space"];
+    /// Shelve this alarm for a time, reason required
+    Shelve = "shelve", Alarms, ["z"];
+    /// Take this alarm from its shelf
+    Unshelve = "unshelve", Alarms, ["Z"];
+    /// Close a latched alarm, reason required
+    ResetAlarm = "reset-alarm", Alarms, ["R"];
+    /// Freeze the charts, or let them run; data keeps arriving
+    Freeze = "freeze", Charts, ["f"];
+    /// Zoom in
+    ZoomIn = "zoom-in", Charts, ["+", "="];
+    /// Zoom out
+    ZoomOut = "zoom-out", Charts, ["-"];
+    /// Whole range
+    ZoomReset = "zoom-reset", Charts, ["0"];
+    /// Approve, once the tier's conditions are met
+    Approve = "approve", Prompt, ["Y"];
+    /// Reject, reason required
+    Reject = "reject", Prompt, ["N"];
+    /// Read changed evidence again
+    Reread = "reread", Prompt, ["r"];
+}
+
+impl Action {
+    /// The action of a name.
+    #[must_use]
+    pub fn parse(word: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|action| action.word() == word)
+    }
+
+    /// Whether it decides on a candidate: such a key is never Enter, Space, Esc or a key that moves.
+    #[must_use]
+    pub const fn decides(self) -> bool {
+        matches!(self, Self::Approve | Self::Reject)
+    }
+
+    /// Whether it works while text is typed, given a key with a modifier.
+    #[must_use]
+    pub const fn works_while_typing(self) -> bool {
+        matches!(self, Self::Abort)
+    }
+
+    /// Whether a read-only console refuses it.
+    #[must_use]
+    pub const fn changes_something(self) -> bool {
+        match self {
+            Self::Abort
+            | Self::Demo
+            | Self::Pause
+            | Self::Resume
+            | Self::Refuse
+            | Self::Demote
+            | Self::Rollback
+            | Self::Restrict
+            | Self::Continue
+            | Self::Rearm
+            | Self::Acknowledge
+            | Self::Shelve
+            | Self::Unshelve
+            | Self::ResetAlarm
+            | Self::Approve
+            | Self::Reject => true,
+            Self::ShowOverview
+            | Self::ShowRegistry
+            | Self::ShowCandidate
+            | Self::ShowShadow
+            | Self::ShowAlarms
+            | Self::ShowApprovals
+            | Self::ShowAudit
+            | Self::JumpToAlarm
+            | Self::Help
+            | Self::CommandLine
+            | Self::Filter
+            | Self::Back
+            | Self::Tour
+            | Self::NextTheme
+            | Self::Mouse
+            | Self::Copy
+            | Self::Export
+            | Self::Quit
+            | Self::Suspend
+            | Self::Up
+            | Self::Down
+            | Self::Left
+            | Self::Right
+            | Self::PageUp
+            | Self::PageDown
+            | Self::Top
+            | Self::Bottom
+            | Self::NextPane
+            | Self::PreviousPane
+            | Self::Open
+            | Self::OpenRecording
+            | Self::Verify
+            | Self::Freeze
+            | Self::ZoomIn
+            | Self::ZoomOut
+            | Self::ZoomReset
+            | Self::Reread => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_and_helps_are_unique_and_present() {
+        let words: std::collections::BTreeSet<&str> =
+            Action::ALL.iter().map(|action| action.word()).collect();
+        assert_eq!(words.len(), Action::ALL.len());
+        for action in Action::ALL {
+            assert_eq!(Action::parse(action.word()), Some(*action));
+            assert!(!action.help().is_empty() && !action.help().ends_with('.'), "{action:?}");
+            let unbound = action.default_keys().is_empty();
+            assert!(!unbound || *action == Action::Demo, "{action:?} has no key");
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! What the reducer wants done. It does none of it itself; the run loop does, and answers with a message.
+//!
+//! Nothing dangerous can be made here: [`Effect::Decide`] takes a [`Decision`] and [`Effect::Operate`] a
+//! [`Confirmed`], which only an open prompt and a filled form can make.
+
+use super::form::Confirmed;
+use super::model::View;
+use super::prompt::Decision;
+use crate::engine::command::Command;
+use crate::engine::detail::Group;
+use crate::governance::ids::CapabilityId;
+
+/// Something to do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Effect {
+    /// Ask the engine something that decides nothing.
+    Ask {
+        /// The request's id.
+        id: String,
+        /// What.
+        question: Question,
+    },
+    /// Have the engine do what a person confirmed.
+    Operate {
+        /// The request's id.
+        id: String,
+        /// What.
+        confirmed: Confirmed,
+    },
+    /// Sign a decision and hand it to the engine.
+    Decide {
+        /// The request's id.
+        id: String,
+        /// Which.
+        decision: Decision,
+    },
+    /// Read a candidate's folder, or an embedded one, and submit it.
+    Register {
+        /// The request's id.
+        id: String,
+        /// The folder; absent for the next demonstration candidate.
+        folder: Option<String>,
+    },
+    /// Read who could sit here.
+    ReadIdentities,
+    /// Somebody else sits down; the name is checked against the identities.
+    UseIdentity(String),
+    /// Put text on the clipboard (OSC 52).
+    Copy(String),
+    /// Write a view as text and JSON.
+    Export(View),
+    /// Show the recording of an upgrade.
+    OpenRecording(CapabilityId),
+    /// Use another theme.
+    UseTheme(String),
+    /// Take the mouse, or give it back.
+    TakeMouse(bool),
+    /// Call for attention once.
+    Bell,
+    /// End the engine in an orderly way, then the program.
+    End,
+}
+
+/// What can be asked without a confirmation: it reads, or is undone as easily.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Question {
+    /// Everything about a version.
+    Detail(CapabilityId),
+    /// The registry.
+    Registry {
+        /// Which versions.
+        group: Group,
+        /// Whose name contains this.
+        text: String,
+    },
+    /// The log, the newest first.
+    Audit {
+        /// About this alone; empty for all.
+        subject: String,
+    },
+    /// Check the chain.
+    Verify,
+    /// Note that an alarm was seen. Resumes nothing.
+    Acknowledge {
+        /// Which.
+        alarm: String,
+        /// By whom.
+        by: String,
+    },
+    /// Take an alarm from its shelf.
+    Unshelve {
+        /// Which.
+        alarm: String,
+        /// By whom.
+        by: String,
+    },
+    /// How fast the simulated cell works.
+    Pace(Option<f64>),
+    /// Let a drift set in in the simulated cell, or end it.
+    Drift {
+        /// Which; absent ends it.
+        kind: Option<String>,
+        /// How strong.
+        magnitude: String,
+    },
+}
+
+/// Rows asked for at once.
+const PAGE_ROWS: u64 = 10_000;
+
+/// Records of the log asked for at once.
+const AUDIT_ROWS: u64 = 1_000;
+
+impl Question {
+    /// The engine's command for it.
+    #[must_use]
+    pub fn into_command(self) -> Command {
+        match self {
+            Self::Detail(version) => Command::Detail { version },
+            Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
+            Self::Audit { subject } => Command::Audit { before: None, subject, limit: AUDIT_ROWS },
+            Self::Verify => Command::VerifyAudit,
+            Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
+            Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },
+            Self::Pace(times) => Command::Pace { times },
+            Self::Drift { kind, magnitude } => Command::Drift { kind, magnitude },
+        }
+    }
+}

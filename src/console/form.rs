@@ -1,0 +1,257 @@
+//! A form: an operation that needs a confirmation, and mostly a reason, before the engine is asked for it.
+//!
+//! [`Confirmed`] has no constructor outside this file. What is highlighted is what fires: one focus drives both the
+//! drawing and [`Form::confirm`].
+
+use super::line::Line;
+use super::model::Operator;
+use crate::engine::command::{Command, Operation};
+use crate::governance::ids::CapabilityId;
+
+/// The longest shelf a form offers, minutes: one shift.
+pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
+
+/// What is asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Intent {
+    /// Stop what runs: the most urgent of the choices below.
+    Abort(Abort),
+    /// Roll an active version back.
+    Rollback(CapabilityId),
+    /// Hold a candidate.
+    Pause(CapabilityId),
+    /// Let a held candidate go on.
+    Resume(CapabilityId),
+    /// Reject a candidate for good.
+    Reject(CapabilityId),
+    /// Send a version back to evaluation.
+    Demote(CapabilityId),
+    /// Tighten the envelope of an active version.
+    Restrict(CapabilityId),
+    /// Answer a monitor's question: go on.
+    Continue(CapabilityId),
+    /// Make a superseded version of a stopped family active again.
+    Rearm(CapabilityId),
+    /// Set an alarm aside.
+    Shelve(String),
+    /// Close a latched alarm.
+    ResetAlarm(String),
+    /// End the program.
+    Quit,
+}
+
+/// What an abort stops.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Abort {
+    /// A version that is active but not settled: rolled back.
+    Active(CapabilityId),
+    /// A candidate on its way: held.
+    Candidate(CapabilityId),
+}
+
+impl Intent {
+    /// The verb on the button and in the title.
+    #[must_use]
+    pub const fn verb(&self) -> &'static str {
+        match self {
+            Self::Abort(Abort::Active(_)) => "Abort: roll back",
+            Self::Abort(Abort::Candidate(_)) => "Abort: hold",
+            Self::Rollback(_) => "Roll back",
+            Self::Pause(_) => "Hold",
+            Self::Resume(_) => "Let go on",
+            Self::Reject(_) => "Reject for good",
+            Self::Demote(_) => "Send back to evaluation",
+            Self::Restrict(_) => "Restrict",
+            Self::Continue(_) => "Let go on unrestricted",
+            Self::Rearm(_) => "Make active again",
+            Self::Shelve(_) => "Shelve",
+            Self::ResetAlarm(_) => "Reset",
+            Self::Quit => "End",
+        }
+    }
+
+    /// What it is about.
+    #[must_use]
+    pub fn subject(&self) -> String {
+        match self {
+            Self::Abort(Abort::Active(id) | Abort::Candidate(id))
+            | Self::Rollback(id)
+            | Self::Pause(id)
+            | Self::Resume(id)
+            | Self::Reject(id)
+            | Self::Demote(id)
+            | Self::Restrict(id)
+            | Self::Continue(id)
+            | Self::Rearm(id) => id.to_string(),
+            Self::Shelve(alarm) | Self::ResetAlarm(alarm) => alarm.clone(),
+            Self::Quit => "Holdpoint".to_owned(),
+        }
+    }
+
+    const fn needs_reason(&self) -> bool {
+        !matches!(self, Self::Abort(_) | Self::Quit)
+    }
+
+    const fn needs_minutes(&self) -> bool {
+        matches!(self, Self::Shelve(_))
+    }
+}
+
+/// What has the keys in a form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FormFocus {
+    /// How many minutes.
+    Minutes,
+    /// Why.
+    Reason,
+    /// Leave everything as it is.
+    Cancel,
+    /// Do it.
+    Confirm,
+}
+
+/// An open form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Form {
+    /// What is asked for.
+    pub intent: Intent,
+    /// What it does, one sentence each.
+    pub consequences: Vec<String>,
+    /// For how long, minutes.
+    pub minutes: Line,
+    /// Why.
+    pub reason: Line,
+    /// What has the keys.
+    pub focus: FormFocus,
+    /// What is wrong with it, once a confirmation was tried.
+    pub problem: Option<String>,
+}
+
+/// An operation that somebody confirmed. Made by [`Form::confirm`] alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Confirmed {
+    command: Command,
+    said: String,
+}
+
+impl Confirmed {
+    /// The engine's command for it.
+    #[must_use]
+    pub fn into_command(self) -> Command {
+        self.command
+    }
+
+    /// What was asked for, in words.
+    #[must_use]
+    pub fn said(&self) -> &str {
+        &self.said
+    }
+}
+
+impl Form {
+    /// An empty form. The focus starts on what must be typed, else on Cancel.
+    #[must_use]
+    pub fn new(intent: Intent, consequences: Vec<String>) -> Self {
+        let focus = if intent.needs_minutes() {
+            FormFocus::Minutes
+        } else if intent.needs_reason() {
+            FormFocus::Reason
+        } else {
+            FormFocus::Cancel
+        };
+        let minutes = if intent.needs_minutes() { Line::new("30") } else { Line::default() };
+        Self { intent, consequences, minutes, reason: Line::default(), focus, problem: None }
+    }
+
+    /// What can have the keys, in the order of Tab.
+    #[must_use]
+    pub fn focuses(&self) -> Vec<FormFocus> {
+        let mut focuses = Vec::with_capacity(4);
+        if self.intent.needs_minutes() {
+            focuses.push(FormFocus::Minutes);
+        }
+        if self.intent.needs_reason() {
+            focuses.push(FormFocus::Reason);
+        }
+        focuses.extend([FormFocus::Cancel, FormFocus::Confirm]);
+        focuses
+    }
+
+    /// Moves the focus by one, round and round.
+    pub fn step(&mut self, forward: bool) {
+        let focuses = self.focuses();
+        let at = focuses.iter().position(|focus| *focus == self.focus).unwrap_or(0);
+        let next = if forward { at + 1 } else { at + focuses.len() - 1 } % focuses.len().max(1);
+        if let Some(focus) = focuses.get(next) {
+            self.focus = *focus;
+        }
+    }
+
+    /// The line that has the keys, if one has.
+    pub const fn line_mut(&mut self) -> Option<&mut Line> {
+        match self.focus {
+            FormFocus::Minutes => Some(&mut self.minutes),
+            FormFocus::Reason => Some(&mut self.reason),
+            FormFocus::Cancel | FormFocus::Confirm => None,
+        }
+    }
+
+    /// Whether one key confirms it without a field to fill.
+    #[must_use]
+    pub const fn is_one_key(&self) -> bool {
+        matches!(self.intent, Intent::Abort(_) | Intent::Quit)
+    }
+
+    /// The operation, for `who`. Quitting is no operation of the engine's and is `None`.
+    ///
+    /// # Errors
+    /// What is missing or not allowed, with a hint.
+    pub fn confirm(&self, who: Option<&Operator>) -> Result<Option<Confirmed>, String> {
+        let by = match (who, &self.intent) {
+            (Some(who), _) => who.name.clone(),
+            // Stopping needs no name: nobody must look for an identity first.
+            (None, Intent::Abort(_)) => "console".to_owned(),
+            (None, Intent::Quit) => return Ok(None),
+            (None, _) => return Err("nobody has said who sits here. Hint: `:as NAME`".to_owned()),
+        };
+        let reason = self.reason.text().trim().to_owned();
+        if self.intent.needs_reason() && reason.is_empty() {
+            return Err("a reason is needed".to_owned());
+        }
+        let minutes = self.minutes()?;
+        let operation = |version: &CapabilityId, reason: &str| Operation {
+            version: version.clone(),
+            by: by.clone(),
+            reason: reason.to_owned(),
+        };
+        let aborted = "aborted at the console";
+        let command = match &self.intent {
+            Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
+            Intent::Abort(Abort::Candidate(id)) => Command::Pause(operation(id, aborted)),
+            Intent::Rollback(id) => Command::Rollback(operation(id, &reason)),
+            Intent::Pause(id) => Command::Pause(operation(id, &reason)),
+            Intent::Resume(id) => Command::Resume(operation(id, &reason)),
+            Intent::Reject(id) => Command::Reject(operation(id, &reason)),
+            Intent::Demote(id) => Command::Demote { operation: operation(id, &reason), profiles: Vec::new() },
+            Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
+            Intent::Continue(id) => Command::Continue(operation(id, &reason)),
+            Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
+            Intent::Shelve(alarm) => {
+                Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
+            }
+            Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason },
+            Intent::Quit => return Ok(None),
+        };
+        let said = format!("{} {}", self.intent.verb(), self.intent.subject());
+        Ok(Some(Confirmed { command, said }))
+    }
+
+    fn minutes(&self) -> Result<u64, String> {
+        if !self.intent.needs_minutes() {
+            return Ok(0);
+        }
+        let typed = self.minutes.text().trim();
+        let minutes = typed.parse::<u64>().ok().filter(|minutes| (1..=SHELVE_MINUTES_MAX).contains(minutes));
+        minutes.ok_or_else(|| format!("{typed:?} is not allowed; 1 to {SHELVE_MINUTES_MAX} minutes are"))
+    }
+}

@@ -1,0 +1,298 @@
+//! Which key means which action. The file of an operator adds to the defaults; taking a key away is said on purpose.
+
+use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
+
+use crokey::{KeyCombination, KeyCombinationFormat};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::action::{Action, Scope};
+
+/// The largest keymap file, bytes.
+pub const FILE_BYTES_MAX: usize = 64 * 1024;
+
+/// Keys of an action, added to or taken from.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// Keys that are added, by action.
+    #[serde(default)]
+    keys: BTreeMap<Spanned<String>, Vec<Spanned<String>>>,
+    /// Keys that are taken away.
+    #[serde(default)]
+    unbind: Vec<Spanned<String>>,
+}
+
+/// What is wrong with a keymap file: where, which key, why.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}:{line}: {what}")]
+pub struct KeymapError {
+    /// The file.
+    pub file: String,
+    /// The line, from 1.
+    pub line: usize,
+    /// The key or action, what is wrong with it, and what is allowed.
+    pub what: String,
+}
+
+/// Keys and what they mean. Inside a prompt its own keys come first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Keymap {
+    general: HashMap<KeyCombination, Action>,
+    prompt: HashMap<KeyCombination, Action>,
+}
+
+impl Default for Keymap {
+    fn default() -> Self {
+        let mut keymap = Self { general: HashMap::new(), prompt: HashMap::new() };
+        for action in Action::ALL {
+            for text in action.default_keys() {
+                if let Ok(key) = parse_key(text) {
+                    keymap.map_mut(*action).insert(key, *action);
+                }
+            }
+        }
+        keymap
+    }
+}
+
+impl Keymap {
+    /// The defaults and a file's text on top of them.
+    ///
+    /// # Errors
+    /// Every problem of the file, in its order; nothing of it is used then.
+    pub fn with_file(name: &str, text: &str) -> Result<Self, Vec<KeymapError>> {
+        let at = |range: &Range<usize>, what: String| {
+            let before = text.get(..range.start.min(text.len())).unwrap_or("");
+            KeymapError { file: name.to_owned(), line: before.matches('\n').count() + 1, what }
+        };
+        if text.len() > FILE_BYTES_MAX {
+            let what = format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len());
+            return Err(vec![at(&(0..0), what)]);
+        }
+        let file: File = toml::from_str(text)
+            .map_err(|error| vec![at(&error.span().unwrap_or(0..0), error.message().to_owned())])?;
+        let mut keymap = Self::default();
+        let mut problems = Vec::new();
+        for key in &file.unbind {
+            let found = parse_key(key.get_ref()).map(|parsed| keymap.unbind(parsed));
+            match found {
+                Ok(true) => {}
+                Ok(false) => {
+                    problems.push(at(&key.span(), format!("the key {:?} is not bound", key.get_ref())))
+                }
+                Err(what) => problems.push(at(&key.span(), what)),
+            }
+        }
+        for (word, keys) in &file.keys {
+            let Some(action) = Action::parse(word.get_ref()) else {
+                let what = format!("there is no action {:?}; `holdpoint keys` lists them", word.get_ref());
+                problems.push(at(&word.span(), what));
+                continue;
+            };
+            for key in keys {
+                if let Err(what) = keymap.bind(action, key.get_ref()) {
+                    problems.push(at(&key.span(), what));
+                }
+            }
+        }
+        if let Some(missing) =
+            [Action::Abort, Action::Quit, Action::Back].into_iter().find(|a| keymap.keys(*a).is_empty())
+        {
+            problems.push(at(&(0..0), format!("{:?} has no key left; it needs one", missing.word())));
+        }
+        if problems.is_empty() { Ok(keymap) } else { Err(problems) }
+    }
+
+    fn bind(&mut self, action: Action, text: &str) -> Result<(), String> {
+        let key = parse_key(text)?;
+        if action.decides() && !may_decide(key) {
+            return Err(format!(
+                "the key {text:?} cannot {}: Enter, Space, Esc, Tab and keys that move never decide",
+                action.word()
+            ));
+        }
+        let taken = self.map_mut(action).insert(key, action);
+        match taken.filter(|other| *other != action) {
+            None => Ok(()),
+            Some(other) => Err(format!(
+                "the key {text:?} means {:?} already; take it away first: unbind = [{text:?}]",
+                other.word()
+            )),
+        }
+    }
+
+    fn unbind(&mut self, key: KeyCombination) -> bool {
+        let general = self.general.remove(&key).is_some();
+        let prompt = self.prompt.remove(&key).is_some();
+        general || prompt
+    }
+
+    const fn map_mut(&mut self, action: Action) -> &mut HashMap<KeyCombination, Action> {
+        match action.scope() {
+            Scope::Prompt => &mut self.prompt,
+            Scope::Everywhere | Scope::Lists | Scope::Version | Scope::Alarms | Scope::Charts => {
+                &mut self.general
+            }
+        }
+    }
+
+    /// What a key means; `in_prompt` where a prompt is open.
+    #[must_use]
+    pub fn action(&self, key: KeyEvent, in_prompt: bool) -> Option<Action> {
+        let key = normal(key);
+        let prompt = if in_prompt { self.prompt.get(&key) } else { None };
+        prompt.or_else(|| self.general.get(&key)).copied()
+    }
+
+    /// The keys of an action as they are written, the default ones first.
+    #[must_use]
+    pub fn keys(&self, action: Action) -> Vec<String> {
+        let map = if action.scope() == Scope::Prompt { &self.prompt } else { &self.general };
+        let format = KeyCombinationFormat::default().with_lowercase_modifiers().with_implicit_shift();
+        let mut keys: Vec<String> =
+            map.iter().filter(|(_, bound)| **bound == action).map(|(key, _)| shown(*key, &format)).collect();
+        let place = |key: &String| {
+            let defaults = action.default_keys();
+            defaults
+                .iter()
+                .position(|default| default.eq_ignore_ascii_case(key) && default.len() == key.len())
+        };
+        keys.sort_by_key(|key| (place(key).unwrap_or(usize::MAX), key.clone()));
+        keys
+    }
+
+    /// The first key of an action, for hints; empty where it has none.
+    #[must_use]
+    pub fn key(&self, action: Action) -> String {
+        self.keys(action).into_iter().next().unwrap_or_default()
+    }
+}
+
+fn shown(key: KeyCombination, format: &KeyCombinationFormat) -> String {
+    match (key.modifiers, key.codes.first()) {
+        (KeyModifiers::SHIFT, KeyCode::Char(letter)) if letter.is_alphabetic() => {
+            letter.to_uppercase().to_string()
+        }
+        (KeyModifiers::NONE, KeyCode::Char(' ')) => "space".to_owned(),
+        (KeyModifiers::NONE, KeyCode::Char(letter)) => letter.to_string(),
+        _ => format.to_string(key).to_lowercase(),
+    }
+}
+
+/// A key as written in a file: `q`, `Q`, `ctrl-s`, `pageup`, `?`.
+fn parse_key(text: &str) -> Result<KeyCombination, String> {
+    let mut letters = text.chars();
+    if let (Some(letter), None) = (letters.next(), letters.next()) {
+        let modifiers = if letter.is_uppercase() { KeyModifiers::SHIFT } else { KeyModifiers::NONE };
+        return Ok(normal(KeyEvent::new(KeyCode::Char(letter), modifiers)));
+    }
+    let parsed: Result<KeyCombination, _> = text.parse();
+    let key =
+        parsed.map_err(|_| format!("{text:?} is no key; for instance q, Q, ctrl-s, pageup and f1 are"))?;
+    Ok(normal(KeyEvent::new(*key.codes.first(), key.modifiers)))
+}
+
+/// One form for each key, however the terminal reports it: upper-case letters carry shift, other signs none.
+fn normal(key: KeyEvent) -> KeyCombination {
+    let (code, modifiers) = match key.code {
+        KeyCode::Char(letter) if letter.is_alphabetic() => {
+            let shifted = letter.is_uppercase() || key.modifiers.contains(KeyModifiers::SHIFT);
+            let rest = key.modifiers - KeyModifiers::SHIFT;
+            let letter = letter.to_lowercase().next().unwrap_or(letter);
+            (KeyCode::Char(letter), if shifted { rest | KeyModifiers::SHIFT } else { rest })
+        }
+        KeyCode::Char(sign) => (KeyCode::Char(sign), key.modifiers - KeyModifiers::SHIFT),
+        KeyCode::BackTab => (KeyCode::BackTab, KeyModifiers::NONE),
+        other => (other, key.modifiers),
+    };
+    KeyCombination::new(code, modifiers)
+}
+
+/// Whether a key may decide on a candidate: none that is hit by reflex or to move.
+fn may_decide(key: KeyCombination) -> bool {
+    let moves = Keymap::default();
+    let moving = moves.general.iter().any(|(known, action)| {
+        *known == key && (action.scope() == Scope::Lists || matches!(action, Action::Back | Action::Open))
+    });
+    let plain = match key.codes.first() {
+        KeyCode::Char(' ') => false,
+        KeyCode::Char(_) => true,
+        KeyCode::F(_) => true,
+        _ => false,
+    };
+    plain && !moving
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn press(code: KeyCode, modifiers: KeyModifiers) -> KeyEvent {
+        KeyEvent::new(code, modifiers)
+    }
+
+    #[test]
+    fn every_default_key_parses_and_means_one_thing() {
+        let keymap = Keymap::default();
+        let mut bound = 0;
+        for action in Action::ALL {
+            for text in action.default_keys() {
+                let key = parse_key(text).unwrap_or_else(|what| panic!("{what}"));
+                let map = if action.scope() == Scope::Prompt { &keymap.prompt } else { &keymap.general };
+                assert_eq!(map.get(&key), Some(action), "{text}");
+                assert!(!action.decides() || may_decide(key), "{text}");
+                bound += 1;
+            }
+            assert_eq!(keymap.keys(*action), action.default_keys(), "{action:?}");
+        }
+        assert_eq!(bound, keymap.general.len() + keymap.prompt.len());
+    }
+
+    #[test]
+    fn terminals_report_shift_in_two_ways() {
+        let keymap = Keymap::default();
+        for (code, modifiers, action) in [
+            (KeyCode::Char('G'), KeyModifiers::NONE, Action::Bottom),
+            (KeyCode::Char('G'), KeyModifiers::SHIFT, Action::Bottom),
+            (KeyCode::Char('g'), KeyModifiers::NONE, Action::Top),
+            (KeyCode::Char('?'), KeyModifiers::SHIFT, Action::Help),
+            (KeyCode::BackTab, KeyModifiers::SHIFT, Action::PreviousPane),
+            (KeyCode::Char('c'), KeyModifiers::CONTROL, Action::Quit),
+        ] {
+            assert_eq!(keymap.action(press(code, modifiers), false), Some(action), "{code:?}");
+        }
+        assert_eq!(keymap.action(press(KeyCode::Char('Y'), KeyModifiers::SHIFT), false), None);
+        assert_eq!(
+            keymap.action(press(KeyCode::Char('Y'), KeyModifiers::SHIFT), true),
+            Some(Action::Approve)
+        );
+    }
+
+    #[test]
+    fn files_add_and_report_problems_with_their_line() {
+        let keymap =
+            Keymap::with_file("keys.toml", "unbind = [\"T\"]\n[keys]\nquit = [\"T\", \"ctrl-q\"]\n").unwrap();
+        assert_eq!(keymap.keys(Action::Quit), ["q", "ctrl-c", "T", "ctrl-q"]);
+        assert!(keymap.keys(Action::NextTheme).is_empty());
+        for (text, line, word) in [
+            ("[keys]\napprove = [\"enter\"]", 2, "never decide"),
+            ("[keys]\napprove = [\"space\"]", 2, "never decide"),
+            ("[keys]\nreject = [\"j\"]", 2, "never decide"),
+            ("[keys]\napprove = [\"tab\"]", 2, "never decide"),
+            ("[keys]\nhelp = [\"q\"]", 2, "means \"quit\" already"),
+            ("[keys]\n\nfly = [\"F9\"]", 3, "no action \"fly\""),
+            ("[keys]\nquit = [\"hyper-9-x\"]", 2, "is no key"),
+            ("unbind = [\"w\"]", 1, "not bound"),
+            ("unbind = [\"x\", \"ctrl-x\"]", 1, "needs one"),
+            ("keys = 3", 1, "invalid type"),
+        ] {
+            let problems = Keymap::with_file("keys.toml", text).unwrap_err();
+            let first = problems.first().unwrap();
+            assert_eq!(first.line, line, "{text}: {first}");
+            assert!(first.what.contains(word), "{text}: {first}");
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! A line of text that is being typed, of bounded length.
+
+use tui_input::{Input, InputRequest};
+
+/// The longest line, characters.
+pub const LINE_MAX: usize = 512;
+
+/// A line and its cursor.
+#[derive(Clone, Debug, Default)]
+pub struct Line {
+    input: Input,
+}
+
+impl PartialEq for Line {
+    fn eq(&self, other: &Self) -> bool {
+        self.input.value() == other.input.value() && self.input.cursor() == other.input.cursor()
+    }
+}
+
+impl Line {
+    /// A line with this text, the cursor at its end.
+    #[must_use]
+    pub fn new(text: &str) -> Self {
+        Self { input: Input::new(text.chars().take(LINE_MAX).collect()) }
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        self.input.value()
+    }
+
+    /// The cursor, in characters from the start.
+    #[must_use]
+    pub fn cursor(&self) -> usize {
+        self.input.cursor()
+    }
+
+    /// Types one character; control characters are no text.
+    pub fn insert(&mut self, typed: char) {
+        if !typed.is_control() && self.text().chars().count() < LINE_MAX {
+            self.input.handle(InputRequest::InsertChar(typed));
+        }
+    }
+
+    /// Types pasted text; line ends become spaces, what does not fit is left out.
+    pub fn paste(&mut self, text: &str) {
+        for typed in text.trim_end_matches(['\r', '\n']).chars() {
+            self.insert(if matches!(typed, '\r' | '\n' | '\t') { ' ' } else { typed });
+        }
+    }
+
+    /// Moves or deletes.
+    pub fn edit(&mut self, request: InputRequest) {
+        self.input.handle(request);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn is_bounded_and_holds_no_control_characters() {
+        let mut line = Line::new("ab");
+        line.insert('\u{1b}');
+        line.paste("c\nd\u{7}\r\n");
+        assert_eq!(line.text(), "abc d");
+        line.paste(&"x".repeat(2 * LINE_MAX));
+        assert_eq!(line.text().chars().count(), LINE_MAX);
+    }
+}

@@ -1,0 +1,18 @@
+//! The operator console: a terminal front end of the engine's Command/Event/Snapshot door.
+//!
+//! `update` is a pure reducer (a [`model::Model`] and a [`msg::Msg`] give effects), views only read, and the run
+//! loop alone touches the terminal, the clock and the engine. What the console must not do: hold authority. The
+//! engine checks every decision again; a console that is gone means hold, never approve.
+
+pub mod action;
+pub mod effect;
+pub mod form;
+pub mod keymap;
+pub mod line;
+pub mod model;
+pub mod msg;
+pub mod palette;
+pub mod prompt;
+mod prompt_text;
+pub mod rows;
+pub mod words;

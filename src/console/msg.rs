@@ -1,0 +1,69 @@
+//! What can happen to the console: one closed set, so that everything that triggers a change is easy to see.
+
+use std::sync::Arc;
+
+use ratatui::crossterm::event::KeyEvent;
+
+use super::model::Operator;
+use crate::engine::command::Reply;
+use crate::engine::event::Event;
+use crate::engine::picture::Picture;
+use crate::engine::snapshot::Snapshot;
+
+/// Something happened, at a moment of the console's own clock.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Msg {
+    /// When, ms since the start; monotonic.
+    pub now_ms: u64,
+    /// What.
+    pub what: What,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq)]
+pub enum What {
+    /// A key went down (or repeats).
+    Key(KeyEvent),
+    /// Text was pasted.
+    Paste(String),
+    /// The mouse wheel turned: rows down.
+    Wheel(i32),
+    /// The terminal has this many columns and rows now.
+    Resize(u16, u16),
+    /// The engine is up.
+    EngineStarted,
+    /// The engine tells.
+    Events(Vec<Event>),
+    /// The engine answers.
+    Answer {
+        /// The request's id.
+        id: String,
+        /// The answer.
+        reply: Box<Reply>,
+    },
+    /// The console was too slow for so many events.
+    Lagged(u64),
+    /// How things stand now.
+    Snapshot(Arc<Snapshot>),
+    /// What the cell looks like now.
+    Picture(Arc<Picture>),
+    /// The engine ended.
+    EngineEnded(Result<(), String>),
+    /// Who could sit here.
+    Identities(Vec<Operator>),
+    /// Who sits here from now on.
+    Operator(Operator),
+    /// An effect came to this: one sentence, and whether it failed.
+    Done {
+        /// One sentence.
+        text: String,
+        /// Whether it failed.
+        bad: bool,
+    },
+    /// A theme is in use.
+    Theme(String),
+    /// A signal, or the terminal's loss, asks the program to end.
+    EndAsked,
+    /// Time passed.
+    Tick,
+}

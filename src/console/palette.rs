@@ -1,0 +1,64 @@
+//! Help that is the palette as well: the actions that mean something here, narrowed by typing.
+
+use nucleo_matcher::pattern::{CaseMatching, Normalization, Pattern};
+use nucleo_matcher::{Config, Matcher};
+
+use super::action::Action;
+use super::line::Line;
+
+/// An open palette.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Palette {
+    /// What is typed.
+    pub line: Line,
+    /// The row under the cursor.
+    pub cursor: usize,
+    /// What means something here, in the table's order.
+    pub actions: Vec<Action>,
+}
+
+impl Palette {
+    /// A palette of these actions.
+    #[must_use]
+    pub fn new(actions: Vec<Action>) -> Self {
+        Self { line: Line::default(), cursor: 0, actions }
+    }
+
+    /// The actions that match what is typed, the best first; all in order where nothing is typed.
+    #[must_use]
+    pub fn rows(&self) -> Vec<Action> {
+        let typed = self.line.text().trim();
+        if typed.is_empty() {
+            return self.actions.clone();
+        }
+        let words: Vec<(String, Action)> = self
+            .actions
+            .iter()
+            .map(|action| (format!("{} {}", action.word(), action.help()), *action))
+            .collect();
+        best(typed, words)
+    }
+
+    /// The action under the cursor.
+    #[must_use]
+    pub fn chosen(&self) -> Option<Action> {
+        let rows = self.rows();
+        rows.get(self.cursor.min(rows.len().saturating_sub(1))).copied()
+    }
+}
+
+/// What matches `typed`, the best first.
+pub fn best<T: Clone>(typed: &str, items: Vec<(String, T)>) -> Vec<T> {
+    let mut matcher = Matcher::new(Config::DEFAULT);
+    let pattern = Pattern::parse(typed, CaseMatching::Ignore, Normalization::Smart);
+    let mut buffer = Vec::new();
+    let mut scored: Vec<(u32, T)> = items
+        .into_iter()
+        .filter_map(|(text, item)| {
+            let text = nucleo_matcher::Utf32Str::new(&text, &mut buffer);
+            pattern.score(text, &mut matcher).map(|score| (score, item))
+        })
+        .collect();
+    scored.sort_by_key(|(score, _)| std::cmp::Reverse(*score));
+    scored.into_iter().map(|(_, item)| item).collect()
+}

@@ -1,0 +1,280 @@
+//! The approval prompt: what must be so before a person's yes or no counts, and the one place that makes it count.
+//!
+//! [`Decision`] has no constructor outside this file. The same [`Prompt::blocks`] tells the screen what is missing
+//! and the reducer what to refuse, so that the two cannot disagree (reference A6, design 7).
+
+use super::line::Line;
+use super::model::Operator;
+use crate::engine::snapshot::{CandidateView, PromptView, Snapshot};
+use crate::registry::names::ApprovalDecision;
+
+/// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
+pub const GUARD_MS: u64 = 700;
+
+/// Digits of a candidate's digest that are typed from tier 1 on.
+pub const SHORT_ID_DIGITS: usize = 4;
+
+/// What has the keys in a prompt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Focus {
+    /// Decide later. The prompt opens here, and Enter does this.
+    #[default]
+    Hold,
+    /// The field for the short id.
+    ShortId,
+    /// The field for the reason.
+    Reason,
+}
+
+/// Why a decision does not count yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Block {
+    /// The console is read-only.
+    ReadOnly,
+    /// Nobody has said who sits here.
+    NoIdentity,
+    /// The evidence changed, or the question is closed.
+    Stale,
+    /// The prompt opened a moment ago.
+    Guard,
+    /// Who made the candidate cannot approve it.
+    OwnWork,
+    /// This person has approved already; another one is needed.
+    Approved,
+    /// The short id is not typed.
+    ShortId,
+    /// The reason is missing.
+    Reason,
+    /// A field has the keys: leave it first.
+    Typing,
+}
+
+impl Block {
+    /// What to do about it.
+    #[must_use]
+    pub const fn hint(self) -> &'static str {
+        match self {
+            Self::ReadOnly => "this console is read-only",
+            Self::NoIdentity => "say who you are: `:as NAME`",
+            Self::Stale => "evidence changed: r reads it again",
+            Self::Guard => "wait a moment",
+            Self::OwnWork => "you made it: somebody else decides (`:as NAME`)",
+            Self::Approved => "you have approved: a second person is needed (`:as NAME`)",
+            Self::ShortId => "type the short id (tab)",
+            Self::Reason => "give a reason (tab)",
+            Self::Typing => "leave the field (tab)",
+        }
+    }
+}
+
+/// When and how the question changed under the reader.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stale {
+    /// Virtual time it was noticed, ms.
+    pub at_ms: u64,
+    /// What changed.
+    pub what: &'static str,
+}
+
+/// An open prompt.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prompt {
+    /// The question as it was read.
+    pub seen: PromptView,
+    /// The candidate as it was read.
+    pub evidence: CandidateView,
+    /// The robot.
+    pub robot: String,
+    /// Console time at which it was opened or read again, ms.
+    pub opened_ms: u64,
+    /// What has the keys.
+    pub focus: Focus,
+    /// The typed short id.
+    pub short_id: Line,
+    /// The typed reason.
+    pub reason: Line,
+    /// What changed since.
+    pub stale: Option<Stale>,
+    /// Why the last key did nothing.
+    pub refused: Option<Block>,
+}
+
+/// A person's answer to one question, over exactly what was on the screen. Made by [`Prompt`] alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decision {
+    by: String,
+    answer: ApprovalDecision,
+    reason: String,
+    over: PromptView,
+    shown: String,
+}
+
+impl Decision {
+    /// Who decides.
+    #[must_use]
+    pub fn by(&self) -> &str {
+        &self.by
+    }
+
+    /// Yes or no.
+    #[must_use]
+    pub const fn answer(&self) -> ApprovalDecision {
+        self.answer
+    }
+
+    /// Why.
+    #[must_use]
+    pub fn reason(&self) -> &str {
+        &self.reason
+    }
+
+    /// The question as it was read.
+    #[must_use]
+    pub const fn over(&self) -> &PromptView {
+        &self.over
+    }
+
+    /// What was on the screen.
+    #[must_use]
+    pub fn shown(&self) -> &str {
+        &self.shown
+    }
+}
+
+impl Prompt {
+    /// Opens a prompt over a question that waits. Absent where its candidate is gone.
+    #[must_use]
+    pub fn open(question: &PromptView, snapshot: &Snapshot, now_ms: u64) -> Option<Self> {
+        let evidence = snapshot.candidates.iter().find(|known| known.version == question.version)?.clone();
+        Some(Self {
+            seen: question.clone(),
+            evidence,
+            robot: snapshot.robot.clone(),
+            opened_ms: now_ms,
+            focus: Focus::Hold,
+            short_id: Line::default(),
+            reason: Line::default(),
+            stale: None,
+            refused: None,
+        })
+    }
+
+    /// The digits to type from tier 1 on.
+    #[must_use]
+    pub fn wanted_id(&self) -> String {
+        self.seen
+            .candidate
+            .to_string()
+            .chars()
+            .filter(char::is_ascii_hexdigit)
+            .take(SHORT_ID_DIGITS)
+            .collect()
+    }
+
+    /// Holds what was read against how things stand. Once stale it stays so until it is read again.
+    pub fn look(&mut self, snapshot: &Snapshot) {
+        if self.stale.is_some() {
+            return;
+        }
+        let now = snapshot.prompts.iter().find(|question| question.version == self.seen.version);
+        let what = match now {
+            None => Some("the question is closed"),
+            Some(now) if now.candidate != self.seen.candidate => Some("the candidate changed"),
+            Some(now) if now.evidence != self.seen.evidence => Some("the evidence changed"),
+            Some(now) if now.policy != self.seen.policy || now.profile != self.seen.profile => {
+                Some("the policy changed")
+            }
+            Some(now) if now.row_version != self.seen.row_version || now.id != self.seen.id => {
+                Some("the question was asked anew")
+            }
+            Some(now) if now.replaces != self.seen.replaces => Some("the active version changed"),
+            // Another person's answer changes nothing that was read.
+            Some(now) => {
+                self.seen.approved_by.clone_from(&now.approved_by);
+                None
+            }
+        };
+        self.stale = what.map(|what| Stale { at_ms: snapshot.at_ms, what });
+    }
+
+    /// Reads the question again: guard time, fields and focus start anew. False where it is closed.
+    pub fn reread(&mut self, snapshot: &Snapshot, now_ms: u64) -> bool {
+        let question = snapshot.prompts.iter().find(|question| question.version == self.seen.version);
+        let fresh = question.and_then(|question| Self::open(question, snapshot, now_ms));
+        fresh.map(|fresh| *self = fresh).is_some()
+    }
+
+    /// Everything that stands against an answer now, the gravest first. Empty: it counts.
+    #[must_use]
+    pub fn blocks(
+        &self,
+        answer: ApprovalDecision,
+        who: Option<&Operator>,
+        read_only: bool,
+        now_ms: u64,
+    ) -> Vec<Block> {
+        let approves = answer == ApprovalDecision::Approve;
+        let guarded = now_ms.saturating_sub(self.opened_ms) < GUARD_MS;
+        let is = |name: &str| who.is_some_and(|who| who.name == name);
+        let id_missing = approves && self.seen.tier >= 1 && self.short_id.text() != self.wanted_id();
+        let reason_needed = !approves || self.seen.tier >= 2;
+        let checks = [
+            (read_only, Block::ReadOnly),
+            (who.is_none(), Block::NoIdentity),
+            (self.stale.is_some(), Block::Stale),
+            (guarded, Block::Guard),
+            (approves && is(&self.seen.author), Block::OwnWork),
+            (approves && self.seen.approved_by.iter().any(|name| is(name)), Block::Approved),
+            (id_missing, Block::ShortId),
+            (reason_needed && self.reason.text().trim().is_empty(), Block::Reason),
+            (self.focus != Focus::Hold, Block::Typing),
+        ];
+        checks.into_iter().filter_map(|(stands, block)| stands.then_some(block)).collect()
+    }
+
+    /// The decision, where nothing stands against it.
+    ///
+    /// # Errors
+    /// What stands against it first.
+    pub fn decide(
+        &self,
+        answer: ApprovalDecision,
+        who: Option<&Operator>,
+        read_only: bool,
+        now_ms: u64,
+    ) -> Result<Decision, Block> {
+        if let Some(first) = self.blocks(answer, who, read_only, now_ms).first() {
+            return Err(*first);
+        }
+        let Some(who) = who else { return Err(Block::NoIdentity) };
+        let typed = self.reason.text().trim();
+        let reason = if typed.is_empty() { "evidence read at the console" } else { typed };
+        Ok(Decision {
+            by: who.name.clone(),
+            answer,
+            reason: reason.to_owned(),
+            over: self.seen.clone(),
+            shown: self.text().join("\n"),
+        })
+    }
+
+    /// The fields of this tier, in the order of Tab; Hold comes first.
+    #[must_use]
+    pub fn focuses(&self) -> &'static [Focus] {
+        // The reason is there in every tier: a rejection needs one.
+        if self.seen.tier == 0 {
+            &[Focus::Hold, Focus::Reason]
+        } else {
+            &[Focus::Hold, Focus::ShortId, Focus::Reason]
+        }
+    }
+
+    /// The line that has the keys, if one has.
+    pub const fn line_mut(&mut self) -> Option<&mut Line> {
+        match self.focus {
+            Focus::Hold => None,
+            Focus::ShortId => Some(&mut self.short_id),
+            Focus::Reason => Some(&mut self.reason),
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! The words of an approval prompt: the whole decision, readable by somebody who comes back after half an hour.
+//!
+//! The screen shows these lines and no others, and they are what is stored with the decision.
+
+use super::prompt::Prompt;
+use super::words::{kappa_line, reason_line, seconds};
+use crate::text::Untrusted;
+
+/// The longest line, columns; the screen wraps them.
+const WIDTH_MAX: usize = 400;
+
+impl Prompt {
+    /// What is decided, in full, line by line, sanitised.
+    #[must_use]
+    pub fn text(&self) -> Vec<String> {
+        let seen = &self.seen;
+        let mut lines = vec![format!(
+            "Promote {} ({}) to active on {}, profile {}?",
+            seen.version,
+            self.wanted_id(),
+            self.robot,
+            seen.profile
+        )];
+        lines.push(seen.replaces.as_ref().map_or_else(
+            || "Replaces nothing: the family has no active version".to_owned(),
+            |replaced| format!("Replaces {replaced}, which stays pinned as the way back"),
+        ));
+        lines.push(format!("Made by {}", seen.author));
+        self.evidence_lines(&mut lines);
+        let listed = |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
+        lines.push(format!("New permissions: {}", listed(&seen.new_permissions)));
+        if seen.untested.is_empty() {
+            lines.push("Not tested: nothing is known to be missing".to_owned());
+        }
+        lines.extend(seen.untested.iter().map(|what| format!("Not tested: {what}")));
+        lines.push(format!("If it gets worse: {}", seen.on_drift));
+        let by =
+            if seen.approved_by.is_empty() { "nobody yet".to_owned() } else { seen.approved_by.join(", ") };
+        lines.push(format!("Approvals: {} of {} ({by})", seen.approved_by.len(), seen.needed));
+        lines.push(format!("Nobody answers by {}: it is held, never approved", seconds(seen.deadline_ms)));
+        lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()
+    }
+
+    fn evidence_lines(&self, lines: &mut Vec<String>) {
+        let evidence = &self.evidence;
+        lines.extend(
+            evidence.dimensions.iter().map(|dimension| format!("Evidence: {}", kappa_line(dimension))),
+        );
+        if let Some(pairs) = &evidence.pairs {
+            lines.push(format!(
+                "Sandbox: {} paired episodes, success {:.3} [{:.3}, {:.3}] against {:.3} [{:.3}, {:.3}]",
+                pairs.n,
+                pairs.candidate.success,
+                pairs.candidate_success[0],
+                pairs.candidate_success[1],
+                pairs.active.success,
+                pairs.active_success[0],
+                pairs.active_success[1]
+            ));
+        }
+        if let Some(shadow) = &evidence.shadow {
+            lines.push(format!(
+                "Shadow: {} sequences, divergence output {:.3}, governance {:.3}, envelope {:.3}",
+                shadow.n, shadow.output, shadow.governance, shadow.envelope
+            ));
+        }
+        lines.extend(
+            evidence.reasons.iter().take(4).map(|reason| format!("Asked because: {}", reason_line(reason))),
+        );
+        lines.push(format!("Evidence digest {}", self.seen.evidence.short()));
+    }
+}

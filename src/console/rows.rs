@@ -1,0 +1,291 @@
+//! What each list shows, row by row: the reducer moves over these rows and the views draw them.
+
+use super::model::{Model, View};
+use crate::engine::detail::{
+    AuditRow, Detail, DifferenceView, DrillView, ExplainedView, Measure, RegistryRow,
+};
+use crate::engine::event::DimensionResult;
+use crate::engine::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
+use crate::governance::composition::Condition;
+use crate::governance::decision::Reason;
+use crate::governance::ids::{CapabilityId, Family};
+
+/// A row of the registry's tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RegistryItem<'a> {
+    /// A family.
+    Family {
+        /// Which.
+        family: &'a Family,
+        /// How many of its versions the page holds.
+        versions: usize,
+        /// Whether its branch is open.
+        open: bool,
+    },
+    /// A version.
+    Version(&'a RegistryRow),
+}
+
+/// A row of the alarm list.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlarmItem<'a> {
+    /// One alarm.
+    Alarm(&'a AlarmView),
+    /// Alarms of one subject in a flood, behind the first of them.
+    Group {
+        /// The first out.
+        first: &'a AlarmView,
+        /// How many it stands for.
+        count: usize,
+    },
+}
+
+impl<'a> AlarmItem<'a> {
+    /// The alarm it shows.
+    #[must_use]
+    pub const fn alarm(self) -> &'a AlarmView {
+        match self {
+            Self::Alarm(alarm) | Self::Group { first: alarm, .. } => alarm,
+        }
+    }
+}
+
+/// A row of what waits for people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WaitingItem<'a> {
+    /// A monitor asks: rolled back at the deadline. These come first.
+    Question(&'a QuestionView),
+    /// A candidate waits for approval: held at the deadline.
+    Prompt(&'a PromptView),
+}
+
+impl WaitingItem<'_> {
+    /// The version it is about.
+    #[must_use]
+    pub const fn version(&self) -> &CapabilityId {
+        match self {
+            Self::Question(question) => &question.version,
+            Self::Prompt(prompt) => &prompt.version,
+        }
+    }
+}
+
+/// A row of the candidate view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CandidateItem<'a> {
+    /// A dimension.
+    Dimension(&'a DimensionResult),
+    /// A component of the behavioural comparison.
+    Measure(&'a Measure),
+    /// A reason.
+    Reason(&'a Reason),
+    /// A condition of use.
+    Condition(&'a Condition),
+    /// Something that was not tested.
+    Untested(&'a str),
+    /// A field that differs.
+    Difference(&'a DifferenceView),
+    /// A heading: a sandbox mode.
+    Mode(&'a str),
+    /// A kind of drill.
+    Drill(&'a DrillView),
+    /// A decision.
+    Decision(&'a ExplainedView),
+    /// A record of the log.
+    Record(&'a AuditRow),
+}
+
+impl Model {
+    /// The registry's tree under its filter and pane.
+    #[must_use]
+    pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
+        let filter = if self.view == View::Registry { self.filter() } else { "" };
+        let rows: Vec<&RegistryRow> = self
+            .registry
+            .page
+            .rows
+            .iter()
+            .filter(|row| matches(filter, &[&row.version, &row.author]))
+            .collect();
+        let mut items = Vec::with_capacity(rows.len() + 8);
+        for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
+            let Some(first) = versions.first() else { continue };
+            let family = &first.version.family;
+            let open = !self.registry.closed.contains(family);
+            items.push(RegistryItem::Family { family, versions: versions.len(), open });
+            if open {
+                items.extend(versions.iter().map(|row| RegistryItem::Version(row)));
+            }
+        }
+        items
+    }
+
+    /// The alarms, in the order of attention; in a flood what belongs together is one row, but never the critical
+    /// ones. A filter does not apply to them.
+    #[must_use]
+    pub fn alarm_rows(&self) -> Vec<AlarmItem<'_>> {
+        let Some(snapshot) = &self.snapshot else { return Vec::new() };
+        if !snapshot.alarm_summary.flood {
+            return snapshot.alarms.iter().map(AlarmItem::Alarm).collect();
+        }
+        let mut items: Vec<AlarmItem<'_>> = Vec::new();
+        let mut grouped: std::collections::BTreeMap<(&str, &str, &str), Vec<&AlarmView>> =
+            std::collections::BTreeMap::new();
+        let groupable = |alarm: &AlarmView| alarm.priority != "critical";
+        let key = |alarm: &'_ AlarmView| (alarm.subject.clone(), alarm.priority.clone(), alarm.state.clone());
+        for alarm in &snapshot.alarms {
+            let id = (alarm.subject.as_str(), alarm.priority.as_str(), alarm.state.as_str());
+            if groupable(alarm) {
+                grouped.entry(id).or_default().push(alarm);
+            }
+        }
+        let mut told = std::collections::BTreeSet::new();
+        for alarm in &snapshot.alarms {
+            let id = (alarm.subject.as_str(), alarm.priority.as_str(), alarm.state.as_str());
+            match grouped.get(&id).filter(|members| groupable(alarm) && members.len() > 1) {
+                None => items.push(AlarmItem::Alarm(alarm)),
+                Some(members) => {
+                    // The first out tells what set off the others.
+                    let first = members.iter().min_by_key(|member| member.since_ms);
+                    if let Some(first) = first.filter(|_| told.insert(key(alarm))) {
+                        items.push(AlarmItem::Group { first, count: members.len() });
+                    }
+                }
+            }
+        }
+        items
+    }
+
+    /// What waits for people: monitors' questions first, each the most urgent first.
+    #[must_use]
+    pub fn waiting_rows(&self) -> Vec<WaitingItem<'_>> {
+        let Some(snapshot) = &self.snapshot else { return Vec::new() };
+        let mut questions: Vec<&QuestionView> = snapshot.questions.iter().collect();
+        questions.sort_by_key(|question| question.deadline_ms);
+        let mut prompts: Vec<&PromptView> = snapshot.prompts.iter().collect();
+        prompts.sort_by_key(|prompt| prompt.deadline_ms);
+        let questions = questions.into_iter().map(WaitingItem::Question);
+        questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
+    }
+
+    /// Candidates in the pipeline: what is under way first, then what is done, each the newest first.
+    #[must_use]
+    pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
+        let Some(snapshot) = &self.snapshot else { return Vec::new() };
+        let filter = if self.view == View::Overview { self.filter() } else { "" };
+        let mut rows: Vec<&CandidateView> = snapshot
+            .candidates
+            .iter()
+            .rev()
+            .filter(|row| matches(filter, &[&row.version, &row.author]))
+            .collect();
+        rows.sort_by_key(|candidate| candidate.state.is_terminal());
+        rows
+    }
+
+    /// The log under its filter, the newest first.
+    #[must_use]
+    pub fn audit_rows(&self) -> Vec<&AuditRow> {
+        let filter = if self.view == View::Audit { self.filter() } else { "" };
+        self.audit.rows.iter().filter(|row| matches(filter, &[&row.kind, &row.subject, &row.body])).collect()
+    }
+
+    /// Everything about the subject, where the engine's answer is about it.
+    #[must_use]
+    pub fn subject_detail(&self) -> Option<&Detail> {
+        let subject = self.subject()?;
+        self.detail.as_deref().filter(|detail| detail.version == subject)
+    }
+
+    /// The rows of a pane of the candidate view.
+    #[must_use]
+    pub fn candidate_rows(&self, pane: usize) -> Vec<CandidateItem<'_>> {
+        let Some(detail) = self.subject_detail() else { return Vec::new() };
+        match pane {
+            0 => {
+                let reasons = detail.reasons.iter().map(CandidateItem::Reason);
+                let rest = detail.behavior.iter().map(CandidateItem::Measure);
+                let conditions = detail.conditions.iter().map(CandidateItem::Condition);
+                let untested = detail.untested.iter().map(|text| CandidateItem::Untested(text));
+                let dimensions = detail.dimensions.iter().map(CandidateItem::Dimension);
+                dimensions.chain(reasons).chain(rest).chain(conditions).chain(untested).collect()
+            }
+            1 => detail.differences.iter().map(CandidateItem::Difference).collect(),
+            2 => detail
+                .modes
+                .iter()
+                .flat_map(|mode| {
+                    let heading = std::iter::once(CandidateItem::Mode(mode.mode.as_str()));
+                    heading.chain(mode.measures.iter().map(CandidateItem::Measure))
+                })
+                .collect(),
+            3 => detail.drills.iter().map(CandidateItem::Drill).collect(),
+            4 => detail.decisions.iter().map(CandidateItem::Decision).collect(),
+            _ => detail.audit.iter().map(CandidateItem::Record).collect(),
+        }
+    }
+
+    /// Disagreements of twin and live world, the newest first.
+    #[must_use]
+    pub fn disagreement_rows(&self) -> Vec<&Disagreement> {
+        let subject = self.subject();
+        let candidates = self.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
+        let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
+        ours.and_then(|candidate| candidate.shadow.as_ref())
+            .map(|shadow| shadow.disagreements.iter().collect())
+            .unwrap_or_default()
+    }
+
+    /// How many rows the present view and pane has.
+    #[must_use]
+    pub fn row_count(&self) -> usize {
+        match (self.view, self.pane()) {
+            (View::Overview, 2) => self.told.len(),
+            (View::Overview, _) => self.pipeline_rows().len(),
+            (View::Registry, _) => self.registry_rows().len(),
+            (View::Candidate, pane) => self.candidate_rows(pane).len(),
+            (View::Shadow, _) => self.disagreement_rows().len(),
+            (View::Alarms, _) => self.alarm_rows().len(),
+            (View::Approvals, _) => self.waiting_rows().len(),
+            (View::Audit, _) => self.audit_rows().len(),
+        }
+    }
+
+    /// The row under the cursor, within what there is.
+    #[must_use]
+    pub fn row(&self) -> usize {
+        self.cursor().min(self.row_count().saturating_sub(1))
+    }
+
+    /// The version under the cursor, or the one the view is about.
+    #[must_use]
+    pub fn version_here(&self) -> Option<CapabilityId> {
+        match (self.view, self.pane()) {
+            (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
+            (View::Registry, _) => match self.registry_rows().get(self.row())? {
+                RegistryItem::Version(row) => Some(row.version.clone()),
+                // A family stands for its active version.
+                RegistryItem::Family { family, .. } => {
+                    let families = &self.snapshot.as_ref()?.families;
+                    families.iter().find(|known| known.family == **family)?.active.clone()
+                }
+            },
+            (View::Candidate | View::Shadow, _) => self.subject(),
+            (View::Alarms, _) => {
+                let rows = self.alarm_rows();
+                rows.get(self.row())?.alarm().alarm.rsplit(':').next()?.parse().ok()
+            }
+            (View::Approvals, _) => self.waiting_rows().get(self.row()).map(|row| row.version().clone()),
+            (View::Audit, _) => self.audit_rows().get(self.row())?.subject.parse().ok(),
+        }
+    }
+}
+
+/// Whether one of the texts contains the filter, letters' case aside. An empty filter fits everything.
+fn matches(filter: &str, texts: &[&dyn std::fmt::Display]) -> bool {
+    if filter.is_empty() {
+        return true;
+    }
+    let filter = filter.to_lowercase();
+    texts.iter().any(|text| text.to_string().to_lowercase().contains(&filter))
+}

@@ -1,0 +1,142 @@
+//! Words and numbers as every view, export and prompt writes them: one formatter each.
+
+use crate::engine::event::DimensionResult;
+use crate::governance::decision::{Dimension, Reason};
+use crate::governance::lifecycle::{Flags, Stage, State};
+
+/// Virtual time as hours, minutes and seconds since the store began.
+#[must_use]
+pub fn seconds(at_ms: u64) -> String {
+    let secs = at_ms / 1000;
+    format!("{:02}:{:02}:{:02}", secs / 3600, secs / 60 % 60, secs % 60)
+}
+
+/// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.
+#[must_use]
+pub fn duration(ms: u64) -> String {
+    let secs = ms / 1000;
+    match secs {
+        0 => format!("{ms} ms"),
+        1..60 => format!("{secs} s"),
+        60..3600 => format!("{} min {} s", secs / 60, secs % 60),
+        _ => format!("{} h {} min", secs / 3600, secs / 60 % 60),
+    }
+}
+
+/// A dimension's sign in Greek, or in letters alone.
+#[must_use]
+pub const fn kappa_sign(dimension: Dimension, ascii: bool) -> &'static str {
+    match (dimension, ascii) {
+        (Dimension::Interface, false) => "κI",
+        (Dimension::Policy, false) => "κP",
+        (Dimension::Behavior, false) => "κB",
+        (Dimension::Recovery, false) => "κR",
+        (Dimension::Interface, true) => "kI",
+        (Dimension::Policy, true) => "kP",
+        (Dimension::Behavior, true) => "kB",
+        (Dimension::Recovery, true) => "kR",
+        (other, _) => dimension_name(other),
+    }
+}
+
+/// A dimension's name in words.
+#[must_use]
+pub const fn dimension_name(dimension: Dimension) -> &'static str {
+    match dimension {
+        Dimension::Interface => "interface",
+        Dimension::Policy => "policy",
+        Dimension::Behavior => "behaviour",
+        Dimension::Recovery => "recovery",
+        Dimension::Composition => "composition",
+        Dimension::Shadow => "shadow",
+        Dimension::Gate => "gate",
+        Dimension::Approval => "approval",
+        Dimension::Monitor => "monitor",
+    }
+}
+
+/// One dimension with value, interval, limit and where it comes from.
+#[must_use]
+pub fn kappa_line(result: &DimensionResult) -> String {
+    let value = result.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
+    let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+    let basis = if result.measured { "" } else { ", estimated" };
+    format!(
+        "{} {value}{interval} (at least {:.2}) {}{basis}",
+        dimension_name(result.dimension),
+        result.threshold,
+        result.outcome
+    )
+}
+
+/// A reason with its code.
+#[must_use]
+pub fn reason_line(reason: &Reason) -> String {
+    format!("{}: {}", reason.code, reason.text)
+}
+
+/// Where a version stands, flags included.
+#[must_use]
+pub fn standing(state: State, flags: &Flags) -> String {
+    let mut words = vec![state.name().to_owned()];
+    let flagged = [
+        (flags.provisional, "provisional"),
+        (flags.restricted, "restricted"),
+        (flags.rollback_pending, "rolling back"),
+        (flags.awaiting_approval, "awaiting approval"),
+        (flags.paused, "paused"),
+    ];
+    words.extend(flagged.into_iter().filter(|(is, _)| *is).map(|(_, word)| word.to_owned()));
+    if let Some(stage) = flags.running {
+        words.push(format!("in {}", stage.name()));
+    }
+    words.join(", ")
+}
+
+/// The seven stages of the pipeline strip, in order.
+pub const STAGES: [&str; 7] = ["register", "validate", "sandbox", "shadow", "gate", "monitor", "confirm"];
+
+/// How far along [`STAGES`] a version is: stages done.
+#[must_use]
+pub const fn stages_done(state: State, flags: &Flags) -> usize {
+    match state {
+        State::Registered | State::Rejected | State::Demoted => 1,
+        State::Validated => 2,
+        State::Sandboxed => 3,
+        State::Shadowed => 4,
+        State::Active if flags.provisional => 5,
+        State::Active | State::Superseded => 7,
+        State::RolledBack => 6,
+    }
+}
+
+/// The stage's place in [`STAGES`].
+#[must_use]
+pub const fn stage_place(stage: Stage) -> usize {
+    match stage {
+        Stage::Validation => 1,
+        Stage::Sandbox => 2,
+        Stage::Shadow => 3,
+        Stage::Activation => 4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_and_times() {
+        let table = [
+            (0, "0 ms"),
+            (950, "950 ms"),
+            (59_999, "59 s"),
+            (245_000, "4 min 5 s"),
+            (10_920_000, "3 h 2 min"),
+        ];
+        for (ms, text) in table {
+            assert_eq!(duration(ms), text);
+        }
+        assert_eq!(seconds(3_723_000), "01:02:03");
+    }
+}
