@@ -5,6 +5,7 @@
 //! engine checks every decision again; a console that is gone means hold, never approve.
 
 pub mod action;
+pub mod commands;
 pub mod effect;
 pub mod form;
 pub mod keymap;
@@ -15,4 +16,5 @@ pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
+pub mod update;
 pub mod words;

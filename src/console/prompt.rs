@@ -97,6 +97,8 @@ pub struct Prompt {
     pub stale: Option<Stale>,
     /// Why the last key did nothing.
     pub refused: Option<Block>,
+    /// Lines scrolled down; the screen stops at the last.
+    pub scroll: u16,
 }
 
 /// A person's answer to one question, over exactly what was on the screen. Made by [`Prompt`] alone.
@@ -156,6 +158,7 @@ impl Prompt {
             reason: Line::default(),
             stale: None,
             refused: None,
+            scroll: 0,
         })
     }
 
@@ -267,6 +270,13 @@ impl Prompt {
         } else {
             &[Focus::Hold, Focus::ShortId, Focus::Reason]
         }
+    }
+
+    /// As far as it can be scrolled: every line may take several rows of a narrow screen.
+    #[must_use]
+    pub fn scroll_max(&self) -> u16 {
+        u16::try_from(self.text().iter().map(|line| line.chars().count() / 40 + 1).sum::<usize>())
+            .unwrap_or(u16::MAX)
     }
 
     /// The line that has the keys, if one has.

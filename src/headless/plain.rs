@@ -15,8 +15,13 @@ const LINE_WIDTH_MAX: usize = 400;
 pub fn line(event: &Event) -> String {
     let secs = event.at_ms / 1000;
     let tenths = event.at_ms / 100 % 10;
-    let text = Untrusted::new(text(&event.kind)).display(LINE_WIDTH_MAX).into_string();
-    format!("{secs:>6}.{tenths} {text}")
+    format!("{secs:>6}.{tenths} {}", told(event))
+}
+
+/// The line of an event without its time, sanitised.
+#[must_use]
+pub fn told(event: &Event) -> String {
+    Untrusted::new(text(&event.kind)).display(LINE_WIDTH_MAX).into_string()
 }
 
 fn text(kind: &EventKind) -> String {
