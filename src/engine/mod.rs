@@ -10,6 +10,7 @@ pub mod detail;
 pub mod door;
 pub mod event;
 mod evidence_view;
+pub mod host;
 mod lookup;
 pub mod picture;
 pub mod service;
