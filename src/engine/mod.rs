@@ -9,6 +9,8 @@ pub mod command;
 pub mod detail;
 pub mod door;
 pub mod event;
+mod evidence_view;
+mod lookup;
 pub mod picture;
 pub mod service;
 pub mod snapshot;

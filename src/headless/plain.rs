@@ -137,6 +137,13 @@ fn text(kind: &EventKind) -> String {
             Some(fault) => format!("fault    {fault} in the live world"),
             None => "fault    mended in the live world".to_owned(),
         },
+        EventKind::Continued { version, by, reason } => {
+            format!("goes on  {version}: {by} says so ({reason})")
+        }
+        EventKind::Pace { times } => match times {
+            Some(times) => format!("pace     {times} simulated seconds in a second"),
+            None => "pace     as fast as it computes".to_owned(),
+        },
         EventKind::Alarm { alarm, state, priority, text, .. } => {
             format!("alarm    {alarm} [{priority}, {state}] {text}")
         }

@@ -104,6 +104,7 @@ pub struct UpgradeManager {
     pub(super) clock: Clock,
     pub(super) live: LiveCell,
     pub(super) live_due: f64,
+    pub(super) pace: Option<f64>,
     pub(super) recent: VecDeque<bool>,
     pub(super) last_tasks: Vec<crate::engine::event::TaskSummary>,
     pub(super) work: Option<Work>,
@@ -111,6 +112,7 @@ pub struct UpgradeManager {
     pub(super) prompts: BTreeMap<CapabilityId, Prompt>,
     pub(super) watches: BTreeMap<Family, Watch>,
     pub(super) alarms: AlarmBook,
+    pub(super) alarms_due_ms: u64,
     pub(super) events: Vec<EventKind>,
     pub(super) holding: Option<String>,
     pub(super) cancel: Arc<AtomicBool>,
@@ -168,6 +170,7 @@ impl UpgradeManager {
             clock,
             live,
             live_due: 0.0,
+            pace: None,
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
             work: None,
@@ -175,6 +178,7 @@ impl UpgradeManager {
             prompts: BTreeMap::new(),
             watches: BTreeMap::new(),
             alarms: AlarmBook::new(),
+            alarms_due_ms: 0,
             events: Vec::new(),
             holding: None,
             cancel: Arc::new(AtomicBool::new(false)),
@@ -242,6 +246,7 @@ impl UpgradeManager {
     }
 
     fn slice(&mut self) -> Result<Progress, Fault> {
+        self.look_at_alarms();
         if self.look_at_deadlines()? {
             return Ok(Progress::Worked);
         }
@@ -353,7 +358,7 @@ impl UpgradeManager {
         let now_ms = self.clock.now_ms();
         let before = self.dossier(id).progress.as_ref();
         let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
-        let early = String::new();
+        let early = early(stage).to_owned();
         let view = ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early };
         self.dossier(id).progress = Some(view);
         self.emit(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
@@ -495,6 +500,17 @@ impl UpgradeManager {
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
         Ok(())
+    }
+}
+
+/// What would end a stage before its budget is worked, one sentence.
+const fn early(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Validation | Stage::Activation => "",
+        Stage::Sandbox => {
+            "a hard stop, or an outcome that the rest of the budget cannot change, ends it before the budget is worked"
+        }
+        Stage::Shadow => "a hard stop of the twin ends it at once; a doubt that stays lengthens it once",
     }
 }
 

@@ -16,6 +16,7 @@ pub mod ledger;
 pub mod live;
 pub mod manager;
 pub mod measures;
+pub mod portrait;
 pub mod rehearsal;
 pub mod seeds;
 pub mod sentry;

@@ -32,6 +32,8 @@ pub struct Watch {
     pub(in crate::pipeline) told: MonitorAction,
     /// What its first question was raised for.
     pub(in crate::pipeline) asked: Option<ReasonCode>,
+    /// Why it asks people now; empty where it does not.
+    pub(in crate::pipeline) question: Vec<Reason>,
 }
 
 impl UpgradeManager {
@@ -50,6 +52,7 @@ impl UpgradeManager {
             confirmed: false,
             told: MonitorAction::Continue,
             asked: None,
+            question: Vec::new(),
         })
     }
 
@@ -208,28 +211,24 @@ impl UpgradeManager {
         trip: Option<&Trip>,
     ) -> Result<(), Fault> {
         let mut silent = false;
+        let mut asks_anew = false;
         if let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) {
             if watch.asked.is_none() && decision.action != MonitorAction::Continue {
                 watch.asked = decision.reasons.first().map(|reason| reason.code);
             }
             watch.told = watch.told.max(decision.action);
+            if watch.monitor.escalation().is_some() && watch.question.is_empty() {
+                watch.question.clone_from(&decision.reasons);
+                // A restriction is told with its own alarm the first time; later ones are a question alone.
+                asks_anew = watch.restricted;
+            }
             silent = watch.asked == Some(ReasonCode::MonitorTelemetryMissing);
         }
         match decision.action {
             MonitorAction::Continue => self.maybe_confirm(id),
+            MonitorAction::Restrict if asks_anew => self.escalated(id, decision),
             MonitorAction::Restrict => self.restrict(id, &decision.reasons),
-            MonitorAction::Escalate => {
-                self.tell_monitor(id, decision.action, &decision.reasons)?;
-                let priority = self.profile.alarms.escalated;
-                self.raise(
-                    &format!("escalated:{id}"),
-                    "monitor",
-                    priority,
-                    true,
-                    &format!("{id}: people are needed"),
-                );
-                Ok(())
-            }
+            MonitorAction::Escalate => self.escalated(id, decision),
             MonitorAction::Rollback => {
                 self.tell_monitor(id, decision.action, &decision.reasons)?;
                 let trigger = decision.reasons.first().map_or_else(
@@ -246,6 +245,14 @@ impl UpgradeManager {
                 self.roll_back(id, trigger, trip, Leave::RolledBack)
             }
         }
+    }
+
+    fn escalated(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
+        self.tell_monitor(id, decision.action, &decision.reasons)?;
+        let priority = self.profile.alarms.escalated;
+        let text = format!("{id}: people are needed");
+        self.raise(&format!("escalated:{id}"), "monitor", priority, true, &text);
+        Ok(())
     }
 
     fn tell_monitor(
@@ -333,6 +340,6 @@ const fn tick_of(at_ms: u64) -> u64 {
 }
 
 /// The first virtual time at which a tick has come.
-const fn ms_of(tick: u64) -> u64 {
+pub(in crate::pipeline) const fn ms_of(tick: u64) -> u64 {
     tick.saturating_mul(1000).div_ceil(holdpoint_sim::io::RATE_HZ as u64)
 }
