@@ -8,12 +8,14 @@ pub mod clock;
 pub mod command;
 pub mod detail;
 pub mod door;
+pub mod embedded;
 pub mod event;
 mod evidence_view;
 mod lookup;
 pub mod picture;
 pub mod service;
 pub mod snapshot;
+pub mod told;
 mod view;
 
 use std::collections::VecDeque;

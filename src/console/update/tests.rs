@@ -6,6 +6,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use serde_json::json;
 
 use super::update;
+use crate::approvals::ApprovalDecision;
 use crate::console::action::Action;
 use crate::console::effect::{Effect, Question};
 use crate::console::form::Intent;
@@ -15,7 +16,6 @@ use crate::console::msg::{Msg, What};
 use crate::console::prompt::{Block, GUARD_MS};
 use crate::engine::command::Command;
 use crate::engine::snapshot::Snapshot;
-use crate::registry::names::ApprovalDecision;
 
 const CANDIDATE: &str = "grasp@1.3.0";
 
@@ -250,7 +250,8 @@ fn a_letter_typed_into_a_field_is_text() {
 
 #[test]
 fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
-    let changes: [(&str, fn(&mut Snapshot)); 6] = [
+    type Change = fn(&mut Snapshot);
+    let changes: [(&str, Change); 6] = [
         ("the evidence changed", |now| now.prompts[0].evidence = digest('f').parse().unwrap()),
         ("the candidate changed", |now| now.prompts[0].candidate = digest('f').parse().unwrap()),
         ("the policy changed", |now| now.prompts[0].policy = digest('f').parse().unwrap()),
@@ -363,7 +364,10 @@ fn abort_takes_two_keys_everywhere() {
         _ => false,
     };
     for view in View::ALL {
-        for key in [KeyEvent::new(KeyCode::Char('x'), KeyModifiers::NONE), KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL)] {
+        for key in [
+            KeyEvent::new(KeyCode::Char('x'), KeyModifiers::NONE),
+            KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL),
+        ] {
             let mut desk = Desk::new(1);
             desk.model.view = view;
             desk.tell(What::Key(key));
@@ -431,7 +435,8 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
 #[test]
 fn a_filter_hides_no_alarm_and_nothing_that_waits() {
     let mut desk = Desk::new(0);
-    desk.model.filters = View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
+    desk.model.filters =
+        View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
     for view in View::ALL {
         desk.model.view = view;
         assert_eq!(desk.model.alarm_rows().len(), 4, "{view:?}");
@@ -515,7 +520,9 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
     let mut desk = Desk::new(0);
     desk.keys(":pace 5");
     let effects = desk.press(KeyCode::Enter);
-    let [Effect::Ask { id, question: Question::Pace(Some(times)) }] = effects.as_slice() else { panic!("{effects:?}") };
+    let [Effect::Ask { id, question: Question::Pace(Some(times)) }] = effects.as_slice() else {
+        panic!("{effects:?}")
+    };
     assert_eq!(*times, 5.0);
     assert!(desk.model.pending.contains_key(id));
     let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
