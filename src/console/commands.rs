@@ -147,7 +147,7 @@ pub fn complete(typed: &str, known: &Known<'_>) -> Vec<String> {
         }
         return best(typed, words.into_iter().map(|word| (word.to_owned(), word.to_owned())).collect());
     };
-    let demos: Vec<String> = crate::headless::embedded::names().map(ToOwned::to_owned).collect();
+    let demos: Vec<String> = crate::engine::embedded::names().map(ToOwned::to_owned).collect();
     let arguments: &[String] = match word {
         "as" => known.people,
         "theme" => known.themes,

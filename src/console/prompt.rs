@@ -5,8 +5,8 @@
 
 use super::line::Line;
 use super::model::Operator;
+use crate::approvals::ApprovalDecision;
 use crate::engine::snapshot::{CandidateView, PromptView, Snapshot};
-use crate::registry::names::ApprovalDecision;
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;

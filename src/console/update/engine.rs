@@ -10,7 +10,7 @@ use crate::engine::command::Reply;
 use crate::engine::detail::Group;
 use crate::engine::event::{Event, EventKind};
 use crate::engine::snapshot::Snapshot;
-use crate::headless::plain;
+use crate::engine::told;
 
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
@@ -29,7 +29,7 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.changes += 1;
         }
-        let text = plain::told(&event);
+        let text = told::told(&event);
         model.told.push_back(Told { seq: event.seq, at_ms: event.at_ms, text });
         if model.told.len() > LOG_MAX {
             model.told.pop_front();

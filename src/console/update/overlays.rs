@@ -3,12 +3,12 @@
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
 use super::{act, asking, operating, tell, typing};
+use crate::approvals::ApprovalDecision;
 use crate::console::action::Action;
 use crate::console::effect::Effect;
 use crate::console::form::{FormFocus, Intent};
 use crate::console::model::{Model, Overlay};
 use crate::console::prompt::{Block, Focus};
-use crate::registry::names::ApprovalDecision;
 
 pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Palette(palette)) = &mut model.overlay else { return Vec::new() };
