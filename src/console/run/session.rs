@@ -23,7 +23,7 @@ use crate::console::terminal::TerminalGuard;
 use crate::console::terminal::guard::{Ending, Guard};
 use crate::console::update::update;
 use crate::engine::command::Command;
-use crate::engine::host::{Host, HostConfig, Update};
+use crate::engine::host::{Host, HostConfig, StopError, Update};
 
 /// Time passes this often where nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -294,7 +294,12 @@ impl Session {
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
         let Self { model, hands, terminal, guard, ended, cause, .. } = self;
-        hands.host.stop(STOP_MAX);
+        let stopped = match hands.host.stop(STOP_MAX) {
+            Ok(()) => Some(Ok(())),
+            Err(StopError::Failed(why)) => Some(Err(why)),
+            Err(StopError::Late(_)) => None,
+        };
+        let ended = ended.or(stopped);
         drop(terminal);
         drop(guard);
         farewell::left(cause, ended, model.snapshot.as_deref())
