@@ -7,12 +7,17 @@
 pub mod action;
 pub mod effect;
 pub mod form;
+pub mod frame;
 pub mod keymap;
 pub mod line;
+pub mod look;
 pub mod model;
 pub mod msg;
 pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
+pub mod theme;
+pub mod views;
+pub mod widgets;
 pub mod words;

@@ -97,6 +97,8 @@ pub struct Prompt {
     pub stale: Option<Stale>,
     /// Why the last key did nothing.
     pub refused: Option<Block>,
+    /// Lines of the decision scrolled out at the top; past the end, the screen shows the end.
+    pub scroll: u16,
 }
 
 /// A person's answer to one question, over exactly what was on the screen. Made by [`Prompt`] alone.
@@ -156,6 +158,7 @@ impl Prompt {
             reason: Line::default(),
             stale: None,
             refused: None,
+            scroll: 0,
         })
     }
 
