@@ -262,6 +262,25 @@ impl Command {
         }
     }
 
+    /// Whether it changes nothing, so that its answer need not be remembered.
+    #[must_use]
+    pub const fn only_reads(&self) -> bool {
+        matches!(
+            self,
+            Self::Detail { .. }
+                | Self::Registry { .. }
+                | Self::Audit { .. }
+                | Self::VerifyAudit
+                | Self::Snapshot
+        )
+    }
+
+    /// Whether it takes authority away: the arm is stopped for it wherever it works.
+    #[must_use]
+    pub const fn stops_the_arm(&self) -> bool {
+        matches!(self, Self::Rollback(_) | Self::Restrict(_) | Self::Rearm(_) | Self::Shutdown)
+    }
+
     /// The family a command is about, where it names one.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {

@@ -36,8 +36,8 @@ impl UpgradeManager {
 
     /// Hash of the agent's identity.
     #[must_use]
-    pub fn agent_hash(&self) -> Digest {
-        self.live.agent().identity_hash()
+    pub const fn agent_hash(&self) -> Digest {
+        self.live.agent_hash()
     }
 
     /// A candidate's evidence.

@@ -73,7 +73,7 @@ impl UpgradeManager {
     }
 
     #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-    fn now_s(&self) -> f64 {
+    pub(in crate::pipeline) fn now_s(&self) -> f64 {
         self.clock.now_ms() as f64 / 1000.0
     }
 
@@ -316,6 +316,11 @@ impl UpgradeManager {
                 let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
                 Ok(format!("{id} waits for {missing} more; {last}"))
             }
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.is_out() => {
+                // Versions change places between two sequences, never under a moving arm.
+                self.granted.insert(id.clone());
+                Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
+            }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
                 let event = Event::Approved { version, row_version: prompt.life_row_version };
@@ -426,11 +431,16 @@ impl UpgradeManager {
 
     /// Prompts and escalations whose time is over. Tells whether anything was done.
     pub(in crate::pipeline) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        Ok(self.look_at_prompts()? || self.look_at_monitors()?)
+    }
+
+    /// Prompts whose time is over. Tells whether anything was done.
+    pub(in crate::pipeline) fn look_at_prompts(&mut self) -> Result<bool, Fault> {
         let now_ms = self.clock.now_ms();
         let due: Vec<CapabilityId> = self
             .prompts
             .iter()
-            .filter(|(_, prompt)| prompt.deadline_ms <= now_ms)
+            .filter(|(id, prompt)| prompt.deadline_ms <= now_ms && !self.granted.contains(id))
             .map(|(id, _)| id.clone())
             .collect();
         for id in &due {
@@ -440,7 +450,7 @@ impl UpgradeManager {
             let result = approval::evaluate(&prompt.request, &prompt.votes, now_s, &settings);
             self.settle_prompt(id, &result)?;
         }
-        Ok(!due.is_empty() || self.look_at_monitors()?)
+        Ok(!due.is_empty())
     }
 
     pub(in crate::pipeline) fn next_deadline_ms(&self) -> Option<u64> {

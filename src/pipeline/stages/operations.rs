@@ -14,6 +14,7 @@ use crate::governance::rollback::TriggerKind;
 use crate::pipeline::ledger::{LedgerError, Note};
 use crate::pipeline::live::LiveFault;
 use crate::pipeline::manager::{Fault, UpgradeManager, registered_event};
+use crate::pipeline::sentry::Trip;
 use crate::registry::{AuditBody, Interrupted, StoreError};
 use crate::runtime::capability::{Capability, Package};
 use crate::text::Untrusted;
@@ -184,7 +185,15 @@ impl UpgradeManager {
         self.dossier(&id).reasons =
             vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
         let trigger = self.trigger(TriggerKind::Operator, trigger);
-        self.roll_back(&id, trigger, None, leave)?;
+        // Where the arm was stopped for this in a task of the version, time counts from the tick of the stop.
+        let trip = self.last_stop().filter(|stopped| stopped.id.as_ref() == Some(&id)).map(|stopped| Trip {
+            event: None,
+            world_tick: stopped.world_tick,
+            tick: stopped.tick,
+            stopped: stopped.report,
+        });
+        self.stopped = None;
+        self.roll_back(&id, trigger, trip.as_ref(), leave)?;
         accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
     }
 
@@ -247,10 +256,10 @@ impl UpgradeManager {
     /// How fast the live world works from the next sequence on.
     fn set_pace(&mut self, times: Option<f64>) -> Result<Reply, Fault> {
         let refuse = |code, text: String| Ok(Reply::Refused { code, text, hint: None });
-        if self.clock.is_scripted() {
+        let Some(paced) = &self.paced else {
             let text = "the live world of this engine works in step with it and has no pace".to_owned();
             return refuse(Refusal::NotNow, text);
-        }
+        };
         if let Some(times) = times.filter(|times| !PACE_ALLOWED.contains(times)) {
             let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
             return refuse(
@@ -258,6 +267,7 @@ impl UpgradeManager {
                 format!("the pace {times} is not allowed; {least} to {most}, or none, are"),
             );
         }
+        paced.set_pace(times);
         self.pace = times;
         self.emit(EventKind::Pace { times });
         Ok(Reply::Accepted { text: "the live world works at the new pace".to_owned(), version: None })
