@@ -8,5 +8,6 @@ mod identity;
 pub mod keyfile;
 mod signed;
 
+pub use crate::registry::names::ApprovalDecision;
 pub use identity::{Identity, IdentityError, IdentityInfo, Role, WORD_LEN_MAX};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};

@@ -136,7 +136,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchE
             Some(fork) => fork,
             None => subjects.cell.world()?,
         };
-        let mut shadow = Shadow::new(candidate, terms.clone(), fork);
+        let mut shadow = Shadow::new(candidate.clone(), terms.clone(), fork);
         let seed = seed(Purpose::Live, call);
         let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow, None);
         let worked = report.task(candidate.bundle.task()).map(|done| &done.record);

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use holdpoint_sim::io::TaskKind;
 
 use super::BenchError;
+use crate::engine::embedded;
 use crate::governance::decision::MadeUnder;
 use crate::governance::evidence::Binding;
 use crate::governance::ids::{Digest, Family};
 use crate::governance::policy::PolicyTable;
 use crate::governance::profile::{Profile, ProfileName};
-use crate::headless::embedded;
 use crate::pipeline::cell::Cell;
 use crate::pipeline::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
 use crate::runtime::agent::ActiveView;

@@ -81,6 +81,7 @@ pub fn run(context: &Context, args: &AuditArgs, out: &mut Output<'_>) -> Result<
         AuditVerb::List { subject, kind, limit } => {
             let filter = AuditFilter {
                 from_seq: 0,
+                before_seq: None,
                 kind: kind.clone(),
                 subject: subject.clone(),
                 limit: *limit as usize,

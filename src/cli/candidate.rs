@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use super::output::Table;
 use super::{CliError, Context, EngineVerbs, Exit, Output};
+use crate::explain::difference::differences;
 use crate::governance::ids::Digest;
 use crate::governance::interface::{self, InterfaceInput, Registered};
 use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
@@ -23,9 +24,6 @@ use crate::governance::profile::{Profile, ProfileName};
 use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
 use crate::runtime::capability::{Capability, Package};
 use crate::text::Untrusted;
-
-/// The most differences `diff` prints.
-pub const DIFFERENCES_MAX: usize = 1_000;
 
 /// The largest parameter file, in bytes.
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
@@ -178,53 +176,6 @@ fn read(dir: &Dir, path: &Path, file: &str, bytes_max: usize) -> Result<String, 
 
 fn unreadable(folder: &Path, file: &str, problem: &dyn std::fmt::Display) -> CliError {
     CliError::usage(format!("cannot read {:?}: {problem}", folder.join(file)))
-}
-
-/// One field that differs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
-    /// Path of the field, e.g. `permissions.max_force_n`.
-    pub field: String,
-    /// Its old value; `None` where it is new.
-    pub old: Option<Value>,
-    /// Its new value; `None` where it is gone.
-    pub new: Option<Value>,
-}
-
-/// The fields in which two values differ, by path. Lists of words compare as sets, member by member.
-#[must_use]
-pub fn differences(old: &Value, new: &Value) -> Vec<Difference> {
-    let mut found = Vec::new();
-    compare("", Some(old), Some(new), &mut found);
-    found
-}
-
-fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec<Difference>) {
-    if old == new || found.len() >= DIFFERENCES_MAX {
-        return;
-    }
-    let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-    match (old, new) {
-        (Some(Value::Object(old)), Some(Value::Object(new))) => {
-            let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
-            for key in keys {
-                compare(&join(key), old.get(key), new.get(key), found);
-            }
-        }
-        (Some(Value::Array(old)), Some(Value::Array(new))) if words(old) && words(new) => {
-            for gone in old.iter().filter(|word| !new.contains(word)) {
-                found.push(Difference { field: path.to_owned(), old: Some(gone.clone()), new: None });
-            }
-            for added in new.iter().filter(|word| !old.contains(word)) {
-                found.push(Difference { field: path.to_owned(), old: None, new: Some(added.clone()) });
-            }
-        }
-        (old, new) => found.push(Difference { field: path.to_owned(), old: old.cloned(), new: new.cloned() }),
-    }
-}
-
-fn words(values: &[Value]) -> bool {
-    values.iter().all(Value::is_string)
 }
 
 #[derive(Serialize)]
@@ -385,26 +336,6 @@ fn diff(old: &Folder, new: &Folder, out: &mut Output<'_>) -> Result<(), CliError
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn differences_name_the_field() {
-        let old =
-            serde_json::json!({"p": {"force_n": 30.0, "zones": ["bin", "tray"], "gone": 1}, "same": [1]});
-        let new = serde_json::json!({"p": {"force_n": 42.0, "zones": ["human", "tray"]}, "same": [1]});
-        let shown: Vec<(String, Option<Value>, Option<Value>)> =
-            differences(&old, &new).into_iter().map(|d| (d.field, d.old, d.new)).collect();
-        let word = |text: &str| Some(Value::from(text));
-        assert_eq!(
-            shown,
-            [
-                ("p.force_n".to_owned(), Some(30.0.into()), Some(42.0.into())),
-                ("p.gone".to_owned(), Some(1.into()), None),
-                ("p.zones".to_owned(), word("bin"), None),
-                ("p.zones".to_owned(), None, word("human")),
-            ]
-        );
-        assert!(differences(&old, &old).is_empty());
-    }
 
     #[test]
     fn every_shipped_candidate_is_well_formed() {

@@ -9,7 +9,8 @@ use super::{
     status_verb,
 };
 use crate::engine::command::Command;
-use crate::headless::{RunPlain, RunScript, embedded, run_plain, run_script};
+use crate::engine::embedded;
+use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use crate::runtime::capability::Capability;
 use crate::text::Untrusted;
 

@@ -8,9 +8,9 @@ use std::path::Path;
 use clap::Args;
 
 use super::{CliError, Context, Exit, Output, audit};
+use crate::engine::embedded;
 use crate::explain::{self, Explained, Explanation};
 use crate::governance::ids::CapabilityId;
-use crate::headless::embedded;
 use crate::runtime::capability::Capability;
 
 /// The arguments of `explain`.

@@ -25,14 +25,14 @@ pub enum Effect {
         /// The request's id.
         id: String,
         /// What.
-        confirmed: Confirmed,
+        confirmed: Box<Confirmed>,
     },
     /// Sign a decision and hand it to the engine.
     Decide {
         /// The request's id.
         id: String,
         /// Which.
-        decision: Decision,
+        decision: Box<Decision>,
     },
     /// Read a candidate's folder, or an embedded one, and submit it.
     Register {

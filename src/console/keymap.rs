@@ -81,7 +81,7 @@ impl Keymap {
             match found {
                 Ok(true) => {}
                 Ok(false) => {
-                    problems.push(at(&key.span(), format!("the key {:?} is not bound", key.get_ref())))
+                    problems.push(at(&key.span(), format!("the key {:?} is not bound", key.get_ref())));
                 }
                 Err(what) => problems.push(at(&key.span(), what)),
             }

@@ -5,6 +5,7 @@
 //! engine checks every decision again; a console that is gone means hold, never approve.
 
 pub mod action;
+pub mod commands;
 pub mod effect;
 pub mod form;
 pub mod frame;
@@ -17,7 +18,11 @@ pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
+<<<<<<< HEAD
 pub mod theme;
 pub mod views;
 pub mod widgets;
+=======
+pub mod update;
+>>>>>>> main
 pub mod words;

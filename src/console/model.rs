@@ -240,6 +240,10 @@ pub struct Model {
     pub pending: BTreeMap<String, String>,
     /// Number of the next request.
     pub next_request: u64,
+    /// Counts what happened that answers of the engine may depend on.
+    pub changes: u64,
+    /// The count at which each kind of answer was last asked for, by the first word of its ids.
+    pub asked: BTreeMap<&'static str, u64>,
     /// Settings.
     pub settings: Settings,
     /// Keys.
@@ -281,6 +285,8 @@ impl Model {
             notice: None,
             pending: BTreeMap::new(),
             next_request: 1,
+            changes: 0,
+            asked: BTreeMap::new(),
             settings,
             keymap,
             themes,

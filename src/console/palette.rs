@@ -48,6 +48,7 @@ impl Palette {
 }
 
 /// What matches `typed`, the best first.
+#[must_use]
 pub fn best<T: Clone>(typed: &str, items: Vec<(String, T)>) -> Vec<T> {
     let mut matcher = Matcher::new(Config::DEFAULT);
     let pattern = Pattern::parse(typed, CaseMatching::Ignore, Normalization::Smart);

@@ -5,8 +5,8 @@
 
 use super::line::Line;
 use super::model::Operator;
+use crate::approvals::ApprovalDecision;
 use crate::engine::snapshot::{CandidateView, PromptView, Snapshot};
-use crate::registry::names::ApprovalDecision;
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
@@ -97,7 +97,7 @@ pub struct Prompt {
     pub stale: Option<Stale>,
     /// Why the last key did nothing.
     pub refused: Option<Block>,
-    /// Lines of the decision scrolled out at the top; past the end, the screen shows the end.
+    /// Lines scrolled down; the screen stops at the last.
     pub scroll: u16,
 }
 
@@ -270,6 +270,13 @@ impl Prompt {
         } else {
             &[Focus::Hold, Focus::ShortId, Focus::Reason]
         }
+    }
+
+    /// As far as it can be scrolled: every line may take several rows of a narrow screen.
+    #[must_use]
+    pub fn scroll_max(&self) -> u16 {
+        u16::try_from(self.text().iter().map(|line| line.chars().count() / 40 + 1).sum::<usize>())
+            .unwrap_or(u16::MAX)
     }
 
     /// The line that has the keys, if one has.

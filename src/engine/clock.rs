@@ -35,6 +35,12 @@ impl Clock {
         Self::Real { from_ms, since: Instant::now() }
     }
 
+    /// Whether a script moves it.
+    #[must_use]
+    pub const fn is_scripted(&self) -> bool {
+        matches!(self, Self::Virtual { .. })
+    }
+
     /// Now, ms.
     #[must_use]
     pub fn now_ms(&self) -> u64 {

@@ -231,6 +231,56 @@ pub enum Refusal {
 }
 
 impl Command {
+    /// Whether it only reads, or is about alarms alone: it is carried out while the engine holds as well.
+    #[must_use]
+    pub const fn is_harmless(&self) -> bool {
+        match self {
+            Self::AcknowledgeAlarm { .. }
+            | Self::ResetAlarm { .. }
+            | Self::ShelveAlarm { .. }
+            | Self::UnshelveAlarm { .. }
+            | Self::Detail { .. }
+            | Self::Registry { .. }
+            | Self::Audit { .. }
+            | Self::VerifyAudit
+            | Self::Snapshot => true,
+            Self::Register { .. }
+            | Self::Decide { .. }
+            | Self::Reject(_)
+            | Self::Rollback(_)
+            | Self::Demote { .. }
+            | Self::Pause(_)
+            | Self::Resume(_)
+            | Self::Repeat { .. }
+            | Self::Restrict(_)
+            | Self::Rearm(_)
+            | Self::Drift { .. }
+            | Self::LiveFault { .. }
+            | Self::Continue(_)
+            | Self::Pace { .. }
+            | Self::Shutdown => false,
+        }
+    }
+
+    /// Whether it changes nothing, so that its answer need not be remembered.
+    #[must_use]
+    pub const fn only_reads(&self) -> bool {
+        matches!(
+            self,
+            Self::Detail { .. }
+                | Self::Registry { .. }
+                | Self::Audit { .. }
+                | Self::VerifyAudit
+                | Self::Snapshot
+        )
+    }
+
+    /// Whether it takes authority away: the arm is stopped for it wherever it works.
+    #[must_use]
+    pub const fn stops_the_arm(&self) -> bool {
+        matches!(self, Self::Rollback(_) | Self::Restrict(_) | Self::Rearm(_) | Self::Shutdown)
+    }
+
     /// The family a command is about, where it names one.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {

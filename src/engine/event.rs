@@ -243,7 +243,21 @@ pub enum EventKind {
         /// What is broken; absent where nothing is.
         fault: Option<String>,
     },
-    /// An alarm changed.
+    /// Somebody answered a monitor's question: the version goes on as it is.
+    Continued {
+        /// The version.
+        version: CapabilityId,
+        /// Who.
+        by: String,
+        /// Why.
+        reason: String,
+    },
+    /// The simulated live world works at another pace from now on.
+    Pace {
+        /// Simulated seconds in a second; absent for as fast as it computes.
+        times: Option<f64>,
+    },
+    /// An alarm changed: raised, cleared, acknowledged, reset, shelved or taken from its shelf.
     Alarm {
         /// Which.
         alarm: String,

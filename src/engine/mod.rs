@@ -8,10 +8,15 @@ pub mod clock;
 pub mod command;
 pub mod detail;
 pub mod door;
+pub mod embedded;
 pub mod event;
+mod evidence_view;
+pub mod host;
+mod lookup;
 pub mod picture;
 pub mod service;
 pub mod snapshot;
+pub mod told;
 mod view;
 
 use std::collections::VecDeque;
@@ -29,6 +34,8 @@ use crate::pipeline::cache::EpisodeCache;
 use crate::pipeline::cell::Cell;
 use crate::pipeline::ledger::{Ledger, LedgerError};
 use crate::pipeline::manager::{Fault, Progress, Settings, UpgradeManager};
+use crate::pipeline::paced::Timing;
+use crate::pipeline::pacer::{Easel, Switch};
 use crate::registry::{Store, StoreError};
 use crate::runtime::capability::{Capability, Package, PackageError};
 
@@ -47,6 +54,9 @@ macro_rules! embedded_baseline {
 }
 /// Answers remembered for retried commands.
 const ANSWERS_KEPT: usize = 1024;
+
+/// The most requests that wait for the end of a sequence.
+const WAITING_MAX: usize = 64;
 
 /// Why an engine could not start.
 #[derive(Debug, thiserror::Error)]
@@ -97,6 +107,7 @@ pub struct Engine {
     manager: UpgradeManager,
     next_seq: u64,
     answers: VecDeque<(String, Reply)>,
+    waiting: VecDeque<Request>,
     ended: bool,
 }
 
@@ -148,38 +159,111 @@ impl Engine {
             cache: config.cache,
         };
         let manager = UpgradeManager::new(settings, ledger, clock, baselines)?;
-        Ok(Self { manager, next_seq: 1, answers: VecDeque::new(), ended: false })
+        Ok(Self { manager, next_seq: 1, answers: VecDeque::new(), waiting: VecDeque::new(), ended: false })
     }
 
-    /// Carries out one request. The same id again gets the same answer and does nothing.
+    /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
+    /// on a thread of its own, a request that has to wait for the end of a sequence is waited for.
     pub fn submit(&mut self, request: Request) -> Reply {
-        if let Some((_, reply)) = self.answers.iter().find(|(id, _)| *id == request.id) {
-            return reply.clone();
+        let id = request.id.clone();
+        if let Some(reply) = self.offer(request) {
+            return reply;
         }
+        self.manager.come_home(true);
+        self.carry_out_waiting();
+        self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
+    }
+
+    /// As [`Engine::submit`], but never waits: `None` where the request has to wait for the end of a sequence of the
+    /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
+    pub fn offer(&mut self, request: Request) -> Option<Reply> {
+        if let Some(reply) = self.answer_of(&request.id) {
+            return Some(reply);
+        }
+        if self.waiting.iter().any(|waiting| waiting.id == request.id) {
+            return None;
+        }
+        if self.waiting.len() >= WAITING_MAX {
+            return Some(refused("too many requests wait for the end of a sequence"));
+        }
+        match self.manager.timing(&request.command) {
+            Timing::Now => return Some(self.carry_out(request)),
+            Timing::Between => {}
+            Timing::Stop => self.manager.stop_live(),
+        }
+        self.waiting.push_back(request);
+        None
+    }
+
+    /// The answer to a request that was carried out and changed something.
+    #[must_use]
+    pub fn answer_of(&self, id: &str) -> Option<Reply> {
+        self.answers.iter().find(|(known, _)| known == id).map(|(_, reply)| reply.clone())
+    }
+
+    fn carry_out(&mut self, request: Request) -> Reply {
+        let remembered = !request.command.only_reads();
         let reply = match request.command {
-            Command::Snapshot => return Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
+            Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
+                self.manager.end();
                 self.ended = true;
                 Reply::Accepted {
                     text: "the engine ends; nothing was approved or activated by it".to_owned(),
                     version: None,
                 }
             }
-            _ if self.ended => {
-                Reply::Refused { code: Refusal::NotNow, text: "the engine is ending".to_owned(), hint: None }
-            }
+            _ if self.ended => refused("the engine is ending"),
             command => self.manager.command(command),
         };
-        self.answers.push_back((request.id, reply.clone()));
-        if self.answers.len() > ANSWERS_KEPT {
-            self.answers.pop_front();
+        if remembered {
+            self.answers.push_back((request.id, reply.clone()));
+            if self.answers.len() > ANSWERS_KEPT {
+                self.answers.pop_front();
+            }
         }
         reply
     }
 
+    fn carry_out_waiting(&mut self) {
+        while let Some(request) = self.waiting.pop_front() {
+            self.carry_out(request);
+        }
+    }
+
     /// One slice of work.
     pub fn advance(&mut self) -> Progress {
-        if self.ended { Progress::Idle { next_ms: None } } else { self.manager.advance() }
+        if self.ended {
+            return Progress::Idle { next_ms: None };
+        }
+        if !self.waiting.is_empty() {
+            if self.manager.come_home(false) {
+                self.carry_out_waiting();
+                return Progress::Worked;
+            }
+            if self.manager.is_stopping() {
+                // The arm comes to a stand; nothing is begun meanwhile.
+                return Progress::Idle { next_ms: Some(self.now_ms()) };
+            }
+        }
+        self.manager.advance()
+    }
+
+    /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
+    /// fast as it computes). Pictures of it go to `easel`, which must not wait.
+    pub fn pace_live_world(&mut self, times: Option<f64>, easel: Easel) {
+        self.manager.pace_live_world(times, easel);
+    }
+
+    /// Stops the arm where it works now, from any thread; absent where the live world works in step.
+    #[must_use]
+    pub fn switch(&self) -> Option<Arc<Switch>> {
+        self.manager.switch()
+    }
+
+    /// The engine's thread failed: nothing is approved, activated or begun from now on.
+    pub fn fail(&mut self, why: &str) {
+        self.manager.fail(why);
     }
 
     /// A script's clock jumps to a deadline. Tells whether it moved.
@@ -236,4 +320,8 @@ impl Engine {
     pub fn layout(&self) -> &crate::registry::Layout {
         self.manager.ledger().store().layout()
     }
+}
+
+fn refused(text: &str) -> Reply {
+    Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint: None }
 }

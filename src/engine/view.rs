@@ -1,12 +1,11 @@
 //! The snapshot of a manager.
 
-use super::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, PairsView, ShadowView, Snapshot};
-use crate::governance::behavior;
+use super::evidence_view::{pairs, shadow};
+use super::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
 use crate::governance::lifecycle::State;
 use crate::pipeline::dossier::Dossier;
 use crate::pipeline::ledger::Entry;
 use crate::pipeline::manager::UpgradeManager;
-use crate::stats::wilson;
 
 impl UpgradeManager {
     /// How things stand.
@@ -39,7 +38,7 @@ impl UpgradeManager {
                     composite: dossier.composite(self.profile()),
                     pairs: pairs(dossier),
                     drills: dossier.drills,
-                    shadow: shadow(dossier),
+                    shadow: shadow(dossier, &self.profile().evaluation),
                     reasons: dossier.reasons.clone(),
                     conditions: dossier.conditions.clone(),
                 });
@@ -58,10 +57,10 @@ impl UpgradeManager {
             prompts: self.prompts(),
             alarms: self.alarm_views(),
             live: self.live_view(),
-            questions: Vec::new(),
+            questions: self.questions(),
             alarm_summary: self.alarm_book().summary(),
-            scenery: super::picture::Scenery::default(),
-            thresholds: [0.0; 4],
+            scenery: self.scenery(),
+            thresholds: self.thresholds(),
         }
     }
 
@@ -118,51 +117,10 @@ impl UpgradeManager {
             recent: n as u64,
             last: last.to_vec(),
             drift: self.drift_name(),
-            fault: None,
-            pace: None,
+            fault: self.fault_name(),
+            pace: self.pace(),
             outcomes: recent,
-            monitors: Vec::new(),
+            monitors: self.monitor_views(),
         }
     }
-}
-
-fn pairs(dossier: &Dossier) -> Option<PairsView> {
-    let n = dossier.pairs.len() as u64;
-    let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
-    let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
-    let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
-    let succeeded = |of: fn(&crate::governance::evidence::Pair) -> bool| {
-        dossier.pairs.iter().filter(|pair| of(pair)).count()
-    };
-    Some(PairsView {
-        n,
-        active,
-        candidate,
-        candidate_success: interval(succeeded(|pair| pair.candidate.success))?,
-        active_success: interval(succeeded(|pair| pair.active.success))?,
-    })
-}
-
-#[allow(clippy::cast_precision_loss, reason = "sequences are few")]
-fn shadow(dossier: &Dossier) -> Option<ShadowView> {
-    let sequences = &dossier.sequences;
-    let n = sequences.len() as f64;
-    if sequences.is_empty() {
-        return None;
-    }
-    let mean = |of: &dyn Fn(&crate::governance::evidence::ShadowSequence) -> f64| {
-        sequences.iter().map(of).sum::<f64>() / n
-    };
-    let flag = |on: bool| if on { 1.0 } else { 0.0 };
-    Some(ShadowView {
-        n: sequences.len() as u64,
-        output: mean(&|s| s.output_divergence),
-        governance: mean(&|s| {
-            flag(s.twin_policy_hit || s.twin_watcher_event) - flag(s.live_policy_hit || s.live_watcher_event)
-        }),
-        envelope: mean(&|s| s.envelope_divergence),
-        limits: [None; 3],
-        series: Vec::new(),
-        disagreements: Vec::new(),
-    })
 }

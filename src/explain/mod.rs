@@ -3,6 +3,7 @@
 //! Reads the store's views and nothing else, so it works without an engine and beside a running one. Judges
 //! nothing: what it says is computed from the record, and where the record has no number it says none.
 
+pub mod difference;
 mod need;
 mod seen;
 

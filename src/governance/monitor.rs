@@ -298,6 +298,16 @@ impl Monitor {
         self.restricted
     }
 
+    /// Where every chart stands: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
+    pub fn charts(&self) -> impl Iterator<Item = (Rate, &'static str, f64, f64)> + '_ {
+        self.charts.iter().flat_map(|chart| {
+            [
+                (chart.rate, "warning", chart.warning.statistic(), chart.warning.threshold()),
+                (chart.rate, "trip", chart.trip.statistic(), chart.trip.arl()),
+            ]
+        })
+    }
+
     /// Takes one finished episode.
     pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
         if !episode.is_valid() {

@@ -6,14 +6,14 @@ use std::path::Path;
 use holdpoint_sim::robot::RobotModel;
 
 use super::approver;
-use super::embedded;
-use super::plain;
 use super::script::{DriftStep, Expect, Say, Script, Wait};
 use crate::cli::{CliError, Exit};
 use crate::engine::command::{Command, Reply, Request};
+use crate::engine::embedded;
 use crate::engine::event::{Event, EventKind};
 use crate::engine::service;
 use crate::engine::snapshot::CandidateView;
+use crate::engine::told;
 use crate::engine::{Config, Engine};
 use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::State;
@@ -220,7 +220,7 @@ impl Printer<'_> {
             let line = serde_json::to_string(event).map_err(CliError::internal)?;
             return self.line(&crate::text::escape_json(&line));
         }
-        self.line(&plain::line(event))
+        self.line(&told::line(event))
     }
 }
 

@@ -1,10 +1,8 @@
-//! Scripted operation: scenario files, JSON lines and the plain stream.
+//! Scripted operation: scenario files, JSON lines.
 //!
 //! The same engine as behind any other front end; what is here reads events and gives commands.
 
 pub mod approver;
-pub mod embedded;
-pub mod plain;
 pub mod script;
 
 mod drive;

@@ -6,7 +6,7 @@
 use holdpoint_sim::SimError;
 use holdpoint_sim::io::{Command, GuardVerdict, Interrupt, RATE_HZ};
 
-use super::live::LiveCell;
+use super::live::Rig;
 use super::sentry::Trip;
 use super::witness::Witnessed;
 use crate::governance::rollback::{Rung, RungFailure, RungRecord};
@@ -58,7 +58,7 @@ impl Descent {
     }
 }
 
-impl LiveCell {
+impl Rig {
     /// The physical rungs: the version's own safe-abort hook, the interrupt that no version can refuse, and the
     /// retreat. A task that was stopped in flight has had its hook already; the descent then goes on from there,
     /// and time counts from the tick that stopped it.

@@ -104,6 +104,14 @@ pub struct Evaluation {
     drills_tried: [u64; DrillKind::ALL.len()],
     turns: usize,
     ended: Option<Ended>,
+    part: Part,
+}
+
+/// What is worked of a slice that is not whole yet.
+#[derive(Clone, Debug, Default)]
+struct Part {
+    pairs: Vec<(TaskRecord, TaskRecord)>,
+    drills: (Vec<DrillResult>, Vec<DrillResult>),
 }
 
 impl Evaluation {
@@ -121,6 +129,7 @@ impl Evaluation {
             drills_tried: [0; DrillKind::ALL.len()],
             turns: 0,
             ended,
+            part: Part::default(),
         }
     }
 
@@ -152,7 +161,8 @@ impl Evaluation {
         self.pairs.len() as u64 + self.drills_tried.iter().sum::<u64>()
     }
 
-    /// Works one slice and looks whether the rest can still matter.
+    /// Works one slice and looks whether the rest can still matter. `None`: the lab works in parts, and the slice
+    /// is not whole yet; nothing has changed but what is kept of it. How a slice is cut changes no result.
     ///
     /// # Errors
     /// Where the lab fails; nothing is concluded from the slice then.
@@ -162,23 +172,26 @@ impl Evaluation {
         candidate: &Party,
         active: &Party,
         profile: &Profile,
-    ) -> Result<Slice, Fault> {
+    ) -> Result<Option<Slice>, Fault> {
         let mut records = Vec::new();
         let before = self.done();
         let what = match self.next_turn() {
             Some(Turn::Pairs) => {
-                records = self.pair_slice(lab, candidate, active)?;
+                let Some(worked) = self.pair_slice(lab, candidate, active)? else { return Ok(None) };
+                records = worked;
                 "paired episodes".to_owned()
             }
             Some(Turn::Drills(kind)) => {
-                self.drill_slice(lab, candidate, active, kind)?;
+                if !self.drill_slice(lab, candidate, active, kind)? {
+                    return Ok(None);
+                }
                 format!("{} drills", kind.name())
             }
             None => "nothing is left".to_owned(),
         };
         self.turns += 1;
         self.look(profile);
-        Ok(Slice { what, worked: self.done() - before, done: self.done(), records })
+        Ok(Some(Slice { what, worked: self.done() - before, done: self.done(), records }))
     }
 
     fn pair_slice(
@@ -186,13 +199,20 @@ impl Evaluation {
         lab: &Lab<'_>,
         candidate: &Party,
         active: &Party,
-    ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
+    ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, Fault> {
         let missing = u64::from(self.plan.pairs).saturating_sub(self.pairs.len() as u64);
         let wanted = PAIRS_A_SLICE.min(missing);
         let range = self.pairs_tried..self.pairs_tried + wanted;
         let seeds: Vec<u64> =
             range.map(|index| episode_seed(lab.seed, self.plan.pair_seeds, index)).collect();
-        let records = lab.pairs(candidate, active, &seeds)?;
+        let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
+        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
+        let worked = lab.pairs(candidate, active, next)?;
+        self.part.pairs.extend(worked);
+        if self.part.pairs.len() < seeds.len() {
+            return Ok(None);
+        }
+        let records = std::mem::take(&mut self.part.pairs);
         self.pairs_tried += wanted;
         for (new, old) in &records {
             self.hard_stops.extend(new.hard_stop);
@@ -200,25 +220,34 @@ impl Evaluation {
                 self.pairs.push(Pair { seed: new.seed, active, candidate });
             }
         }
-        Ok(records)
+        Ok(Some(records))
     }
 
+    /// Tells whether the slice is whole.
     fn drill_slice(
         &mut self,
         lab: &Lab<'_>,
         candidate: &Party,
         active: &Party,
         kind: DrillKind,
-    ) -> Result<(), Fault> {
+    ) -> Result<bool, Fault> {
         let tried = &mut self.drills_tried[kind as usize];
         let range = *tried..*tried + DRILLS_A_SLICE;
         let seeds: Vec<u64> =
             range.map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
-        let (of_candidate, of_active) = lab.drills(candidate, active, kind, &seeds)?;
+        let open = seeds.get(self.part.drills.0.len()..).unwrap_or_default();
+        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
+        let worked = lab.drills(candidate, active, kind, next)?;
+        self.part.drills.0.extend(worked.0);
+        self.part.drills.1.extend(worked.1);
+        if self.part.drills.0.len() < seeds.len() {
+            return Ok(false);
+        }
+        let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
         *tried += DRILLS_A_SLICE;
         tally(self.drills.0.of_mut(kind), &of_candidate);
         tally(self.drills.1.of_mut(kind), &of_active);
-        Ok(())
+        Ok(true)
     }
 
     /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
@@ -321,6 +350,15 @@ mod tests {
 
     /// Both versions on calibration seeds, from their folders under `manifests/`.
     fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<String>) {
+        evaluate_in_parts(candidate, active, profile, usize::MAX)
+    }
+
+    fn evaluate_in_parts(
+        candidate: &str,
+        active: &str,
+        profile: &Profile,
+        part: usize,
+    ) -> (Evaluation, Vec<String>) {
         let cell = Cell::builtin().unwrap();
         let table = Arc::new(PolicyTable::builtin(profile).unwrap());
         let terms = Terms::new(profile, table, cell.model.clone(), cell.scene.clone());
@@ -336,6 +374,7 @@ mod tests {
         let lab = Lab {
             seed: CALIBRATION_FROM_RUN + 1,
             jobs: 2,
+            part,
             cancel: &cancel,
             cell: &cell,
             cache: &EpisodeCache::InStore,
@@ -345,7 +384,8 @@ mod tests {
         let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());
         let mut order = Vec::new();
         while evaluation.ended().is_none() {
-            order.push(evaluation.step(&lab, &candidate, &active, profile).unwrap().what);
+            let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
+            order.extend(step.map(|slice| slice.what));
         }
         (evaluation, order)
     }
@@ -378,6 +418,18 @@ mod tests {
         assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
         let (_, recovery) = evaluation.assess(&profile);
         assert_eq!(recovery.assessment.outcome, crate::governance::outcome::RecoveryOutcome::Incompatible);
+    }
+
+    #[test]
+    fn parts_of_a_slice_change_no_result() {
+        let mut profile = small();
+        profile.evaluation.sandbox_pairs = 20;
+        profile.evaluation.drills_per_kind = 10;
+        let (whole, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
+        let (parts, same) = evaluate_in_parts("align/1.0.0", "align/1.0.0", &profile, 3);
+        assert_eq!(order, same);
+        assert_eq!(whole.paired(), parts.paired());
+        assert_eq!(whole.rehearsed(), parts.rehearsed());
     }
 
     #[test]

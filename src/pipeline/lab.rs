@@ -27,6 +27,8 @@ pub struct Lab<'a> {
     pub seed: u64,
     /// Workers.
     pub jobs: usize,
+    /// The most pairs or drills worked before whoever asked is heard again.
+    pub part: usize,
     /// Set to interrupt between episodes.
     pub cancel: &'a AtomicBool,
     /// Robot, scene and distributions.
@@ -49,7 +51,7 @@ pub struct Party {
 }
 
 impl Lab<'_> {
-    /// Episodes of one version from the first of a purpose's seeds on.
+    /// Episodes of one version, by their place among a purpose's seeds.
     ///
     /// # Errors
     /// Where a worker failed or the run was interrupted; nothing is concluded from it then.
@@ -59,11 +61,10 @@ impl Lab<'_> {
         terms: &Terms,
         conditions: Conditions,
         purpose: Purpose,
-        count: u64,
+        range: std::ops::Range<u64>,
     ) -> Result<Vec<TaskRecord>, Fault> {
-        let list: Vec<Job> = (0..count)
-            .map(|index| Job { version: 0, seed: episode_seed(self.seed, purpose, index) })
-            .collect();
+        let list: Vec<Job> =
+            range.map(|index| Job { version: 0, seed: episode_seed(self.seed, purpose, index) }).collect();
         let records = batch(self.jobs, self.cancel, self.cell, &[(version, terms)], conditions, &list)?;
         complete(&records, list.len())?;
         Ok(records)

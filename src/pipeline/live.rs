@@ -3,12 +3,15 @@
 //! It differs from the sandbox by design (held-out seeds, asynchronous observations, longer latency,
 //! correlated noise, clutter, whole sequences). Shadow and monitoring both listen here.
 
+use std::sync::Arc;
+
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::fault::Fault as SimFault;
 use holdpoint_sim::io::TaskKind;
 use holdpoint_sim::referee::RefereeLimits;
+use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +19,7 @@ use super::cell::Cell;
 use super::rehearsal::Verdict;
 use super::sentry::Sentry;
 use super::witness::Witnessed;
+use crate::governance::ids::Digest;
 use crate::runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use crate::runtime::agent::{ActiveView, Agent, Goal};
 use crate::runtime::arm::{ActuatorHandle, Arm};
@@ -42,6 +46,11 @@ pub struct SequenceReport {
 }
 
 impl SequenceReport {
+    /// Of a sequence that has not begun.
+    const fn empty(seed: u64) -> Self {
+        Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 }
+    }
+
     /// The record of a primitive, where it was worked.
     #[must_use]
     pub fn task(&self, task: TaskKind) -> Option<&Dispatched> {
@@ -85,7 +94,7 @@ pub trait Listener {
     /// A task is about to start on this world.
     fn before_task(&mut self, world: &World, task: TaskKind, seed: u64);
     /// One tick of it passed.
-    fn tick(&mut self, task: TaskKind, passed: &Tick<'_>) -> Supervision;
+    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
 }
 
 /// Listens to nothing.
@@ -93,21 +102,49 @@ pub struct Nobody;
 
 impl Listener for Nobody {
     fn before_task(&mut self, _: &World, _: TaskKind, _: u64) {}
-    fn tick(&mut self, _: TaskKind, _: &Tick<'_>) -> Supervision {
+    fn tick(&mut self, _: &World, _: TaskKind, _: &Tick<'_>) -> Supervision {
         Supervision::Continue
+    }
+}
+
+/// The arm with its body and the agent: what works a sequence. There is one, and it is either at home in its
+/// [`LiveCell`] or out on an [`Outing`].
+pub(super) struct Rig {
+    arm: Arm<Witnessed>,
+    agent: Agent,
+    verdicts: Vec<Verdict>,
+}
+
+impl Rig {
+    /// The body, for the ladder between tasks.
+    pub(super) const fn arm_mut(&mut self) -> &mut Arm<Witnessed> {
+        &mut self.arm
+    }
+
+    /// The body, to look at.
+    pub(super) const fn world(&self) -> &World {
+        self.arm.body().world()
     }
 }
 
 /// The live cell with its arm and its agent.
 pub struct LiveCell {
     cell: Cell,
-    arm: Arm<Witnessed>,
-    agent: Agent,
-    distribution: Distribution,
+    rig: Option<Box<Rig>>,
+    agent: Digest,
+    distribution: Arc<Distribution>,
     drift: Option<Drift>,
     fault: Option<LiveFault>,
     sequences: u64,
-    verdicts: Vec<Verdict>,
+}
+
+/// A sequence about to be worked, with all it takes; it may be worked on another thread.
+pub(super) struct Outing {
+    rig: Box<Rig>,
+    scene: Arc<Scene>,
+    distribution: Arc<Distribution>,
+    fault: Option<LiveFault>,
+    sequence: u64,
 }
 
 impl LiveCell {
@@ -117,16 +154,16 @@ impl LiveCell {
     /// Where the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
         let arm = Arm::new(Witnessed::new(cell.world()?));
-        let distribution = (*cell.live).clone();
+        let distribution = Arc::clone(&cell.live);
+        let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
         Ok(Self {
             cell,
-            arm,
-            agent: Agent::default(),
+            agent: rig.agent.identity_hash(),
+            rig: Some(Box::new(rig)),
             distribution,
             drift: None,
             fault: None,
             sequences: 0,
-            verdicts: Vec::new(),
         })
     }
 
@@ -148,13 +185,15 @@ impl LiveCell {
     }
 
     /// From now on a referee looks on, for a report.
-    pub const fn call_referee(&mut self, limits: RefereeLimits) {
-        self.arm.body_mut().call_referee(limits);
+    pub fn call_referee(&mut self, limits: RefereeLimits) {
+        if let Some(rig) = &mut self.rig {
+            rig.arm.body_mut().call_referee(limits);
+        }
     }
 
     /// Ground truth since the last call, task by task; empty where no referee looks on.
     pub fn take_verdicts(&mut self) -> Vec<Verdict> {
-        std::mem::take(&mut self.verdicts)
+        self.rig.as_mut().map(|rig| std::mem::take(&mut rig.verdicts)).unwrap_or_default()
     }
 
     /// Goes on with another sequence number, so that a copy of a store meets episodes of its own.
@@ -162,14 +201,14 @@ impl LiveCell {
         self.sequences = sequence;
     }
 
-    /// Sets in a drift, or ends it.
+    /// Sets in a drift, or ends it, from the next sequence on.
     ///
     /// # Errors
     /// Where the drifted distribution is not valid.
     pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
         self.distribution = match &drift {
-            None => (*self.cell.live).clone(),
-            Some(drift) => self.cell.live.with_drift(drift)?,
+            None => Arc::clone(&self.cell.live),
+            Some(drift) => Arc::new(self.cell.live.with_drift(drift)?),
         };
         self.drift = drift;
         Ok(())
@@ -181,27 +220,40 @@ impl LiveCell {
         self.drift.as_ref()
     }
 
-    /// The agent.
+    /// Hash of the agent's identity, which never changes.
     #[must_use]
-    pub const fn agent(&self) -> &Agent {
-        &self.agent
+    pub const fn agent_hash(&self) -> Digest {
+        self.agent
     }
 
-    /// Sequences worked so far.
+    /// Sequences begun so far.
     #[must_use]
     pub const fn sequences(&self) -> u64 {
         self.sequences
     }
 
-    /// The body, for the ladder between tasks.
-    pub(super) const fn arm_mut(&mut self) -> &mut Arm<Witnessed> {
-        &mut self.arm
+    /// Arm and agent; absent while they are out.
+    pub(super) fn rig_mut(&mut self) -> Option<&mut Rig> {
+        self.rig.as_deref_mut()
     }
 
-    /// The body, to look at.
-    #[must_use]
-    pub const fn world(&self) -> &World {
-        self.arm.body().world()
+    /// Lets arm and agent out for one sequence; `None` where they are out already.
+    pub(super) fn let_out(&mut self) -> Option<Outing> {
+        let rig = self.rig.take()?;
+        let sequence = self.sequences;
+        self.sequences += 1;
+        Some(Outing {
+            rig,
+            scene: Arc::clone(&self.cell.scene),
+            distribution: Arc::clone(&self.distribution),
+            fault: self.fault,
+            sequence,
+        })
+    }
+
+    /// Takes arm and agent back.
+    pub(super) fn take_back(&mut self, outing: Outing) {
+        self.rig = Some(outing.rig);
     }
 
     /// Works one pick-align-place sequence, under the monitors where a sentry stands for them.
@@ -211,14 +263,31 @@ impl LiveCell {
         terms: &dyn Fn(&Capability) -> Terms,
         seed: u64,
         listener: &mut dyn Listener,
-        mut sentry: Option<&mut Sentry<'_>>,
+        sentry: Option<&mut Sentry>,
     ) -> SequenceReport {
-        let mut report =
-            SequenceReport { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 };
-        let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.cell.scene, &self.distribution, seed);
-        let sequence = self.sequences;
-        self.sequences += 1;
-        let world = self.arm.body_mut().world_mut();
+        let Some(mut outing) = self.let_out() else {
+            return SequenceReport { failed: true, ..SequenceReport::empty(seed) };
+        };
+        let report = outing.run(view, terms, seed, listener, sentry);
+        self.take_back(outing);
+        report
+    }
+}
+
+impl Outing {
+    /// Works the sequence.
+    pub(super) fn run<V: ActiveView>(
+        &mut self,
+        view: &V,
+        terms: &dyn Fn(&Capability) -> Terms,
+        seed: u64,
+        listener: &mut dyn Listener,
+        mut sentry: Option<&mut Sentry>,
+    ) -> SequenceReport {
+        let mut report = SequenceReport::empty(seed);
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.scene, &self.distribution, seed);
+        let Rig { arm, agent, verdicts } = &mut *self.rig;
+        let world = arm.body_mut().world_mut();
         if world.reset(&setup).is_err() {
             report.failed = true;
             return report;
@@ -226,30 +295,31 @@ impl LiveCell {
         if self.fault == Some(LiveFault::CameraLost) {
             world.inject(SimFault::CameraLost);
         }
-        self.arm.body_mut().verdict();
+        arm.body_mut().verdict();
         for task in Goal::PickAlignPlace.plan() {
-            self.arm.body_mut().world_mut().begin_task(task);
-            listener.before_task(self.world(), task, seed);
-            let started = self.world().tick();
+            arm.body_mut().world_mut().begin_task(task);
+            let world = arm.body().world();
+            listener.before_task(world, task, seed);
+            let started = world.tick();
             let at_work = view.active(&Agent::select(task)).map(Capability::id);
-            let mut supervise = |_: &mut ActuatorHandle<'_, Witnessed>, passed: &Tick<'_>| {
-                let asked = listener.tick(task, passed);
+            let mut supervise = |handle: &mut ActuatorHandle<'_, Witnessed>, passed: &Tick<'_>| {
+                let asked = listener.tick(handle.body().world(), task, passed);
                 let watched = match (&mut sentry, &at_work) {
                     (Some(sentry), Some(id)) => sentry.tick(id, started + passed.tick, passed),
                     _ => Supervision::Continue,
                 };
                 if watched == Supervision::Abort { watched } else { asked }
             };
-            let worked = self.agent.dispatch(view, &mut self.arm, terms, task, seed, &mut supervise);
-            let verdict = self.arm.body_mut().verdict();
+            let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
+            let verdict = arm.body_mut().verdict();
             match worked {
                 Ok(dispatched) => {
                     if let Some(sentry) = &mut sentry {
                         sentry.ended(&dispatched.id, &dispatched.record);
                     }
-                    if self.verdicts.len() < VERDICTS_MAX {
-                        let kept = verdict.map(|verdict| (sequence, dispatched.id.clone(), verdict));
-                        self.verdicts.extend(kept);
+                    if verdicts.len() < VERDICTS_MAX {
+                        let kept = verdict.map(|verdict| (self.sequence, dispatched.id.clone(), verdict));
+                        verdicts.extend(kept);
                     }
                     let done = dispatched.record.success;
                     report.tasks.push(dispatched);
@@ -272,5 +342,15 @@ impl LiveCell {
         let duration_ms = (self.world().sim_secs() * 1000.0) as u64;
         report.duration_ms = duration_ms;
         report
+    }
+
+    /// The body, to look at.
+    pub(super) const fn world(&self) -> &World {
+        self.rig.world()
+    }
+
+    /// Which sequence.
+    pub(super) const fn sequence(&self) -> u64 {
+        self.sequence
     }
 }

@@ -5,7 +5,7 @@
 //! between two slices commands are taken. A fault of its own makes it hold: nothing is approved or
 //! activated by it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -16,9 +16,12 @@ use super::cell::Cell;
 use super::dossier::Dossier;
 use super::ledger::{Ledger, LedgerError, Moved, Note};
 use super::live::LiveCell;
+use super::paced::PacedWorld;
+use super::sequence::Stopped;
 use super::stages::activation::Prompt;
 use super::stages::confirmation::ConfirmationRun;
 use super::stages::monitoring::Watch;
+use super::stages::resume::Resumption;
 use super::stages::sandbox::SandboxRun;
 use super::stages::shadowing::ShadowRun;
 use crate::alarms::AlarmBook;
@@ -104,6 +107,15 @@ pub struct UpgradeManager {
     pub(super) clock: Clock,
     pub(super) live: LiveCell,
     pub(super) live_due: f64,
+    pub(super) pace: Option<f64>,
+    pub(super) paced: Option<PacedWorld>,
+    /// The most pairs or drills of one slice at a time.
+    pub(super) part: usize,
+    /// How the last sequence was stopped, where it was.
+    pub(super) stopped: Option<Stopped>,
+    pub(super) resumptions: Vec<Resumption>,
+    /// Approved, and waiting for the end of a sequence.
+    pub(super) granted: BTreeSet<CapabilityId>,
     pub(super) recent: VecDeque<bool>,
     pub(super) last_tasks: Vec<crate::engine::event::TaskSummary>,
     pub(super) work: Option<Work>,
@@ -111,6 +123,7 @@ pub struct UpgradeManager {
     pub(super) prompts: BTreeMap<CapabilityId, Prompt>,
     pub(super) watches: BTreeMap<Family, Watch>,
     pub(super) alarms: AlarmBook,
+    pub(super) alarms_due_ms: u64,
     pub(super) events: Vec<EventKind>,
     pub(super) holding: Option<String>,
     pub(super) cancel: Arc<AtomicBool>,
@@ -168,6 +181,12 @@ impl UpgradeManager {
             clock,
             live,
             live_due: 0.0,
+            pace: None,
+            paced: None,
+            part: usize::MAX,
+            stopped: None,
+            resumptions: Vec::new(),
+            granted: BTreeSet::new(),
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
             work: None,
@@ -175,6 +194,7 @@ impl UpgradeManager {
             prompts: BTreeMap::new(),
             watches: BTreeMap::new(),
             alarms: AlarmBook::new(),
+            alarms_due_ms: 0,
             events: Vec::new(),
             holding: None,
             cancel: Arc::new(AtomicBool::new(false)),
@@ -201,7 +221,7 @@ impl UpgradeManager {
             robot: self.cell.model.name.clone(),
             seed: self.seed,
             policy: self.context_digest,
-            agent: self.live.agent().identity_hash(),
+            agent: self.live.agent_hash(),
             active,
         });
     }
@@ -228,6 +248,8 @@ impl UpgradeManager {
     /// One slice of work.
     pub fn advance(&mut self) -> Progress {
         if self.holding.is_some() {
+            self.look_at_alarms();
+            self.come_home(false);
             return Progress::Idle { next_ms: None };
         }
         match self.slice() {
@@ -242,6 +264,10 @@ impl UpgradeManager {
     }
 
     fn slice(&mut self) -> Result<Progress, Fault> {
+        self.look_at_alarms();
+        if self.is_paced() {
+            return self.paced_slice();
+        }
         if self.look_at_deadlines()? {
             return Ok(Progress::Worked);
         }
@@ -281,7 +307,7 @@ impl UpgradeManager {
     }
 
     /// The first candidate, in order of family and registration, with a stage to begin.
-    fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+    pub(super) fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
         for (_, entry) in self.ledger.families() {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
@@ -305,7 +331,7 @@ impl UpgradeManager {
         None
     }
 
-    fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+    pub(super) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
         match stage {
             Stage::Validation => self.validate(id),
             Stage::Sandbox => self.begin_sandbox(id),
@@ -353,7 +379,7 @@ impl UpgradeManager {
         let now_ms = self.clock.now_ms();
         let before = self.dossier(id).progress.as_ref();
         let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
-        let early = String::new();
+        let early = early(stage).to_owned();
         let view = ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early };
         self.dossier(id).progress = Some(view);
         self.emit(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
@@ -365,6 +391,11 @@ impl UpgradeManager {
 
     pub(super) fn emit(&mut self, event: EventKind) {
         self.events.push(event);
+    }
+
+    /// Whether the live world works on a thread of its own.
+    pub(super) const fn is_paced(&self) -> bool {
+        self.paced.is_some()
     }
 
     /// Whether the running stage is this version's.
@@ -495,6 +526,17 @@ impl UpgradeManager {
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
         Ok(())
+    }
+}
+
+/// What would end a stage before its budget is worked, one sentence.
+const fn early(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Validation | Stage::Activation => "",
+        Stage::Sandbox => {
+            "a hard stop, or an outcome that the rest of the budget cannot change, ends it before the budget is worked"
+        }
+        Stage::Shadow => "a hard stop of the twin ends it at once; a doubt that stays lengthens it once",
     }
 }
 

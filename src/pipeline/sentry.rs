@@ -6,7 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use super::stages::monitoring::Watch;
+use super::stages::monitoring::{Watch, tick_of};
+use crate::engine::clock::Clock;
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
 use crate::runtime::guard::PolicyHit;
@@ -39,31 +40,33 @@ pub struct Raised {
 }
 
 /// Watches one sequence for every monitor there is.
-pub struct Sentry<'a> {
-    watches: &'a mut BTreeMap<Family, Watch>,
+pub struct Sentry {
+    watches: BTreeMap<Family, Watch>,
+    clock: Clock,
     from_tick: u64,
     link_up: bool,
     raised: Vec<Raised>,
 }
 
-impl<'a> Sentry<'a> {
-    /// A sentry for a sequence that begins at virtual tick `from_tick`. `link_up`: telemetry arrives.
-    pub(super) fn new(watches: &'a mut BTreeMap<Family, Watch>, from_tick: u64, link_up: bool) -> Self {
+impl Sentry {
+    /// A sentry for a sequence that begins now. `link_up`: telemetry arrives.
+    pub(super) fn new(mut watches: BTreeMap<Family, Watch>, clock: Clock, link_up: bool) -> Self {
+        let from_tick = tick_of(clock.now_ms());
         if link_up {
             // The arm at rest has been read before it sets out.
             for watch in watches.values_mut() {
                 watch.monitor.telemetry(from_tick);
             }
         }
-        Self { watches, from_tick, link_up, raised: Vec::new() }
+        Self { watches, clock, from_tick, link_up, raised: Vec::new() }
     }
 
     /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
     pub fn tick(&mut self, id: &CapabilityId, world_tick: u64, passed: &Tick<'_>) -> Supervision {
+        let now = self.now_tick(world_tick);
         let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) else {
             return Supervision::Continue;
         };
-        let now = self.from_tick.saturating_add(world_tick);
         // Where the link is down nothing of the task reaches the monitor, its safety events neither.
         let event = if self.link_up { safety_event(passed) } else { None };
         if self.link_up {
@@ -83,6 +86,16 @@ impl<'a> Sentry<'a> {
         if stops { Supervision::Abort } else { Supervision::Continue }
     }
 
+    /// Virtual ticks now. A script's clock stands still while a sequence is worked, so there the world's ticks
+    /// count; a clock that follows real time says it itself, however fast the world is worked.
+    fn now_tick(&self, world_tick: u64) -> u64 {
+        if self.clock.is_scripted() {
+            self.from_tick.saturating_add(world_tick)
+        } else {
+            tick_of(self.clock.now_ms())
+        }
+    }
+
     /// After a task of `id`: how the arm was stopped belongs to the trip that stopped it.
     pub fn ended(&mut self, id: &CapabilityId, record: &TaskRecord) {
         let last = self.raised.last_mut().filter(|raised| raised.id == *id);
@@ -93,10 +106,10 @@ impl<'a> Sentry<'a> {
         }
     }
 
-    /// What was decided, in order.
+    /// The monitors as they are now, and what was decided, in order.
     #[must_use]
-    pub fn into_raised(self) -> Vec<Raised> {
-        self.raised
+    pub(super) fn stand_down(self) -> (BTreeMap<Family, Watch>, Vec<Raised>) {
+        (self.watches, self.raised)
     }
 }
 

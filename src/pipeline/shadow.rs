@@ -103,8 +103,8 @@ impl ShadowTrace {
 }
 
 /// Listens to a live sequence on behalf of one candidate.
-pub struct Shadow<'a> {
-    candidate: &'a Capability,
+pub struct Shadow {
+    candidate: Capability,
     terms: Terms,
     fork: Option<World>,
     skill: Option<Box<dyn Skill>>,
@@ -114,12 +114,20 @@ pub struct Shadow<'a> {
     proposed: Setpoints,
     divergence_sum: f64,
     ticks: u32,
+    twin: Option<Ran>,
 }
 
-impl<'a> Shadow<'a> {
+/// A twin that has run.
+struct Ran {
+    /// The world, for the next sequence; absent where it failed.
+    world: Option<World>,
+    record: Option<TaskRecord>,
+}
+
+impl Shadow {
     /// A shadow for a candidate. `fork` is the world the twin will run in.
     #[must_use]
-    pub fn new(candidate: &'a Capability, terms: Terms, fork: World) -> Self {
+    pub fn new(candidate: Capability, terms: Terms, fork: World) -> Self {
         Self {
             candidate,
             terms,
@@ -131,29 +139,71 @@ impl<'a> Shadow<'a> {
             proposed: Setpoints::default(),
             divergence_sum: 0.0,
             ticks: 0,
+            twin: None,
         }
     }
 
-    fn task(&self) -> TaskKind {
+    /// The candidate.
+    pub(super) fn id(&self) -> CapabilityId {
+        self.candidate.id()
+    }
+
+    /// Its task.
+    pub(super) fn task(&self) -> TaskKind {
         self.candidate.bundle.task()
     }
 
-    /// After the live task: runs the twin and compares. Absent where the task was not reached or
-    /// a world failed. The world comes back for the next sequence.
-    pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
-        let Some(fork) = self.fork.take() else { return (None, None) };
-        let (Some(live), true) = (live, self.skill.is_some()) else { return (None, Some(fork)) };
+    /// Runs the twin in its fork, where the task was reached. `look` sees every tick of it.
+    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
+        let Some(fork) = self.fork.take() else { return };
         let mut twin_arm = Arm::new(fork);
         let mut guard = self.terms.guard(self.candidate.manifest.permissions.authority);
         let mut skill = self.candidate.bundle.start(seed);
         let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
-        let ran = task::run(&mut twin_arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
-            Supervision::Continue
-        });
+        let ran = task::run(
+            &mut twin_arm.handle(),
+            skill.as_mut(),
+            &mut guard,
+            &task_terms,
+            &mut |handle, passed| {
+                look(handle.body(), passed);
+                Supervision::Continue
+            },
+        );
         let world = twin_arm.into_body();
-        let Ok(twin) = ran else { return (None, None) };
+        self.twin = Some(match ran {
+            Ok(record) => Ran { world: Some(world), record: Some(record) },
+            // A world that diverged is not used again.
+            Err(_) => Ran { world: None, record: None },
+        });
+    }
+
+    /// Runs the twin before the live task, so that a screen can draw both side by side. The result is the same: the
+    /// twin starts where the live world stands now.
+    pub(super) fn run_twin_ahead(
+        &mut self,
+        task: TaskKind,
+        seed: u64,
+        look: &mut dyn FnMut(&World, &Tick<'_>),
+    ) {
+        if task == self.task() && self.skill.is_some() && self.twin.is_none() {
+            self.run_twin(seed, look);
+        }
+    }
+
+    /// After the live task: runs the twin, where it has not run yet, and compares. Absent where the task was not
+    /// reached or a world failed. The world comes back for the next sequence.
+    pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
+        let (Some(live), true) = (live, self.skill.is_some()) else {
+            let ran = self.twin.take().and_then(|ran| ran.world);
+            return (None, self.fork.take().or(ran));
+        };
+        if self.twin.is_none() {
+            self.run_twin(seed, &mut |_, _| {});
+        }
+        let Some(Ran { world, record: Some(twin) }) = self.twin.take() else { return (None, None) };
         if live.invalid {
-            return (None, Some(world));
+            return (None, world);
         }
         let values = ShadowSequence {
             seed,
@@ -177,11 +227,11 @@ impl<'a> Shadow<'a> {
             twin,
             values,
         };
-        (Some(trace), Some(world))
+        (Some(trace), world)
     }
 }
 
-impl Listener for Shadow<'_> {
+impl Listener for Shadow {
     fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
         if task != self.task() {
             return;
@@ -192,7 +242,7 @@ impl Listener for Shadow<'_> {
         }
     }
 
-    fn tick(&mut self, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+    fn tick(&mut self, _: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         if task == self.task()
             && let Some(skill) = &mut self.skill
         {

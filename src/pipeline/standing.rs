@@ -3,7 +3,9 @@
 use super::dossier::Dossier;
 use super::ledger::Ledger;
 use super::manager::{UpgradeManager, word};
+use super::portrait;
 use crate::alarms::AlarmBook;
+use crate::engine::picture::Scenery;
 use crate::governance::ids::{CapabilityId, Digest, Family};
 use crate::governance::profile::Profile;
 
@@ -34,8 +36,8 @@ impl UpgradeManager {
 
     /// Hash of the agent's identity.
     #[must_use]
-    pub fn agent_hash(&self) -> Digest {
-        self.live.agent().identity_hash()
+    pub const fn agent_hash(&self) -> Digest {
+        self.live.agent_hash()
     }
 
     /// A candidate's evidence.
@@ -67,6 +69,24 @@ impl UpgradeManager {
     pub fn drift_name(&self) -> Option<String> {
         let drift = self.live.drift()?;
         Some(format!("{} {}", word(&drift.kind), word(&drift.magnitude)))
+    }
+
+    /// What is broken in the live world.
+    #[must_use]
+    pub fn fault_name(&self) -> Option<String> {
+        self.live.fault().map(|fault| fault.name().to_owned())
+    }
+
+    /// What stands round the robot.
+    #[must_use]
+    pub fn scenery(&self) -> Scenery {
+        portrait::scenery(&self.cell.scene)
+    }
+
+    /// Simulated seconds in a second; absent for as fast as it computes.
+    #[must_use]
+    pub const fn pace(&self) -> Option<f64> {
+        self.pace
     }
 
     /// Episodes of a family's provisional window: worked and needed.

@@ -205,6 +205,8 @@ pub struct AlarmEntry {
 pub struct AuditFilter {
     /// From this record on.
     pub from_seq: u64,
+    /// Before this record only.
+    pub before_seq: Option<u64>,
     /// Of this kind only.
     pub kind: Option<String>,
     /// About exactly this subject only.

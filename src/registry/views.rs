@@ -326,6 +326,10 @@ impl Views {
                 sql.push_str(&format!(" AND {column} = ?{}", values.len()));
             }
         }
+        if let Some(before) = filter.before_seq {
+            values.push(Value::Integer(i64::try_from(before).unwrap_or(i64::MAX)));
+            sql.push_str(&format!(" AND seq < ?{}", values.len()));
+        }
         values.push(Value::Integer(limit(filter.limit)));
         sql.push_str(&format!(" ORDER BY seq {order} LIMIT ?{}", values.len()));
         many(&self.connection, &sql, params_from_iter(values), AuditRecord::read)

@@ -105,6 +105,11 @@ impl<B: Body> ActuatorHandle<'_, B> {
     pub fn interrupt(&mut self, interrupt: Interrupt) {
         self.body.interrupt(interrupt);
     }
+    /// The body, to look at: for a screen, never for a decision.
+    #[must_use]
+    pub const fn body(&self) -> &B {
+        self.body
+    }
     /// See [`Body::inspect`].
     #[must_use]
     pub fn inspect(&self) -> bool {

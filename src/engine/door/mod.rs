@@ -139,6 +139,7 @@ enum Incoming {
 pub struct Door {
     incoming: Receiver<Incoming>,
     waiting: Option<Incoming>,
+    later: Vec<(String, oneshot::Sender<Reply>)>,
     events: broadcast::Sender<Arc<str>>,
     endings: Arc<AtomicUsize>,
     stop: CancellationToken,
@@ -167,25 +168,49 @@ impl Door {
             stop: stop.clone(),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
-        Ok(Self { incoming, waiting: None, events, endings, stop, thread: Some(thread), socket })
+        Ok(Self {
+            incoming,
+            waiting: None,
+            later: Vec::new(),
+            events,
+            endings,
+            stop,
+            thread: Some(thread),
+            socket,
+        })
     }
 
     /// Hands every request that waits to the engine, without blocking. Returns how many there were.
     pub fn poll(&mut self, engine: &mut Engine) -> usize {
         let mut done = 0;
+        self.answer_later(engine);
         // A bound, so that a busy client cannot keep the engine from its work.
         while done < REQUESTS_MAX {
             let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) else { break };
             match next {
                 Incoming::Request(request, answer) => {
+                    let id = request.id.clone();
                     // Whoever asked may be gone; what was asked is done all the same.
-                    drop(answer.send(engine.submit(*request)));
+                    match engine.offer(*request) {
+                        Some(reply) => drop(answer.send(reply)),
+                        None => self.later.push((id, answer)),
+                    }
                     done += 1;
                 }
                 Incoming::Wake => {}
             }
         }
         done
+    }
+
+    /// Answers what had to wait for the end of a sequence.
+    fn answer_later(&mut self, engine: &Engine) {
+        for (id, answer) in std::mem::take(&mut self.later) {
+            match engine.answer_of(&id) {
+                Some(reply) => drop(answer.send(reply)),
+                None => self.later.push((id, answer)),
+            }
+        }
     }
 
     /// Tells every subscriber.

@@ -6,7 +6,7 @@ use crate::engine::command::{Reply, Request};
 use crate::engine::event::Event;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;

@@ -4,7 +4,6 @@
 use crate::approvals::SignedApproval;
 use crate::engine::command::{Refusal, Reply};
 use crate::engine::event::EventKind;
-use crate::engine::snapshot::PromptView;
 use crate::governance::approval::{
     self, Answer, ApprovalOutcome, ApprovalResult, Request, Role, SignatureCheck, Subject, Vote,
 };
@@ -13,6 +12,7 @@ use crate::governance::ids::{CapabilityId, Digest};
 use crate::governance::lifecycle::{Event, Stage};
 use crate::pipeline::ledger::Note;
 use crate::pipeline::manager::{Fault, UpgradeManager};
+use crate::pipeline::stages::asking::SHOWN_BYTES_MAX;
 use crate::pipeline::stages::validation::first_reason;
 use crate::registry::names::{ApprovalDecision, EvidenceKind, RequestState};
 use crate::registry::{ActiveCause, ApprovalRequest, AuditBody, Change};
@@ -20,14 +20,17 @@ use crate::registry::{ActiveCause, ApprovalRequest, AuditBody, Change};
 /// Something that waits for people.
 pub struct Prompt {
     pub(in crate::pipeline) id: String,
-    request: Request,
-    votes: Vec<Vote>,
+    pub(in crate::pipeline) request: Request,
+    pub(in crate::pipeline) votes: Vec<Vote>,
     signed: Vec<SignedApproval>,
-    evidence: Digest,
-    row_version: u64,
+    pub(in crate::pipeline) evidence: Digest,
+    pub(in crate::pipeline) row_version: u64,
     life_row_version: u64,
+    pub(in crate::pipeline) asked_ms: u64,
     pub(in crate::pipeline) deadline_ms: u64,
-    replaces: Option<CapabilityId>,
+    pub(in crate::pipeline) replaces: Option<CapabilityId>,
+    /// It takes people to override what a rule would not pass.
+    pub(in crate::pipeline) review: bool,
 }
 
 impl UpgradeManager {
@@ -70,7 +73,7 @@ impl UpgradeManager {
     }
 
     #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-    fn now_s(&self) -> f64 {
+    pub(in crate::pipeline) fn now_s(&self) -> f64 {
         self.clock.now_ms() as f64 / 1000.0
     }
 
@@ -169,8 +172,10 @@ impl UpgradeManager {
             evidence,
             row_version,
             life_row_version,
+            asked_ms: now_ms,
             deadline_ms,
             replaces: replaces.clone(),
+            review,
         };
         self.prompts.insert(id.clone(), prompt);
         self.emit(EventKind::ApprovalRequested {
@@ -191,13 +196,24 @@ impl UpgradeManager {
         Ok(())
     }
 
-    /// Takes one signed decision.
-    pub(in crate::pipeline) fn decide(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
+    /// Takes one signed decision, with what was on the screen.
+    pub(in crate::pipeline) fn decide(
+        &mut self,
+        signed: SignedApproval,
+        shown: Option<&str>,
+    ) -> Result<Reply, Fault> {
         let said = signed.approval().clone();
         let id = said.version.clone();
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) })
         };
+        if let Some(text) = shown.filter(|text| text.len() > SHOWN_BYTES_MAX) {
+            let text = format!(
+                "the text of the screen has {} bytes; at most {SHOWN_BYTES_MAX} are allowed",
+                text.len()
+            );
+            return refuse(Refusal::BadInput, text, None);
+        }
         let folder = self.ledger.store().layout().identities();
         let identity = match crate::approvals::Identity::find(&folder, &said.who) {
             Ok(identity) => identity,
@@ -249,9 +265,12 @@ impl UpgradeManager {
             nonce_used: false,
         };
         let at_ms = self.clock.now_ms();
-        if let Err(error) =
-            self.ledger.write(vec![Change::PutApproval(Box::new(signed.clone()))], Vec::new(), at_ms)
-        {
+        let mut records = Vec::new();
+        if let Some(shown) = shown {
+            records.push(Self::shown_record(&id, &said.who, said.nonce.as_str(), shown)?);
+        }
+        let change = Change::PutApproval(Box::new(signed.clone()));
+        if let Err(error) = self.ledger.write(vec![change], records, at_ms) {
             return refuse(Refusal::NotAllowed, error.to_string(), None);
         }
         let now_s = self.now_s();
@@ -296,6 +315,11 @@ impl UpgradeManager {
                 // An answer that does not count is said, not swallowed.
                 let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
                 Ok(format!("{id} waits for {missing} more; {last}"))
+            }
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.is_out() => {
+                // Versions change places between two sequences, never under a moving arm.
+                self.granted.insert(id.clone());
+                Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.prompts.remove(id) else { return Ok(reason) };
@@ -405,48 +429,18 @@ impl UpgradeManager {
         Ok(())
     }
 
-    /// What waits for people.
-    #[must_use]
-    pub fn prompts(&self) -> Vec<PromptView> {
-        let valid_ms = secs_to_ms(self.profile.approval.valid_s);
-        self.prompts
-            .iter()
-            .map(|(id, prompt)| PromptView {
-                id: prompt.id.clone(),
-                version: id.clone(),
-                replaces: prompt.replaces.clone(),
-                candidate: prompt.request.subject.candidate,
-                row_version: prompt.row_version,
-                evidence: prompt.evidence,
-                policy: self.context_digest,
-                profile: self.profile.name.name().to_owned(),
-                needed: u32::from(prompt.request.quorum),
-                approved_by: prompt
-                    .votes
-                    .iter()
-                    .filter(|vote| vote.answer == Answer::Approve)
-                    .map(|vote| vote.person.clone())
-                    .collect(),
-                deadline_ms: prompt.deadline_ms,
-                valid_until_ms: self.clock.now_ms().saturating_add(valid_ms),
-                store_id: self.ledger.store().store_id().to_owned(),
-                asked_ms: 0,
-                tier: 0,
-                author: prompt.request.author.clone(),
-                new_permissions: Vec::new(),
-                untested: Vec::new(),
-                on_drift: String::new(),
-            })
-            .collect()
-    }
-
     /// Prompts and escalations whose time is over. Tells whether anything was done.
     pub(in crate::pipeline) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        Ok(self.look_at_prompts()? || self.look_at_monitors()?)
+    }
+
+    /// Prompts whose time is over. Tells whether anything was done.
+    pub(in crate::pipeline) fn look_at_prompts(&mut self) -> Result<bool, Fault> {
         let now_ms = self.clock.now_ms();
         let due: Vec<CapabilityId> = self
             .prompts
             .iter()
-            .filter(|(_, prompt)| prompt.deadline_ms <= now_ms)
+            .filter(|(id, prompt)| prompt.deadline_ms <= now_ms && !self.granted.contains(id))
             .map(|(id, _)| id.clone())
             .collect();
         for id in &due {
@@ -456,7 +450,7 @@ impl UpgradeManager {
             let result = approval::evaluate(&prompt.request, &prompt.votes, now_s, &settings);
             self.settle_prompt(id, &result)?;
         }
-        Ok(!due.is_empty() || self.look_at_monitors()?)
+        Ok(!due.is_empty())
     }
 
     pub(in crate::pipeline) fn next_deadline_ms(&self) -> Option<u64> {

@@ -72,6 +72,11 @@ impl ConfirmationRun {
     pub(in crate::pipeline) fn is_of(&self, id: &CapabilityId) -> bool {
         self.id == *id
     }
+
+    /// Whether nothing is left but to conclude it.
+    pub(in crate::pipeline) const fn is_over(&self) -> bool {
+        self.evaluation.ended().is_some()
+    }
 }
 
 impl UpgradeManager {
@@ -130,7 +135,11 @@ impl UpgradeManager {
         }
         let candidate = self.capability(&id)?;
         let parties = (self.party(&candidate), self.party(&run.predecessor));
-        let slice = run.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
+        let step = run.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
+        let Some(slice) = step else {
+            self.work = Some(Work::Confirmation(run));
+            return Ok(());
+        };
         let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
         if !fresh.is_empty() {
             self.keep_trace(&id, "confirmation", Conditions::Sandbox, &fresh)?;

@@ -1,19 +1,17 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
-use holdpoint_sim::io::TaskKind;
-
 use crate::engine::event::{EventKind, TaskSummary};
 use crate::governance::decision::{Reason, ReasonCode};
 
-use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::ids::CapabilityId;
 use crate::governance::lifecycle::{Event, Leave};
 use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
 use crate::governance::rollback::{Trigger, TriggerKind};
 use crate::pipeline::ledger::Note;
 use crate::pipeline::live::{Listener, Nobody, SequenceReport};
 use crate::pipeline::manager::{Fault, UpgradeManager};
-use crate::pipeline::seeds::{Purpose, episode_seed};
-use crate::pipeline::sentry::{Sentry, Trip, safety_events};
+use crate::pipeline::sentry::{Trip, safety_events};
+use crate::pipeline::sequence::Worked;
 use crate::pipeline::shadow::Shadow;
 use crate::registry::{AuditBody, Batch};
 use crate::runtime::task::TaskRecord;
@@ -22,6 +20,7 @@ use crate::runtime::task::TaskRecord;
 const RECENT: usize = 50;
 
 /// The monitor of one activation.
+#[derive(Clone)]
 pub struct Watch {
     pub(in crate::pipeline) id: CapabilityId,
     pub(in crate::pipeline) monitor: Monitor,
@@ -32,6 +31,8 @@ pub struct Watch {
     pub(in crate::pipeline) told: MonitorAction,
     /// What its first question was raised for.
     pub(in crate::pipeline) asked: Option<ReasonCode>,
+    /// Why it asks people now; empty where it does not.
+    pub(in crate::pipeline) question: Vec<Reason>,
 }
 
 impl UpgradeManager {
@@ -50,6 +51,7 @@ impl UpgradeManager {
             confirmed: false,
             told: MonitorAction::Continue,
             asked: None,
+            question: Vec::new(),
         })
     }
 
@@ -60,33 +62,32 @@ impl UpgradeManager {
     /// One sequence of the live world; monitors learn from it.
     pub(in crate::pipeline) fn live_sequence(
         &mut self,
-        shadow: Option<&mut Shadow<'_>>,
+        shadow: Option<&mut Shadow>,
     ) -> Result<SequenceReport, Fault> {
-        let index = self.live.sequences();
-        let seed = episode_seed(self.seed, Purpose::Live, index);
         let mut nobody = Nobody;
         let listener = shadow.map_or(&mut nobody as &mut dyn Listener, |shadow| shadow);
-        // The terms are made before the live world is borrowed.
-        let terms: Vec<_> = TaskKind::SEQUENCE
-            .into_iter()
-            .filter_map(|task| self.active_of(&Family::from(task)))
-            .map(|active| (active.id(), self.terms_of(&active)))
-            .collect();
-        let spare = self.terms_of_profile();
-        let choose = |capability: &crate::runtime::capability::Capability| {
-            let id = capability.id();
-            terms
-                .iter()
-                .find(|(known, _)| *known == id)
-                .map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
-        };
-        let link_up = self.live.link_is_up();
-        let mut sentry = Sentry::new(&mut self.watches, tick_of(self.clock.now_ms()), link_up);
-        let report = self.live.run_sequence(&self.ledger, &choose, seed, listener, Some(&mut sentry));
-        let mut raised = sentry.into_raised();
+        let worked = self.begin_sequence()?.work(listener);
+        self.end_sequence(worked)
+    }
+
+    /// What a worked sequence comes to: the monitors take it in, and what they ask for is done.
+    pub(in crate::pipeline) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
+        let Worked { index, outing, report, sentry, link_up, stopped, shadow: _ } = worked;
+        self.live.take_back(outing);
+        let (watches, mut raised) = sentry.stand_down();
+        for (family, watch) in watches {
+            // A version that was taken off or replaced meanwhile has no monitor any more.
+            if let Some(own) = self.watches.get_mut(&family).filter(|own| own.id == watch.id) {
+                *own = watch;
+            }
+        }
         self.clock.advance(report.duration_ms);
         let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
-        self.recent.push_back(report.succeeded());
+        let stopped = stopped.is_some();
+        // Work that a person stopped is neither done nor failed.
+        if !stopped {
+            self.recent.push_back(report.succeeded());
+        }
         if self.recent.len() > RECENT {
             self.recent.pop_front();
         }
@@ -95,9 +96,13 @@ impl UpgradeManager {
             index,
             success: report.succeeded(),
             tasks,
-            refused: report.refused.as_ref().map(ToString::to_string),
+            refused: if stopped {
+                Some("the arm was stopped".to_owned())
+            } else {
+                report.refused.as_ref().map(ToString::to_string)
+            },
         });
-        for dispatched in &report.tasks {
+        for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
             // Nothing of a task reaches the monitors while the link is down.
             if link_up {
@@ -109,7 +114,8 @@ impl UpgradeManager {
             for raised in ours {
                 self.act_on(id, &raised.decision, raised.trip.as_ref())?;
             }
-            if link_up && !tripped {
+            let cut_short = stopped && place + 1 == report.tasks.len();
+            if link_up && !tripped && !cut_short {
                 self.watch(id, &dispatched.record)?;
             }
         }
@@ -208,28 +214,24 @@ impl UpgradeManager {
         trip: Option<&Trip>,
     ) -> Result<(), Fault> {
         let mut silent = false;
+        let mut asks_anew = false;
         if let Some(watch) = self.watches.get_mut(&id.family).filter(|watch| watch.id == *id) {
             if watch.asked.is_none() && decision.action != MonitorAction::Continue {
                 watch.asked = decision.reasons.first().map(|reason| reason.code);
             }
             watch.told = watch.told.max(decision.action);
+            if watch.monitor.escalation().is_some() && watch.question.is_empty() {
+                watch.question.clone_from(&decision.reasons);
+                // A restriction is told with its own alarm the first time; later ones are a question alone.
+                asks_anew = watch.restricted;
+            }
             silent = watch.asked == Some(ReasonCode::MonitorTelemetryMissing);
         }
         match decision.action {
             MonitorAction::Continue => self.maybe_confirm(id),
+            MonitorAction::Restrict if asks_anew => self.escalated(id, decision),
             MonitorAction::Restrict => self.restrict(id, &decision.reasons),
-            MonitorAction::Escalate => {
-                self.tell_monitor(id, decision.action, &decision.reasons)?;
-                let priority = self.profile.alarms.escalated;
-                self.raise(
-                    &format!("escalated:{id}"),
-                    "monitor",
-                    priority,
-                    true,
-                    &format!("{id}: people are needed"),
-                );
-                Ok(())
-            }
+            MonitorAction::Escalate => self.escalated(id, decision),
             MonitorAction::Rollback => {
                 self.tell_monitor(id, decision.action, &decision.reasons)?;
                 let trigger = decision.reasons.first().map_or_else(
@@ -246,6 +248,14 @@ impl UpgradeManager {
                 self.roll_back(id, trigger, trip, Leave::RolledBack)
             }
         }
+    }
+
+    fn escalated(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
+        self.tell_monitor(id, decision.action, &decision.reasons)?;
+        let priority = self.profile.alarms.escalated;
+        let text = format!("{id}: people are needed");
+        self.raise(&format!("escalated:{id}"), "monitor", priority, true, &text);
+        Ok(())
     }
 
     fn tell_monitor(
@@ -328,11 +338,11 @@ fn summary(dispatched: &crate::runtime::agent::dispatcher::Dispatched) -> TaskSu
 }
 
 /// Virtual ticks of a virtual time.
-const fn tick_of(at_ms: u64) -> u64 {
+pub(in crate::pipeline) const fn tick_of(at_ms: u64) -> u64 {
     at_ms.saturating_mul(holdpoint_sim::io::RATE_HZ as u64) / 1000
 }
 
 /// The first virtual time at which a tick has come.
-const fn ms_of(tick: u64) -> u64 {
+pub(in crate::pipeline) const fn ms_of(tick: u64) -> u64 {
     tick.saturating_mul(1000).div_ceil(holdpoint_sim::io::RATE_HZ as u64)
 }

@@ -14,9 +14,13 @@ use crate::governance::rollback::TriggerKind;
 use crate::pipeline::ledger::{LedgerError, Note};
 use crate::pipeline::live::LiveFault;
 use crate::pipeline::manager::{Fault, UpgradeManager, registered_event};
+use crate::pipeline::sentry::Trip;
 use crate::registry::{AuditBody, Interrupted, StoreError};
 use crate::runtime::capability::{Capability, Package};
 use crate::text::Untrusted;
+
+/// Paces of the live world, simulated seconds in a second.
+const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
 /// The longest reason and name of a person, bytes.
 const REASON_BYTES_MAX: usize = 4096;
@@ -30,7 +34,8 @@ impl UpgradeManager {
             text: format!("the engine is holding: {why}"),
             hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
         };
-        if let Some(why) = self.holding() {
+        // Who holds must still be able to look, and to say that the alarm was seen.
+        if let Some(why) = self.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
         }
         match self.carry_out(command) {
@@ -48,7 +53,7 @@ impl UpgradeManager {
     fn carry_out(&mut self, command: Command) -> Result<Reply, Fault> {
         match command {
             Command::Register { package, name } => self.register(&name, package),
-            Command::Decide { signed, shown: _ } => self.decide(*signed),
+            Command::Decide { signed, shown } => self.decide(*signed, shown.as_deref()),
             Command::Reject(operation) => self.operator_reject(&operation),
             Command::Rollback(operation) => self.operator_rollback(&operation, Leave::RolledBack),
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
@@ -76,22 +81,32 @@ impl UpgradeManager {
             Command::Drift { kind, magnitude } => self.drift(kind.as_deref(), &magnitude),
             Command::LiveFault { fault } => self.live_fault(fault.as_deref()),
             Command::AcknowledgeAlarm { alarm, by } => {
-                self.alarm_event(&AlarmEvent::Acknowledge { key: alarm.clone(), by });
-                Ok(Reply::Accepted { text: format!("{alarm} is acknowledged"), version: None })
+                let done = format!("{alarm} is acknowledged");
+                Ok(self.alarm_command(&AlarmEvent::Acknowledge { key: alarm, by }, &done))
             }
-            Command::ResetAlarm { .. }
-            | Command::ShelveAlarm { .. }
-            | Command::UnshelveAlarm { .. }
-            | Command::Continue(_)
-            | Command::Pace { .. }
-            | Command::Detail { .. }
-            | Command::Registry { .. }
-            | Command::Audit { .. }
-            | Command::VerifyAudit => Ok(Reply::Refused {
-                code: Refusal::NotNow,
-                text: "this engine cannot do this yet".to_owned(),
-                hint: None,
-            }),
+            Command::ResetAlarm { alarm, by, reason } => {
+                let done = format!("{alarm} is reset");
+                let event = AlarmEvent::Reset { key: alarm, by, reason: Untrusted::new(reason) };
+                Ok(self.alarm_command(&event, &done))
+            }
+            Command::ShelveAlarm { alarm, by, for_ms, reason } => {
+                let until_ms = self.clock.now_ms().saturating_add(for_ms);
+                let done = format!("{alarm} is shelved");
+                let reason = Untrusted::new(reason);
+                Ok(self.alarm_command(&AlarmEvent::Shelve { key: alarm, by, until_ms, reason }, &done))
+            }
+            Command::UnshelveAlarm { alarm, by } => {
+                let done = format!("{alarm} is taken from its shelf");
+                Ok(self.alarm_command(&AlarmEvent::Unshelve { key: alarm, by }, &done))
+            }
+            Command::Continue(operation) => self.go_on(&operation),
+            Command::Pace { times } => self.set_pace(times),
+            Command::Detail { version } => self.detail(&version),
+            Command::Registry { group, text, offset, limit } => {
+                self.registry_page(group, &text, offset, limit)
+            }
+            Command::Audit { before, subject, limit } => self.audit_page(before, &subject, limit),
+            Command::VerifyAudit => self.verify_audit(),
             // The engine answers these itself.
             Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
                 code: Refusal::BadInput,
@@ -119,7 +134,7 @@ impl UpgradeManager {
         accepted(&id, "registered")
     }
 
-    fn checked(&self, operation: &Operation) -> Result<CapabilityId, Fault> {
+    pub(in crate::pipeline) fn checked(&self, operation: &Operation) -> Result<CapabilityId, Fault> {
         let long = operation.reason.len() > REASON_BYTES_MAX || operation.by.len() > REASON_BYTES_MAX;
         if operation.reason.trim().is_empty() || operation.by.trim().is_empty() || long {
             return Err(Fault::Store(StoreError::Invalid {
@@ -170,7 +185,15 @@ impl UpgradeManager {
         self.dossier(&id).reasons =
             vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
         let trigger = self.trigger(TriggerKind::Operator, trigger);
-        self.roll_back(&id, trigger, None, leave)?;
+        // Where the arm was stopped for this in a task of the version, time counts from the tick of the stop.
+        let trip = self.last_stop().filter(|stopped| stopped.id.as_ref() == Some(&id)).map(|stopped| Trip {
+            event: None,
+            world_tick: stopped.world_tick,
+            tick: stopped.tick,
+            stopped: stopped.report,
+        });
+        self.stopped = None;
+        self.roll_back(&id, trigger, trip.as_ref(), leave)?;
         accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
     }
 
@@ -228,6 +251,26 @@ impl UpgradeManager {
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
         Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
+    }
+
+    /// How fast the live world works from the next sequence on.
+    fn set_pace(&mut self, times: Option<f64>) -> Result<Reply, Fault> {
+        let refuse = |code, text: String| Ok(Reply::Refused { code, text, hint: None });
+        let Some(paced) = &self.paced else {
+            let text = "the live world of this engine works in step with it and has no pace".to_owned();
+            return refuse(Refusal::NotNow, text);
+        };
+        if let Some(times) = times.filter(|times| !PACE_ALLOWED.contains(times)) {
+            let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
+            return refuse(
+                Refusal::BadInput,
+                format!("the pace {times} is not allowed; {least} to {most}, or none, are"),
+            );
+        }
+        paced.set_pace(times);
+        self.pace = times;
+        self.emit(EventKind::Pace { times });
+        Ok(Reply::Accepted { text: "the live world works at the new pace".to_owned(), version: None })
     }
 
     /// Breaks something in the live world, or mends it.

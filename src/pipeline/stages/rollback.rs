@@ -5,10 +5,8 @@
 //! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use crate::engine::event::EventKind;
-use crate::governance::evidence::HardStop;
 use crate::governance::ids::{CapabilityId, Digest};
 use crate::governance::lifecycle::{Event, Leave, State, VersionRef};
-use crate::governance::monitor::SafetyEvent;
 use crate::governance::policy::PolicyTable;
 use crate::governance::rollback::{
     RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
@@ -16,17 +14,10 @@ use crate::governance::rollback::{
 use crate::pipeline::descent::Descent;
 use crate::pipeline::ledger::{LedgerError, Note};
 use crate::pipeline::manager::{Fault, UpgradeManager};
-use crate::pipeline::sentry::{Trip, safety_events};
+use crate::pipeline::sentry::Trip;
 use crate::registry::names::EvidenceKind;
 use crate::registry::{ActiveCause, Change};
 use crate::runtime::capability::Capability;
-use crate::runtime::task::TaskRecord;
-
-/// Tasks of the predecessor after which it is judged whether the family works again.
-const RESUME_TASKS: u32 = 3;
-
-/// Most sequences for them: the live world may not reach the family's task.
-const RESUME_SEQUENCES_MAX: u32 = 9;
 
 impl UpgradeManager {
     /// What sets a rollback off now.
@@ -108,8 +99,7 @@ impl UpgradeManager {
             }
             Err(fault) => return Err(fault),
         }
-        self.resume(&predecessor.id(), &mut record)?;
-        self.conclude(record)
+        self.resume(predecessor.id(), record)
     }
 
     /// The rungs that move the arm. A body that fails stands still for nobody.
@@ -121,8 +111,13 @@ impl UpgradeManager {
     ) -> Result<Descent, Fault> {
         let leaving = self.capability(id)?;
         let terms = self.terms_of(&leaving);
-        let descent = self.live.descend(&leaving, &terms, trip).unwrap_or_else(|error| {
-            let text = format!("the body failed: {error}");
+        let descended = match self.live.rig_mut() {
+            Some(rig) => {
+                rig.descend(&leaving, &terms, trip).map_err(|error| format!("the body failed: {error}"))
+            }
+            None => Err("the arm is at work and out of reach".to_owned()),
+        };
+        let descent = descended.unwrap_or_else(|text| {
             let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, text);
             Descent { rungs: vec![rung], safe_ticks: None, ticks: 0, ticks_here: 0, motion_ticks: 0 }
         });
@@ -191,44 +186,17 @@ impl UpgradeManager {
 
     fn ready(&mut self, predecessor: &Capability) -> RungRecord {
         let terms = self.terms_of(predecessor);
-        self.live.ready(predecessor, &terms).unwrap_or_else(|error| {
-            let text = format!("the body failed: {error}");
+        let ready = match self.live.rig_mut() {
+            Some(rig) => rig.ready(predecessor, &terms).map_err(|error| format!("the body failed: {error}")),
+            None => Err("the arm is at work and out of reach".to_owned()),
+        };
+        ready.unwrap_or_else(|text| {
             RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, text)
         })
     }
 
-    /// Nothing is in flight: the agent plans anew, and the first tasks under the predecessor are looked at.
-    fn resume(&mut self, predecessor: &CapabilityId, record: &mut RollbackRecord) -> Result<(), Fault> {
-        let mut events = Vec::new();
-        let from_ms = self.clock.now_ms();
-        for _ in 0..RESUME_SEQUENCES_MAX {
-            let report = self.live_sequence(None)?;
-            for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
-                record.resumed_tasks += 1;
-                events.extend(safety_events(&done.record));
-                events.extend(moved_on(&done.record, self.profile.runtime.unsafe_continuation_max_ms));
-            }
-            let replaced = self.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);
-            if record.resumed_tasks >= RESUME_TASKS || !events.is_empty() || replaced {
-                break;
-            }
-        }
-        let recovered = record.resumed_tasks > 0 && events.is_empty();
-        record.recovered = Some(recovered);
-        let text = match (events.first(), record.resumed_tasks) {
-            (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
-            (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
-            (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
-        };
-        let rate = u64::from(holdpoint_sim::io::RATE_HZ);
-        let ticks = (self.clock.now_ms() - from_ms) * rate / 1000;
-        let failure = (!recovered).then_some(RungFailure::NotRecovered);
-        self.push_rung(record, RungRecord::new(Rung::Resume, failure, ticks, text));
-        Ok(())
-    }
-
     /// The terminal record: what came of it is known now.
-    fn conclude(&mut self, record: RollbackRecord) -> Result<(), Fault> {
+    pub(in crate::pipeline) fn conclude(&mut self, record: RollbackRecord) -> Result<(), Fault> {
         let id = record.candidate.clone();
         let at_ms = self.clock.now_ms();
         self.ledger.write(vec![evidence(&record)?], Vec::new(), at_ms)?;
@@ -237,12 +205,19 @@ impl UpgradeManager {
             let text = format!("{} is back to its predecessor and does not work safely", id.family);
             self.raise(&format!("not-recovered:{}", id.family), "rollback", priority, true, &text);
         }
-        let priority = self.profile.alarms.rolled_back;
-        let text = format!("{id} was taken off: {}", record.trigger.text);
-        self.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &text);
+        if !self.is_paced() {
+            self.raise_rolled_back(&record);
+        }
         let state = record.post_status.clone();
         self.emit(told(record));
         self.close_audit(&id, &state)
+    }
+
+    pub(in crate::pipeline) fn raise_rolled_back(&mut self, record: &RollbackRecord) {
+        let id = &record.candidate;
+        let priority = self.profile.alarms.rolled_back;
+        let text = format!("{id} was taken off: {}", record.trigger.text);
+        self.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &text);
     }
 
     /// A rung failed or there is nothing to go back to.
@@ -278,7 +253,7 @@ impl UpgradeManager {
         self.push_rung(record, RungRecord::new(rung, failure, 0, text));
     }
 
-    fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
+    pub(in crate::pipeline) fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
         self.emit(EventKind::Rung {
             version: record.candidate.clone(),
             rung: rung.rung.name().to_owned(),
@@ -289,14 +264,6 @@ impl UpgradeManager {
         });
         record.rungs.push(rung);
     }
-}
-
-/// Motion after a stop, as the monitor counts it.
-#[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
-fn moved_on(record: &TaskRecord, limit_ms: f64) -> Option<SafetyEvent> {
-    let moved = record.unsafe_continuation_ms as f64 > limit_ms
-        || record.hard_stop == Some(HardStop::MotionAfterStop);
-    moved.then_some(SafetyEvent::UnsafeContinuation)
 }
 
 fn evidence(record: &RollbackRecord) -> Result<Change, Fault> {

@@ -42,7 +42,8 @@ pub struct SandboxRun {
 }
 
 enum Phase {
-    Alone(Alone),
+    /// With the records so far.
+    Alone(Alone, Vec<TaskRecord>),
     Compare(Box<Comparison>),
 }
 
@@ -79,7 +80,7 @@ impl UpgradeManager {
         dossier.twins.clear();
         dossier.drills = Some((Drills::default(), Drills::default()));
         dossier.bindings = vec![binding];
-        let run = SandboxRun { id: id.clone(), binding, phase: Phase::Alone(Alone::Canonical) };
+        let run = SandboxRun { id: id.clone(), binding, phase: Phase::Alone(Alone::Canonical, Vec::new()) };
         self.work = Some(Work::Sandbox(Box::new(run)));
         Ok(())
     }
@@ -94,12 +95,15 @@ impl UpgradeManager {
             return self.abort_stage(&id, "the active version or the profile changed meanwhile");
         }
         run.phase = match run.phase {
-            Phase::Alone(mode) => {
-                self.mode_episodes(&candidate, mode)?;
-                let seen = self.dossier(&id).hard_stops.clone();
-                match mode {
-                    Alone::Canonical if seen.is_empty() => Phase::Alone(Alone::Adversarial),
-                    Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
+            Phase::Alone(mode, mut records) => {
+                if self.mode_episodes(&candidate, mode, &mut records)? {
+                    let seen = self.dossier(&id).hard_stops.clone();
+                    match mode {
+                        Alone::Canonical if seen.is_empty() => Phase::Alone(Alone::Adversarial, Vec::new()),
+                        Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
+                    }
+                } else {
+                    Phase::Alone(mode, records)
                 }
             }
             Phase::Compare(mut comparison) => {
@@ -107,8 +111,10 @@ impl UpgradeManager {
                     return self.decide_sandbox(&id, &comparison);
                 }
                 let parties = (self.party(&candidate), self.party(&active));
-                let slice = comparison.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
-                self.note_slice(&id, &mut comparison, slice)?;
+                let step = comparison.evaluation.step(&self.lab(), &parties.0, &parties.1, &self.profile)?;
+                if let Some(slice) = step {
+                    self.note_slice(&id, &mut comparison, slice)?;
+                }
                 Phase::Compare(comparison)
             }
         };
@@ -126,6 +132,7 @@ impl UpgradeManager {
         Lab {
             seed: self.seed,
             jobs: self.jobs,
+            part: self.part,
             cancel: &self.cancel,
             cell: &self.cell,
             cache: &self.cache,
@@ -185,8 +192,13 @@ impl UpgradeManager {
         self.live_due += share * f64::from(u32::try_from(episodes).unwrap_or(u32::MAX));
     }
 
-    /// The episodes of a mode in which the candidate runs alone.
-    fn mode_episodes(&mut self, candidate: &Capability, mode: Alone) -> Result<(), Fault> {
+    /// The episodes of a mode in which the candidate runs alone. Tells whether all were worked.
+    fn mode_episodes(
+        &mut self,
+        candidate: &Capability,
+        mode: Alone,
+        records: &mut Vec<TaskRecord>,
+    ) -> Result<bool, Fault> {
         let id = candidate.id();
         let terms = self.terms_of(candidate);
         let (name, terms, conditions, purpose) = match mode {
@@ -195,15 +207,20 @@ impl UpgradeManager {
                 ("adversarial", terms.tightened(ADVERSARIAL_SHARE), Conditions::Sandbox, Purpose::Adversarial)
             }
         };
-        let records = self.lab().episodes(candidate, &terms, conditions, purpose, MODE_EPISODES)?;
-        self.keep_trace(&id, name, conditions, &records)?;
+        let from = records.len() as u64;
+        let to = MODE_EPISODES.min(from.saturating_add(self.part as u64));
+        records.extend(self.lab().episodes(candidate, &terms, conditions, purpose, from..to)?);
+        if to < MODE_EPISODES {
+            return Ok(false);
+        }
+        self.keep_trace(&id, name, conditions, records)?;
         let dossier = self.dossier(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
-        dossier.modes.extend(ModeMetrics::of(name, &records));
+        dossier.modes.extend(ModeMetrics::of(name, &*records));
         let done = if mode == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
         let budget = 2 * MODE_EPISODES + Plan::sandbox(&self.profile).budget();
         self.progress(&id, Stage::Sandbox, name, done, budget);
-        Ok(())
+        Ok(true)
     }
 
     /// Psi over measured behaviour and rehearsed recovery.

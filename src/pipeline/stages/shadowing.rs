@@ -56,21 +56,55 @@ impl UpgradeManager {
     }
 
     /// One live sequence with the candidate in shadow.
-    pub(in crate::pipeline) fn shadow_slice(&mut self, mut run: Box<ShadowRun>) -> Result<(), Fault> {
+    pub(in crate::pipeline) fn shadow_slice(&mut self, run: Box<ShadowRun>) -> Result<(), Fault> {
+        self.work = Some(Work::Shadow(run));
+        let Some(mut shadow) = self.shadow_to_take()? else { return Ok(()) };
+        let task = shadow.task();
+        let report = self.live_sequence(Some(&mut shadow))?;
+        let live = report.task(task).map(|done| &done.record);
+        let id = shadow.id();
+        let (trace, fork) = shadow.conclude(live, report.seed);
+        match self.work.take() {
+            Some(Work::Shadow(run)) if run.is_of(&id) => self.shadow_worked(run, trace, fork),
+            other => {
+                self.work = other;
+                Ok(())
+            }
+        }
+    }
+
+    /// What goes along with the next sequence; `None` where no candidate is in shadow, or where it cannot go on.
+    pub(in crate::pipeline) fn shadow_to_take(&mut self) -> Result<Option<Shadow>, Fault> {
+        let mut run = match self.work.take() {
+            Some(Work::Shadow(run)) => run,
+            other => {
+                self.work = other;
+                return Ok(None);
+            }
+        };
         let id = run.id.clone();
         let candidate = self.capability(&id)?;
         if self.binding(&candidate) != run.binding {
-            return self.abort_stage(&id, "the active version or the profile changed meanwhile");
+            self.abort_stage(&id, "the active version or the profile changed meanwhile")?;
+            return Ok(None);
         }
         let fork = match run.fork.take() {
             Some(fork) => fork,
             None => self.cell.world()?,
         };
         let terms = self.terms_of(&candidate);
-        let mut shadow = Shadow::new(&candidate, terms, fork);
-        let report = self.live_sequence(Some(&mut shadow))?;
-        let live = report.task(candidate.bundle.task()).map(|done| &done.record);
-        let (trace, fork) = shadow.conclude(live, report.seed);
+        self.work = Some(Work::Shadow(run));
+        Ok(Some(Shadow::new(candidate, terms, fork)))
+    }
+
+    /// Takes in what the candidate did in one sequence.
+    pub(in crate::pipeline) fn shadow_worked(
+        &mut self,
+        mut run: Box<ShadowRun>,
+        trace: Option<ShadowTrace>,
+        fork: Option<World>,
+    ) -> Result<(), Fault> {
+        let id = run.id.clone();
         run.fork = fork;
         run.tried += 1;
         if let Some(trace) = trace {

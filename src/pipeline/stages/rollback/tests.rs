@@ -11,6 +11,7 @@ use crate::engine::clock::Clock;
 use crate::engine::command::{Command, Operation, Reply};
 use crate::governance::evidence::EpisodeValues;
 use crate::governance::lifecycle::Stage;
+use crate::governance::monitor::SafetyEvent;
 use crate::governance::profile::{Profile, ProfileName};
 use crate::pipeline::cache::EpisodeCache;
 use crate::pipeline::cell::Cell;
@@ -153,7 +154,7 @@ impl Bench {
 
     /// Moves the tool without any version, and leaves it moving or standing.
     fn move_tool(&mut self, position: [f64; 3], ticks: u32) {
-        let body = self.manager.live.arm_mut().body_mut();
+        let body = self.manager.live.rig_mut().unwrap().arm_mut().body_mut();
         let mut pose = body.telemetry().tool;
         pose.position = position;
         body.step(&Motion::ToolPose { pose, max_speed_m_s: 0.4 }).unwrap();
@@ -163,7 +164,7 @@ impl Bench {
     }
 
     fn break_arm(&mut self, fault: SimFault) {
-        self.manager.live.arm_mut().body_mut().world_mut().inject(fault);
+        self.manager.live.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
     }
 }
 
@@ -203,7 +204,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
     // The task was stopped 40 ticks ago, and its hook has not brought the arm to a stand since.
-    let world_tick = bench.manager.live.world().tick() - 40;
+    let world_tick = bench.manager.live.rig_mut().unwrap().world().tick() - 40;
     let stopped = RecoveryReport {
         stopped_by: StoppedBy::Nothing,
         ticks_to_standstill: 40,

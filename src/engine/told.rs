@@ -15,8 +15,13 @@ const LINE_WIDTH_MAX: usize = 400;
 pub fn line(event: &Event) -> String {
     let secs = event.at_ms / 1000;
     let tenths = event.at_ms / 100 % 10;
-    let text = Untrusted::new(text(&event.kind)).display(LINE_WIDTH_MAX).into_string();
-    format!("{secs:>6}.{tenths} {text}")
+    format!("{secs:>6}.{tenths} {}", told(event))
+}
+
+/// The line of an event without its time, sanitised.
+#[must_use]
+pub fn told(event: &Event) -> String {
+    Untrusted::new(text(&event.kind)).display(LINE_WIDTH_MAX).into_string()
 }
 
 fn text(kind: &EventKind) -> String {
@@ -131,6 +136,13 @@ fn text(kind: &EventKind) -> String {
         EventKind::LiveFault { fault } => match fault {
             Some(fault) => format!("fault    {fault} in the live world"),
             None => "fault    mended in the live world".to_owned(),
+        },
+        EventKind::Continued { version, by, reason } => {
+            format!("goes on  {version}: {by} says so ({reason})")
+        }
+        EventKind::Pace { times } => match times {
+            Some(times) => format!("pace     {times} simulated seconds in a second"),
+            None => "pace     as fast as it computes".to_owned(),
         },
         EventKind::Alarm { alarm, state, priority, text, .. } => {
             format!("alarm    {alarm} [{priority}, {state}] {text}")

@@ -1,0 +1,210 @@
+//! The command line: `:` and a word. Every action is a command by its name; a few take an argument.
+
+use super::action::Action;
+use super::palette::best;
+use crate::governance::ids::CapabilityId;
+
+/// The largest pace, simulated seconds in a second.
+pub const PACE_MAX: f64 = 1000.0;
+
+/// A command with an argument: name, argument, help.
+pub const WITH_ARGUMENT: [(&str, &str, &str); 8] = [
+    ("as", "NAME", "Sit down as this identity"),
+    ("candidate", "VERSION", "Show a version in full"),
+    ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
+    ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
+    ("export", "", "Export this view as text and JSON"),
+    ("pace", "N | max", "Simulated seconds in a second of the live cell"),
+    ("register", "DIR", "Submit a candidate's folder"),
+    ("theme", "NAME", "Use this theme"),
+];
+
+/// What was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Asked {
+    /// An action by its name.
+    Action(Action),
+    /// A demonstration candidate.
+    Demo(Option<String>),
+    /// A candidate's folder.
+    Register(String),
+    /// An identity.
+    As(String),
+    /// A theme.
+    Theme(String),
+    /// A pace; absent for as fast as it computes.
+    Pace(Option<f64>),
+    /// A drift; absent ends it.
+    Drift {
+        /// Which.
+        kind: Option<String>,
+        /// How strong.
+        magnitude: String,
+    },
+    /// A version.
+    Candidate(CapabilityId),
+}
+
+impl Asked {
+    /// Whether a read-only console refuses it.
+    #[must_use]
+    pub const fn changes_something(&self) -> bool {
+        match self {
+            Self::Action(action) => action.changes_something(),
+            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift { .. } => true,
+            Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
+        }
+    }
+}
+
+/// Reads a command line.
+///
+/// # Errors
+/// What is wrong, and what is allowed.
+pub fn parse(text: &str) -> Result<Asked, String> {
+    let text = text.trim().trim_start_matches(':');
+    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    let rest = rest.trim();
+    let needs = |what: &str| {
+        if rest.is_empty() { Err(format!(":{word} needs {what}")) } else { Ok(rest.to_owned()) }
+    };
+    match word {
+        "demo" => Ok(Asked::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
+        "register" => needs("a folder").map(Asked::Register),
+        "as" => needs("the name of an identity; `holdpoint identity list` shows them").map(Asked::As),
+        "theme" => needs("a name; tab shows them").map(Asked::Theme),
+        "pace" => pace(rest).map(Asked::Pace),
+        "drift" => drift(rest),
+        "candidate" if !rest.is_empty() => {
+            let version = rest.parse::<CapabilityId>();
+            version.map(Asked::Candidate).map_err(|error| format!("{rest:?} is no version: {error}"))
+        }
+        "q" => Ok(Asked::Action(Action::Quit)),
+        _ => {
+            let action = Action::parse(word).filter(|action| !action.decides());
+            let action = action.ok_or_else(|| format!("there is no command {word:?}; ? lists them"))?;
+            if rest.is_empty() {
+                Ok(Asked::Action(action))
+            } else {
+                Err(format!(":{word} takes nothing after it"))
+            }
+        }
+    }
+}
+
+/// A pace as it is written: `max`, or simulated seconds in a second.
+///
+/// # Errors
+/// What is allowed.
+pub fn pace(text: &str) -> Result<Option<f64>, String> {
+    if text == "max" {
+        return Ok(None);
+    }
+    let times = text.parse::<f64>().ok().filter(|times| *times > 0.0 && *times <= PACE_MAX);
+    times
+        .map(Some)
+        .ok_or_else(|| format!("the pace {text:?} is not allowed; max or a number up to {PACE_MAX} is"))
+}
+
+fn drift(text: &str) -> Result<Asked, String> {
+    if text == "off" {
+        return Ok(Asked::Drift { kind: None, magnitude: String::new() });
+    }
+    let allowed = "`:drift off`, or a kind (sensor-noise, distribution-shift, actuator-delay, combined) and a \
+                   magnitude (mild, middle, strong)";
+    match text.split_once(char::is_whitespace) {
+        Some((kind, magnitude)) => {
+            Ok(Asked::Drift { kind: Some(kind.replace('-', "_")), magnitude: magnitude.trim().to_owned() })
+        }
+        None => Err(format!("allowed are {allowed}")),
+    }
+}
+
+/// What can be completed to.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// Versions in the snapshot.
+    pub versions: &'a [String],
+    /// Identities.
+    pub people: &'a [String],
+    /// Themes.
+    pub themes: &'a [String],
+}
+
+/// Lines that what is typed could become, the best first.
+#[must_use]
+pub fn complete(typed: &str, known: &Known<'_>) -> Vec<String> {
+    let typed = typed.trim_start();
+    let Some((word, rest)) = typed.split_once(' ') else {
+        let actions = Action::ALL.iter().filter(|action| !action.decides()).map(|action| action.word());
+        let mut words: Vec<&str> = actions.chain(WITH_ARGUMENT.iter().map(|(word, ..)| *word)).collect();
+        words.sort_unstable();
+        words.dedup();
+        let starts = words.iter().filter(|word| word.starts_with(typed)).map(|word| (*word).to_owned());
+        let starts: Vec<String> = starts.collect();
+        if !starts.is_empty() {
+            return starts;
+        }
+        return best(typed, words.into_iter().map(|word| (word.to_owned(), word.to_owned())).collect());
+    };
+    let demos: Vec<String> = crate::engine::embedded::names().map(ToOwned::to_owned).collect();
+    let arguments: &[String] = match word {
+        "as" => known.people,
+        "theme" => known.themes,
+        "candidate" => known.versions,
+        "demo" => &demos,
+        _ => &[],
+    };
+    let rest = rest.trim();
+    let fits = arguments.iter().filter(|argument| argument.starts_with(rest));
+    fits.map(|argument| format!("{word} {argument}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_lines_and_refuses_with_what_is_allowed() {
+        let version: CapabilityId = "grasp@1.2.0".parse().unwrap();
+        for (text, asked) in [
+            ("alarms", Asked::Action(Action::ShowAlarms)),
+            (":q", Asked::Action(Action::Quit)),
+            ("demo", Asked::Demo(None)),
+            ("demo grasp-improved", Asked::Demo(Some("grasp-improved".to_owned()))),
+            ("pace max", Asked::Pace(None)),
+            ("pace 2.5", Asked::Pace(Some(2.5))),
+            ("candidate grasp@1.2.0", Asked::Candidate(version)),
+            ("candidate", Asked::Action(Action::ShowCandidate)),
+            ("drift off", Asked::Drift { kind: None, magnitude: String::new() }),
+        ] {
+            assert_eq!(parse(text), Ok(asked), "{text}");
+        }
+        for (text, word) in [
+            ("fly", "no command \"fly\""),
+            ("approve", "no command"),
+            ("reject", "no command"),
+            ("pace 0", "not allowed"),
+            ("pace NaN", "not allowed"),
+            ("pace -1", "not allowed"),
+            ("pace 1e9", "not allowed"),
+            ("as", "needs"),
+            ("drift strong", "allowed are"),
+            ("alarms now", "takes nothing"),
+            ("candidate grasp", "is no version"),
+        ] {
+            let why = parse(text).unwrap_err();
+            assert!(why.contains(word), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn completes_words_and_arguments() {
+        let people = ["ana".to_owned(), "bo".to_owned()];
+        let known = Known { versions: &[], people: &people, themes: &[] };
+        assert_eq!(complete("alar", &known), ["alarms"]);
+        assert_eq!(complete("as b", &known), ["as bo"]);
+        assert_eq!(complete("demo place-r", &known), ["demo place-robust"]);
+        assert!(complete("approve", &known).iter().all(|line| line != "approve"));
+    }
+}

@@ -1,0 +1,77 @@
+//! What the console asks the engine for, and when: on entering a view, and again when something changed.
+
+use super::tell;
+use crate::console::effect::{Effect, Question};
+use crate::console::model::{EngineState, Model, View};
+use crate::engine::detail::Group;
+
+/// Requests without an answer at once; far below the engine's own limit.
+const PENDING_MAX: usize = 32;
+
+/// A new request's id. `kind` is its first word and says what kind of answer is awaited.
+pub(super) fn request(model: &mut Model, kind: &str, what: String) -> Option<String> {
+    if model.pending.len() >= PENDING_MAX {
+        tell(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
+        return None;
+    }
+    let id = format!("{kind}-{}", model.next_request);
+    model.next_request += 1;
+    model.pending.insert(id.clone(), what);
+    Some(id)
+}
+
+/// Asks something that decides nothing.
+pub(super) fn ask(model: &mut Model, kind: &str, what: String, question: Question) -> Vec<Effect> {
+    request(model, kind, what).map(|id| Effect::Ask { id, question }).into_iter().collect()
+}
+
+/// Asks for what the view shows, whether or not something changed.
+pub(super) fn refresh_now(model: &mut Model) -> Vec<Effect> {
+    if model.engine != EngineState::Running {
+        return Vec::new();
+    }
+    let Some((kind, question)) = wanted(model) else { return Vec::new() };
+    model.asked.insert(kind, model.changes);
+    ask(model, kind, String::new(), question)
+}
+
+/// Asks again where something changed since, one question of a kind at a time.
+pub(super) fn refresh(model: &mut Model) -> Vec<Effect> {
+    let Some((kind, _)) = wanted(model) else { return Vec::new() };
+    let fresh = model.asked.get(kind) == Some(&model.changes);
+    let waits = model.pending.keys().any(|id| id.split('-').next() == Some(kind));
+    if fresh || waits { Vec::new() } else { refresh_now(model) }
+}
+
+fn wanted(model: &Model) -> Option<(&'static str, Question)> {
+    match model.view {
+        View::Overview | View::Alarms | View::Approvals => None,
+        View::Registry => Some(("registry", Question::Registry { group: group(model), text: String::new() })),
+        View::Candidate | View::Shadow => Some(("detail", Question::Detail(model.subject()?))),
+        View::Audit => Some(("audit", Question::Audit { subject: String::new() })),
+    }
+}
+
+fn group(model: &Model) -> Group {
+    match model.pane_of(View::Registry) {
+        1 => Group::Active,
+        2 => Group::Candidate,
+        3 => Group::History,
+        _ => Group::All,
+    }
+}
+
+/// Asks for a check of the whole chain.
+pub(super) fn verify(model: &mut Model) -> Vec<Effect> {
+    tell(model, "checking the audit chain", false);
+    ask(model, "verify", "check the audit chain".to_owned(), Question::Verify)
+}
+
+/// Submits a candidate: a folder, or the next demonstration candidate.
+pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect> {
+    let what = folder.as_deref().map_or_else(
+        || "submit the next demonstration candidate".to_owned(),
+        |folder| format!("submit {folder:?}"),
+    );
+    request(model, "register", what).map(|id| Effect::Register { id, folder }).into_iter().collect()
+}

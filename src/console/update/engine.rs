@@ -1,0 +1,87 @@
+//! What the engine tells and answers.
+
+use std::sync::Arc;
+
+use super::{asking, tell};
+use crate::alarms::Priority;
+use crate::console::effect::{Effect, Question};
+use crate::console::model::{EngineState, LOG_MAX, Model, Overlay, Told, View};
+use crate::engine::command::Reply;
+use crate::engine::detail::Group;
+use crate::engine::event::{Event, EventKind};
+use crate::engine::snapshot::Snapshot;
+use crate::engine::told;
+
+pub(super) fn started(model: &mut Model) -> Vec<Effect> {
+    model.engine = EngineState::Running;
+    let mut effects = vec![Effect::ReadIdentities];
+    let everything = Question::Registry { group: Group::All, text: String::new() };
+    effects.extend(asking::ask(model, "registry", String::new(), everything));
+    effects
+}
+
+pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
+    for event in events {
+        // Progress is in the snapshot, and there is much of it.
+        if matches!(event.kind, EventKind::Progress { .. }) {
+            continue;
+        }
+        if !matches!(event.kind, EventKind::Sequence { .. }) {
+            model.changes += 1;
+        }
+        let text = told::told(&event);
+        model.told.push_back(Told { seq: event.seq, at_ms: event.at_ms, text });
+        if model.told.len() > LOG_MAX {
+            model.told.pop_front();
+        }
+    }
+    Vec::new()
+}
+
+/// The newest picture of how things stand. An open prompt is held against it at once.
+pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect> {
+    let critical =
+        |snapshot: &Snapshot| snapshot.alarm_summary.highest_unacknowledged == Some(Priority::Critical);
+    let calls = critical(&snapshot) && !model.snapshot.as_deref().is_some_and(critical);
+    if let Some(Overlay::Prompt(prompt)) = &mut model.overlay {
+        prompt.look(&snapshot);
+    }
+    model.snapshot_ms = model.now_ms;
+    model.snapshot = Some(snapshot);
+    if calls { vec![Effect::Bell] } else { Vec::new() }
+}
+
+pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
+    let asked = model.pending.remove(id).unwrap_or_default();
+    match reply {
+        Reply::Accepted { text, .. } => {
+            tell(model, text, false);
+            Vec::new()
+        }
+        Reply::Refused { text, hint, .. } => {
+            let hint = hint.map_or_else(String::new, |hint| format!(". Hint: {hint}"));
+            let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
+            tell(model, format!("{asked}{text}{hint}"), true);
+            Vec::new()
+        }
+        // The engine publishes snapshots by itself; one that is asked for is as good.
+        Reply::Snapshot { snapshot: told } => snapshot(model, Arc::from(told)),
+        Reply::Detail { detail } => {
+            model.detail = Some(Arc::from(detail));
+            Vec::new()
+        }
+        Reply::Registry { page } => {
+            model.registry.page = Arc::new(page);
+            Vec::new()
+        }
+        Reply::Audit { page } => {
+            model.audit = Arc::new(page);
+            Vec::new()
+        }
+        Reply::Verified { verified } => {
+            tell(model, verified.text.clone(), !verified.holds);
+            model.verified = Some(verified);
+            if model.view == View::Audit { asking::refresh_now(model) } else { Vec::new() }
+        }
+    }
+}

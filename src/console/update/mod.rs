@@ -1,0 +1,271 @@
+//! The reducer: a model and something that happened give a changed model and what is to be done.
+//!
+//! Pure: no clock, no terminal, no engine. Everything an operator can do passes here, so what can never happen
+//! (a reflex key that approves, an approval over stale evidence) is a table test beside it.
+
+mod asking;
+mod engine;
+mod moving;
+mod operating;
+mod overlays;
+mod typing;
+
+use ratatui::crossterm::event::{KeyEvent, KeyEventKind, KeyModifiers};
+
+use super::action::Action;
+use super::effect::Effect;
+use super::model::{EngineState, Frozen, Model, NOTICE_MS, Notice, Overlay, View};
+use super::msg::{Msg, What};
+use super::palette::Palette;
+
+/// Halvings of a chart's range at most.
+const ZOOM_MAX: u8 = 6;
+
+/// Views remembered for the way back.
+const BACK_MAX: usize = 16;
+
+/// Takes in what happened.
+pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
+    model.now_ms = model.now_ms.max(msg.now_ms);
+    if model.notice.as_ref().is_some_and(|notice| notice.until_ms <= model.now_ms) {
+        model.notice = None;
+    }
+    match msg.what {
+        What::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
+        What::Key(key) => on_key(model, key),
+        What::Paste(text) => typing::paste(model, &text),
+        What::Wheel(rows) => moving::wheel(model, rows),
+        What::Resize(columns, rows) => {
+            model.size = (columns, rows);
+            Vec::new()
+        }
+        What::EngineStarted => engine::started(model),
+        What::Events(events) => engine::events(model, events),
+        What::Answer { id, reply } => engine::answer(model, &id, *reply),
+        What::Lagged(missed) => {
+            model.missed = model.missed.saturating_add(missed);
+            model.changes += 1;
+            Vec::new()
+        }
+        What::Snapshot(snapshot) => engine::snapshot(model, snapshot),
+        What::Picture(picture) => {
+            model.picture = Some(picture);
+            Vec::new()
+        }
+        What::EngineEnded(how) => {
+            if let Err(why) = &how {
+                tell(model, format!("the engine ended: {why}"), true);
+            }
+            model.engine = EngineState::Ended(how);
+            Vec::new()
+        }
+        What::Identities(identities) => {
+            model.identities = identities;
+            Vec::new()
+        }
+        What::Operator(operator) => {
+            tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
+            model.operator = Some(operator);
+            Vec::new()
+        }
+        What::Done { text, bad } => {
+            tell(model, text, bad);
+            Vec::new()
+        }
+        What::Theme(name) => {
+            model.settings.theme = name;
+            Vec::new()
+        }
+        What::EndAsked => vec![Effect::End],
+        What::Tick => asking::refresh(model),
+    }
+}
+
+/// Puts a sentence into the status line.
+fn tell(model: &mut Model, text: impl Into<String>, bad: bool) {
+    let until_ms = model.now_ms.saturating_add(NOTICE_MS);
+    model.notice = Some(Notice { text: text.into(), bad, until_ms });
+}
+
+/// A key goes to what has the keys: typed text, an overlay, the view.
+fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
+    let in_prompt = matches!(model.overlay, Some(Overlay::Prompt(_)));
+    let action = model.keymap.action(key, in_prompt);
+    // Stopping works everywhere, also while text is typed.
+    let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
+    if let Some(action) = action.filter(|action| chord && action.works_while_typing()) {
+        return act(model, action);
+    }
+    if model.typing.is_some() {
+        return typing::key(model, key);
+    }
+    match &model.overlay {
+        Some(Overlay::Palette(_)) => overlays::palette_key(model, key),
+        Some(Overlay::Prompt(_)) => overlays::prompt_key(model, key, action),
+        Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
+        None => action.map_or_else(Vec::new, |action| act(model, action)),
+    }
+}
+
+/// Does what an action means in this view.
+fn act(model: &mut Model, action: Action) -> Vec<Effect> {
+    if model.settings.read_only && action.changes_something() {
+        tell(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
+        return Vec::new();
+    }
+    match action {
+        Action::ShowOverview => show(model, View::Overview),
+        Action::ShowRegistry => show(model, View::Registry),
+        Action::ShowCandidate => show_candidate(model),
+        Action::ShowShadow => show(model, View::Shadow),
+        Action::ShowAlarms => show(model, View::Alarms),
+        Action::ShowApprovals => show(model, View::Approvals),
+        Action::ShowAudit => show(model, View::Audit),
+        Action::JumpToAlarm => moving::jump_to_alarm(model),
+        Action::Help => {
+            let actions = Action::ALL.iter().copied().filter(|action| means_something(model.view, *action));
+            model.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
+            Vec::new()
+        }
+        Action::CommandLine => typing::begin_command(model),
+        Action::Filter => typing::begin_filter(model),
+        Action::Back => back(model),
+        Action::Quit => operating::quit(model),
+        Action::Suspend => {
+            tell(model, "suspending would stop the monitors; `:quit` ends in good order", true);
+            Vec::new()
+        }
+        Action::Tour => {
+            model.settings.tour = if model.settings.tour.is_some() { None } else { Some(0) };
+            Vec::new()
+        }
+        Action::NextTheme => next_theme(model),
+        Action::Mouse => {
+            model.settings.mouse = !model.settings.mouse;
+            vec![Effect::TakeMouse(model.settings.mouse)]
+        }
+        Action::Copy => match moving::copied(model) {
+            Some(text) => vec![Effect::Copy(text)],
+            None => refuse(model, "there is nothing under the cursor to copy"),
+        },
+        Action::Export => vec![Effect::Export(model.view)],
+        Action::OpenRecording => match model.version_here() {
+            Some(version) => vec![Effect::OpenRecording(version)],
+            None => refuse(model, "there is no version under the cursor"),
+        },
+        Action::Verify => asking::verify(model),
+        Action::Demo => asking::register(model, None),
+        Action::Up
+        | Action::Down
+        | Action::PageUp
+        | Action::PageDown
+        | Action::Top
+        | Action::Bottom
+        | Action::Left
+        | Action::Right
+        | Action::NextPane
+        | Action::PreviousPane
+        | Action::Open => moving::go(model, action),
+        Action::Abort
+        | Action::Pause
+        | Action::Resume
+        | Action::Refuse
+        | Action::Demote
+        | Action::Rollback
+        | Action::Restrict
+        | Action::Continue
+        | Action::Rearm => operating::on_version(model, action),
+        Action::Acknowledge | Action::Shelve | Action::Unshelve | Action::ResetAlarm => {
+            operating::on_alarm(model, action)
+        }
+        Action::Freeze => freeze(model),
+        Action::ZoomIn => zoom(model, model.zoom.saturating_add(1)),
+        Action::ZoomOut => zoom(model, model.zoom.saturating_sub(1)),
+        Action::ZoomReset => zoom(model, 0),
+        // Without an open prompt these decide nothing.
+        Action::Approve | Action::Reject | Action::Reread => {
+            refuse(model, "open the waiting approval first (a, then Enter)")
+        }
+    }
+}
+
+/// Whether an action belongs into a view's help.
+#[must_use]
+pub fn means_something(view: View, action: Action) -> bool {
+    use super::action::Scope;
+    match action.scope() {
+        Scope::Everywhere | Scope::Lists => true,
+        Scope::Version => view != View::Alarms,
+        Scope::Alarms => view == View::Alarms,
+        Scope::Charts => matches!(view, View::Shadow | View::Overview),
+        Scope::Prompt => false,
+    }
+}
+
+fn refuse(model: &mut Model, why: &str) -> Vec<Effect> {
+    tell(model, why, true);
+    Vec::new()
+}
+
+/// Goes to a view and asks for what it shows.
+fn show(model: &mut Model, view: View) -> Vec<Effect> {
+    if model.view != view {
+        model.back.retain(|known| *known != model.view);
+        model.back.push(model.view);
+        if model.back.len() > BACK_MAX {
+            model.back.remove(0);
+        }
+        model.view = view;
+    }
+    asking::refresh_now(model)
+}
+
+/// Candidate: about the version under the cursor, where there is one.
+fn show_candidate(model: &mut Model) -> Vec<Effect> {
+    if matches!(model.view, View::Overview | View::Registry | View::Approvals | View::Audit)
+        && let Some(version) = model.version_here()
+    {
+        model.chosen = Some(version);
+    }
+    show(model, View::Candidate)
+}
+
+fn back(model: &mut Model) -> Vec<Effect> {
+    if model.filters.remove(&model.view).is_some() {
+        return asking::refresh_now(model);
+    }
+    match model.back.pop() {
+        Some(view) => {
+            model.view = view;
+            asking::refresh_now(model)
+        }
+        None => {
+            model.notice = None;
+            Vec::new()
+        }
+    }
+}
+
+fn next_theme(model: &mut Model) -> Vec<Effect> {
+    let at = model.themes.iter().position(|name| *name == model.settings.theme);
+    let next = at.map_or(0, |at| at + 1) % model.themes.len().max(1);
+    model.themes.get(next).map(|name| Effect::UseTheme(name.clone())).into_iter().collect()
+}
+
+fn freeze(model: &mut Model) -> Vec<Effect> {
+    model.frozen = match (&model.frozen, &model.snapshot) {
+        (None, Some(snapshot)) => {
+            Some(Frozen { at_ms: model.now_ms, snapshot: snapshot.clone(), picture: model.picture.clone() })
+        }
+        (Some(_), _) | (None, None) => None,
+    };
+    Vec::new()
+}
+
+const fn zoom(model: &mut Model, halvings: u8) -> Vec<Effect> {
+    model.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
+    Vec::new()
+}
+
+#[cfg(test)]
+mod tests;

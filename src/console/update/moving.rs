@@ -1,0 +1,185 @@
+//! Moving about: cursors, panes, branches, and what Enter opens.
+
+use super::{asking, refuse, show};
+use crate::console::action::Action;
+use crate::console::effect::Effect;
+use crate::console::model::{Model, Overlay, View};
+use crate::console::prompt::Prompt;
+use crate::console::rows::{RegistryItem, WaitingItem};
+use crate::governance::ids::Family;
+
+/// Rows kept in sight when a page is turned.
+const PAGE_OVERLAP: usize = 12;
+
+pub(super) fn go(model: &mut Model, action: Action) -> Vec<Effect> {
+    let page = usize::from(model.size.1).saturating_sub(PAGE_OVERLAP).max(1);
+    let last = model.row_count().saturating_sub(1);
+    let row = model.row();
+    match action {
+        Action::Up => set_row(model, row.saturating_sub(1)),
+        Action::Down => set_row(model, row.saturating_add(1).min(last)),
+        Action::PageUp => set_row(model, row.saturating_sub(page)),
+        Action::PageDown => set_row(model, row.saturating_add(page).min(last)),
+        Action::Top => set_row(model, 0),
+        Action::Bottom => set_row(model, last),
+        Action::Left => return sideways(model, false),
+        Action::Right => return sideways(model, true),
+        Action::NextPane => return step_pane(model, true),
+        Action::PreviousPane => return step_pane(model, false),
+        _ => return open(model),
+    }
+    Vec::new()
+}
+
+pub(super) fn wheel(model: &mut Model, rows: i32) -> Vec<Effect> {
+    let by = rows.unsigned_abs() as usize;
+    let row = model.row();
+    let last = model.row_count().saturating_sub(1);
+    if model.overlay.is_none() && model.typing.is_none() {
+        set_row(model, if rows < 0 { row.saturating_sub(by) } else { row.saturating_add(by).min(last) });
+    }
+    Vec::new()
+}
+
+fn set_row(model: &mut Model, row: usize) {
+    model.cursors.insert((model.view, model.pane()), row);
+}
+
+/// In the registry the branch opens and closes; elsewhere the pane changes.
+fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
+    if model.view != View::Registry {
+        return step_pane(model, right);
+    }
+    let family = match model.registry_rows().get(model.row()) {
+        Some(RegistryItem::Family { family, .. }) => (*family).clone(),
+        Some(RegistryItem::Version(row)) => row.version.family.clone(),
+        None => return Vec::new(),
+    };
+    set_branch(model, family, right);
+    Vec::new()
+}
+
+fn set_branch(model: &mut Model, family: Family, open: bool) {
+    if open {
+        model.registry.closed.remove(&family);
+        return;
+    }
+    model.registry.closed.insert(family.clone());
+    // The cursor goes to what was closed.
+    let is_it =
+        |item: &RegistryItem<'_>| matches!(item, RegistryItem::Family { family: of, .. } if **of == family);
+    if let Some(row) = model.registry_rows().iter().position(is_it) {
+        set_row(model, row);
+    }
+}
+
+fn step_pane(model: &mut Model, forward: bool) -> Vec<Effect> {
+    let count = model.view.panes().len().max(1);
+    let next = if forward { model.pane() + 1 } else { model.pane() + count - 1 } % count;
+    if let Some(pane) = model.panes.get_mut(model.view as usize) {
+        *pane = next;
+    }
+    if model.view == View::Registry { asking::refresh_now(model) } else { Vec::new() }
+}
+
+/// Enter: opens what is under the cursor. It changes nothing outside this console.
+fn open(model: &mut Model) -> Vec<Effect> {
+    match model.view {
+        View::Registry => {
+            if let Some(RegistryItem::Family { family, open, .. }) = model.registry_rows().get(model.row()) {
+                let (family, open) = ((*family).clone(), *open);
+                set_branch(model, family, !open);
+                return Vec::new();
+            }
+            choose(model)
+        }
+        View::Overview | View::Audit => choose(model),
+        View::Shadow => show(model, View::Candidate),
+        View::Candidate => step_pane(model, true),
+        View::Alarms => match model.version_here() {
+            Some(version) => {
+                model.chosen = Some(version);
+                show(model, View::Candidate)
+            }
+            None => Vec::new(),
+        },
+        View::Approvals => open_waiting(model),
+    }
+}
+
+fn choose(model: &mut Model) -> Vec<Effect> {
+    match model.version_here() {
+        Some(version) => {
+            model.chosen = Some(version);
+            show(model, View::Candidate)
+        }
+        None => Vec::new(),
+    }
+}
+
+/// A waiting approval opens its prompt; a monitor's question opens the version, its answers are keys of their own.
+fn open_waiting(model: &mut Model) -> Vec<Effect> {
+    let prompt = match model.waiting_rows().get(model.row()) {
+        Some(WaitingItem::Prompt(question)) => {
+            model.snapshot.as_ref().and_then(|snapshot| Prompt::open(question, snapshot, model.now_ms))
+        }
+        Some(WaitingItem::Question(question)) => {
+            model.chosen = Some(question.version.clone());
+            return show(model, View::Candidate);
+        }
+        None => return refuse(model, "nothing waits for people"),
+    };
+    match prompt {
+        Some(prompt) => {
+            model.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+            Vec::new()
+        }
+        None => refuse(model, "the candidate is gone"),
+    }
+}
+
+/// The highest alarm nobody has acknowledged, whatever the view.
+pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
+    let rows = model.alarm_rows();
+    let waits = |state: &str| matches!(state, "unacknowledged" | "returned-unacknowledged");
+    let rank = |priority: &str| match priority {
+        "critical" => 0,
+        "high" => 1,
+        _ => 2,
+    };
+    let highest = rows
+        .iter()
+        .enumerate()
+        .filter(|(_, item)| waits(&item.alarm().state))
+        .min_by_key(|(_, item)| rank(&item.alarm().priority))
+        .map(|(row, _)| row);
+    let effects = show(model, View::Alarms);
+    match highest {
+        Some(row) => set_row(model, row),
+        None => super::tell(model, "every alarm is acknowledged", false),
+    }
+    effects
+}
+
+/// What Copy takes: the value a person would want to paste elsewhere.
+pub(super) fn copied(model: &Model) -> Option<String> {
+    match model.view {
+        View::Alarms => {
+            let rows = model.alarm_rows();
+            let alarm = rows.get(model.row())?.alarm();
+            Some(format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, alarm.text))
+        }
+        View::Audit => {
+            let rows = model.audit_rows();
+            let row = rows.get(model.row())?;
+            Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
+        }
+        View::Overview if model.pane() == 2 => {
+            let newest_first = model.told.len().checked_sub(model.row() + 1)?;
+            model.told.get(newest_first).map(|told| told.text.clone())
+        }
+        View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
+            model.version_here().map(|version| version.to_string())
+        }
+    }
+}

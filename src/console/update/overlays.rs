@@ -1,0 +1,176 @@
+//! Keys inside the palette, an approval prompt and a form.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
+
+use super::{act, asking, operating, tell, typing};
+use crate::approvals::ApprovalDecision;
+use crate::console::action::Action;
+use crate::console::effect::Effect;
+use crate::console::form::{FormFocus, Intent};
+use crate::console::model::{Model, Overlay};
+use crate::console::prompt::{Block, Focus};
+
+pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
+    let Some(Overlay::Palette(palette)) = &mut model.overlay else { return Vec::new() };
+    let last = palette.rows().len().saturating_sub(1);
+    match key.code {
+        KeyCode::Esc | KeyCode::F(1) => model.overlay = None,
+        KeyCode::Up => palette.cursor = palette.cursor.min(last).saturating_sub(1),
+        KeyCode::Down => palette.cursor = palette.cursor.saturating_add(1).min(last),
+        KeyCode::PageUp => palette.cursor = palette.cursor.saturating_sub(10),
+        KeyCode::PageDown => palette.cursor = palette.cursor.saturating_add(10).min(last),
+        KeyCode::Enter => {
+            let chosen = palette.chosen();
+            model.overlay = None;
+            return chosen.map_or_else(Vec::new, |action| act(model, action));
+        }
+        _ => {
+            if typing::into_line(&mut palette.line, key) {
+                palette.cursor = 0;
+            }
+        }
+    }
+    Vec::new()
+}
+
+/// Keys in an approval prompt. Enter and Esc never decide; a key that decides is refused while anything stands
+/// against it, with the reason on the screen.
+pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
+    prompt.refused = None;
+    match key.code {
+        KeyCode::Tab => step_focus(model, true),
+        KeyCode::BackTab => step_focus(model, false),
+        KeyCode::Esc if prompt.focus == Focus::Hold => close_held(model),
+        KeyCode::Esc => prompt.focus = Focus::Hold,
+        KeyCode::Enter if prompt.focus == Focus::Hold => close_held(model),
+        KeyCode::Enter => step_focus(model, true),
+        KeyCode::PageUp => prompt.scroll = prompt.scroll.saturating_sub(5),
+        KeyCode::PageDown => prompt.scroll = prompt.scroll.saturating_add(5).min(prompt.scroll_max()),
+        _ => {
+            if let Some(line) = prompt.line_mut() {
+                typing::into_line(line, key);
+                return Vec::new();
+            }
+            return prompt_action(model, action);
+        }
+    }
+    Vec::new()
+}
+
+fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
+    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
+    match action {
+        Some(Action::Approve) => decide(model, ApprovalDecision::Approve),
+        Some(Action::Reject) => {
+            // The key that rejects leads to the reason first.
+            if prompt.reason.text().trim().is_empty() {
+                prompt.refused = Some(Block::Reason);
+                prompt.focus = Focus::Reason;
+                return Vec::new();
+            }
+            decide(model, ApprovalDecision::Reject)
+        }
+        Some(Action::Reread) => {
+            let (now_ms, snapshot) = (model.now_ms, model.snapshot.clone());
+            let read = snapshot.is_some_and(|snapshot| prompt.reread(&snapshot, now_ms));
+            if !read {
+                tell(model, "the question is closed", true);
+                model.overlay = None;
+            }
+            Vec::new()
+        }
+        Some(Action::Abort) => act(model, Action::Abort),
+        Some(Action::Down) => {
+            prompt.scroll = prompt.scroll.saturating_add(1).min(prompt.scroll_max());
+            Vec::new()
+        }
+        Some(Action::Up) => {
+            prompt.scroll = prompt.scroll.saturating_sub(1);
+            Vec::new()
+        }
+        // Nothing else reaches what lies below.
+        Some(_) | None => Vec::new(),
+    }
+}
+
+fn decide(model: &mut Model, answer: ApprovalDecision) -> Vec<Effect> {
+    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
+    let made = prompt.decide(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms);
+    match made {
+        Ok(decision) => {
+            let what = format!("{} {}", answer.as_str(), prompt.seen.version);
+            match asking::request(model, "decide", what) {
+                Some(id) => {
+                    model.overlay = None;
+                    vec![Effect::Decide { id, decision: Box::new(decision) }]
+                }
+                None => Vec::new(),
+            }
+        }
+        Err(block) => {
+            prompt.refused = Some(block);
+            Vec::new()
+        }
+    }
+}
+
+fn step_focus(model: &mut Model, forward: bool) {
+    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return };
+    let focuses = prompt.focuses();
+    let at = focuses.iter().position(|focus| *focus == prompt.focus).unwrap_or(0);
+    let next = if forward { at + 1 } else { at + focuses.len() - 1 } % focuses.len().max(1);
+    prompt.focus = focuses.get(next).copied().unwrap_or_default();
+}
+
+fn close_held(model: &mut Model) {
+    model.overlay = None;
+    tell(model, "undecided: it goes on waiting and is held at its deadline", false);
+}
+
+pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+    let Some(Overlay::Form(form)) = &mut model.overlay else { return Vec::new() };
+    let one_key = form.is_one_key();
+    match key.code {
+        KeyCode::Esc => model.overlay = None,
+        KeyCode::Tab => form.step(true),
+        KeyCode::BackTab => form.step(false),
+        KeyCode::Enter => match form.focus {
+            FormFocus::Minutes | FormFocus::Reason => form.step(true),
+            FormFocus::Cancel => model.overlay = None,
+            FormFocus::Confirm => return confirm(model),
+        },
+        KeyCode::Left | KeyCode::Up if form.line_mut().is_none() => form.step(false),
+        KeyCode::Right | KeyCode::Down if form.line_mut().is_none() => form.step(true),
+        KeyCode::Char('y') if one_key => return confirm(model),
+        KeyCode::Char('n') if one_key => model.overlay = None,
+        _ => {
+            if let Some(line) = form.line_mut() {
+                typing::into_line(line, key);
+                form.problem = None;
+            } else if action == Some(Action::Abort) {
+                return act(model, Action::Abort);
+            }
+        }
+    }
+    Vec::new()
+}
+
+fn confirm(model: &mut Model) -> Vec<Effect> {
+    let Some(Overlay::Form(form)) = &mut model.overlay else { return Vec::new() };
+    if form.intent == Intent::Quit {
+        model.overlay = None;
+        return vec![Effect::End];
+    }
+    match form.confirm(model.operator.as_ref()) {
+        Ok(Some(confirmed)) => {
+            model.overlay = None;
+            operating::carry_out(model, confirmed)
+        }
+        Ok(None) => Vec::new(),
+        Err(problem) => {
+            form.problem = Some(problem);
+            Vec::new()
+        }
+    }
+}

@@ -1,0 +1,597 @@
+//! What can never happen at the keyboard, as tables; and what must always be possible.
+
+use std::sync::Arc;
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use serde_json::json;
+
+use super::update;
+use crate::approvals::ApprovalDecision;
+use crate::console::action::Action;
+use crate::console::effect::{Effect, Question};
+use crate::console::form::Intent;
+use crate::console::keymap::Keymap;
+use crate::console::model::{EngineState, Model, Operator, Overlay, Settings, Typing, View};
+use crate::console::msg::{Msg, What};
+use crate::console::prompt::{Block, GUARD_MS};
+use crate::engine::command::Command;
+use crate::engine::snapshot::Snapshot;
+
+const CANDIDATE: &str = "grasp@1.3.0";
+
+fn digest(letter: char) -> String {
+    letter.to_string().repeat(64)
+}
+
+fn flags(provisional: bool, awaiting: bool) -> serde_json::Value {
+    json!({ "running": null, "paused": false, "awaiting_approval": awaiting, "provisional": provisional,
+        "restricted": false, "rollback_pending": false })
+}
+
+fn alarm(name: &str, priority: &str, state: &str) -> serde_json::Value {
+    let acknowledged = (state == "acknowledged").then_some("ana");
+    json!({ "alarm": name, "subject": "monitor", "state": state, "priority": priority, "text": "something",
+        "since_ms": 10, "state_below": state, "latching": state == "latched", "acknowledged_by": acknowledged,
+        "shelf": null, "raises": 1, "chattering": false })
+}
+
+fn snapshot(tier: u8, evidence: char) -> Snapshot {
+    let value = json!({
+        "at_ms": 60_000, "profile": "human", "robot": "arm7", "seed": 1, "policy": digest('b'),
+        "agent": digest('c'), "holding": null,
+        "families": [{ "family": "grasp", "active": "grasp@1.2.0", "pinned": "grasp@1.1.0",
+            "safe_stopped": false, "flags": flags(false, false), "provisional": null }],
+        "candidates": [{ "version": CANDIDATE, "digest": digest('a'), "state": "shadowed",
+            "flags": flags(false, true), "row_version": 7, "author": "cora", "provenance": "human",
+            "risk": "medium", "progress": null, "dimensions": [], "composite": null, "pairs": null,
+            "drills": null, "shadow": null, "reasons": [], "conditions": [] }],
+        "prompts": [{ "id": "p1", "version": CANDIDATE, "replaces": "grasp@1.2.0", "candidate": digest('a'),
+            "row_version": 7, "evidence": digest(evidence), "policy": digest('b'), "profile": "human",
+            "needed": 2, "approved_by": [], "deadline_ms": 600_000, "valid_until_ms": 900_000,
+            "store_id": "s", "asked_ms": 50_000, "tier": tier, "author": "cora", "new_permissions": [],
+            "untested": [], "on_drift": "rolled back" }],
+        "questions": [],
+        "alarms": [alarm("low:1", "low", "unacknowledged"), alarm("high:1", "high", "unacknowledged"),
+            alarm("seen:1", "high", "acknowledged"), alarm("latched:1", "critical", "latched")],
+        "alarm_summary": { "highest_unacknowledged": "high", "unacknowledged": [0, 1, 1],
+            "acknowledged": 1, "latched": 1, "shelved": 0, "flood": false },
+        "live": { "sequences": 3, "recent_success": 1.0, "recent": 3, "last": [], "drift": null, "fault": null,
+            "pace": 1.0, "outcomes": [true, true, true], "monitors": [] },
+        "scenery": { "workspace": null, "keep_outs": [], "fixtures": [] },
+        "thresholds": [0.95, 0.9, 0.85, 0.8],
+    });
+    serde_json::from_value(value).unwrap()
+}
+
+struct Desk {
+    model: Model,
+    now_ms: u64,
+}
+
+impl Desk {
+    fn new(tier: u8) -> Self {
+        let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+        let themes = vec!["calm-dark".to_owned(), "mono".to_owned()];
+        let model = Model::new(settings, Arc::new(Keymap::default()), themes);
+        let mut desk = Self { model, now_ms: 1_000 };
+        desk.tell(What::EngineStarted);
+        desk.tell(What::Snapshot(Arc::new(snapshot(tier, 'e'))));
+        desk.sit("ana");
+        desk
+    }
+
+    fn sit(&mut self, name: &str) {
+        self.tell(What::Operator(Operator { name: name.to_owned(), role: "engineer".to_owned() }));
+    }
+
+    fn tell(&mut self, what: What) -> Vec<Effect> {
+        update(&mut self.model, Msg { now_ms: self.now_ms, what })
+    }
+
+    fn press(&mut self, code: KeyCode) -> Vec<Effect> {
+        self.tell(What::Key(KeyEvent::new(code, KeyModifiers::NONE)))
+    }
+
+    fn control(&mut self, letter: char) -> Vec<Effect> {
+        self.tell(What::Key(KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL)))
+    }
+
+    fn keys(&mut self, text: &str) -> Vec<Effect> {
+        text.chars().flat_map(|letter| self.press(KeyCode::Char(letter))).collect()
+    }
+
+    /// Opens the waiting approval and lets the guard time pass.
+    fn open_prompt(&mut self) {
+        self.keys("a");
+        self.press(KeyCode::Enter);
+        assert!(matches!(self.model.overlay, Some(Overlay::Prompt(_))), "{:?}", self.model.notice);
+        self.now_ms += GUARD_MS;
+    }
+
+    fn fill(&mut self, short_id: &str, reason: &str) {
+        self.press(KeyCode::Tab);
+        self.keys(short_id);
+        self.press(KeyCode::Tab);
+        self.keys(reason);
+        self.press(KeyCode::Tab);
+    }
+
+    fn block(&self) -> Option<Block> {
+        match &self.model.overlay {
+            Some(Overlay::Prompt(prompt)) => prompt.refused,
+            _ => None,
+        }
+    }
+}
+
+fn decides(effects: &[Effect]) -> bool {
+    effects.iter().any(|effect| matches!(effect, Effect::Decide { .. }))
+}
+
+fn harmless(effects: &[Effect]) -> bool {
+    effects.iter().all(|effect| match effect {
+        Effect::Decide { .. } | Effect::Operate { .. } | Effect::End | Effect::Register { .. } => false,
+        Effect::Ask { question, .. } => {
+            matches!(question, Question::Detail(_) | Question::Registry { .. } | Question::Audit { .. })
+        }
+        _ => true,
+    })
+}
+
+/// Keys that are hit by reflex or to move.
+const REFLEXES: [KeyCode; 16] = [
+    KeyCode::Enter,
+    KeyCode::Char(' '),
+    KeyCode::Esc,
+    KeyCode::Tab,
+    KeyCode::BackTab,
+    KeyCode::Up,
+    KeyCode::Down,
+    KeyCode::Left,
+    KeyCode::Right,
+    KeyCode::PageUp,
+    KeyCode::PageDown,
+    KeyCode::Home,
+    KeyCode::End,
+    KeyCode::Backspace,
+    KeyCode::Delete,
+    KeyCode::F(1),
+];
+
+#[test]
+fn reflex_keys_paste_and_letters_never_approve() {
+    for tier in 0..=2 {
+        for key in REFLEXES {
+            let mut desk = Desk::new(tier);
+            desk.open_prompt();
+            assert!(!decides(&desk.press(key)), "tier {tier}: {key:?}");
+            // Again, wherever the first one led.
+            assert!(!decides(&desk.press(key)), "tier {tier}: {key:?} twice");
+        }
+        let mut desk = Desk::new(tier);
+        desk.open_prompt();
+        for text in ["Y", "Y\n", "aaaa\tY\r\n", "N"] {
+            assert!(!decides(&desk.tell(What::Paste(text.to_owned()))), "tier {tier}: paste {text:?}");
+        }
+        for letter in ('!'..='~').filter(|letter| *letter != 'Y') {
+            let mut desk = Desk::new(tier);
+            desk.open_prompt();
+            assert!(!decides(&desk.press(KeyCode::Char(letter))), "tier {tier}: {letter:?}");
+        }
+    }
+}
+
+#[test]
+fn nothing_decides_while_no_prompt_is_open() {
+    for view in View::ALL {
+        for letter in ' '..='~' {
+            let mut desk = Desk::new(0);
+            desk.model.view = view;
+            assert!(!decides(&desk.press(KeyCode::Char(letter))), "{view:?}: {letter:?}");
+        }
+    }
+}
+
+#[test]
+fn keys_inside_the_guard_time_never_approve() {
+    for (wait_ms, counts) in [(0, false), (1, false), (GUARD_MS - 1, false), (GUARD_MS, true)] {
+        let mut desk = Desk::new(0);
+        desk.keys("a");
+        desk.press(KeyCode::Enter);
+        desk.now_ms += wait_ms;
+        assert_eq!(decides(&desk.keys("Y")), counts, "{wait_ms} ms");
+        if !counts {
+            assert_eq!(desk.block(), Some(Block::Guard));
+        }
+    }
+}
+
+#[test]
+fn tiers_ask_for_more_and_more() {
+    // Short id typed, reason typed; what stands against Y in tiers 0, 1 and 2.
+    let table = [
+        ("", "", [None, Some(Block::ShortId), Some(Block::ShortId)]),
+        ("aaab", "", [None, Some(Block::ShortId), Some(Block::ShortId)]),
+        ("aaaa", "", [None, None, Some(Block::Reason)]),
+        ("aaaa", "looks right", [None, None, None]),
+    ];
+    for (short_id, reason, blocks) in table {
+        for (tier, block) in (0..=2).zip(blocks) {
+            let mut desk = Desk::new(tier);
+            desk.open_prompt();
+            if tier == 0 {
+                desk.press(KeyCode::Tab);
+                desk.keys(reason);
+                desk.press(KeyCode::Tab);
+            } else {
+                desk.fill(short_id, reason);
+            }
+            let effects = desk.keys("Y");
+            assert_eq!(decides(&effects), block.is_none(), "tier {tier}, {short_id:?}, {reason:?}");
+            assert_eq!(desk.block(), block);
+            let Some(Effect::Decide { decision, .. }) = effects.first() else { continue };
+            assert_eq!((decision.by(), decision.answer()), ("ana", ApprovalDecision::Approve));
+            assert_eq!(decision.over().evidence.to_string(), digest('e'));
+            assert!(decision.shown().contains("Replaces grasp@1.2.0"), "{}", decision.shown());
+            assert!(desk.model.overlay.is_none());
+        }
+    }
+}
+
+#[test]
+fn a_letter_typed_into_a_field_is_text() {
+    let mut desk = Desk::new(1);
+    desk.open_prompt();
+    desk.press(KeyCode::Tab);
+    assert!(!decides(&desk.keys("aaaaY")));
+    let Some(Overlay::Prompt(prompt)) = &desk.model.overlay else { panic!("the prompt is open") };
+    assert_eq!(prompt.short_id.text(), "aaaaY");
+}
+
+#[test]
+fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
+    type Change = fn(&mut Snapshot);
+    let changes: [(&str, Change); 6] = [
+        ("the evidence changed", |now| now.prompts[0].evidence = digest('f').parse().unwrap()),
+        ("the candidate changed", |now| now.prompts[0].candidate = digest('f').parse().unwrap()),
+        ("the policy changed", |now| now.prompts[0].policy = digest('f').parse().unwrap()),
+        ("the question was asked anew", |now| now.prompts[0].row_version += 1),
+        ("the active version changed", |now| now.prompts[0].replaces = None),
+        ("the question is closed", |now| now.prompts.clear()),
+    ];
+    for (what, change) in changes {
+        let mut desk = Desk::new(1);
+        desk.open_prompt();
+        desk.fill("aaaa", "");
+        let mut changed = snapshot(1, 'e');
+        change(&mut changed);
+        desk.tell(What::Snapshot(Arc::new(changed.clone())));
+        assert!(!decides(&desk.keys("Y")), "{what}");
+        assert_eq!(desk.block(), Some(Block::Stale), "{what}");
+        // Going back to what it was does not make it fresh: somebody must read it.
+        desk.tell(What::Snapshot(Arc::new(snapshot(1, 'e'))));
+        assert!(!decides(&desk.keys("Y")), "{what}, and back");
+        desk.tell(What::Snapshot(Arc::new(changed.clone())));
+        desk.keys("r");
+        let Some(Overlay::Prompt(prompt)) = &desk.model.overlay else {
+            assert!(changed.prompts.is_empty());
+            continue;
+        };
+        assert!(prompt.stale.is_none() && prompt.short_id.text().is_empty(), "{what}");
+        assert!(!decides(&desk.keys("Y")), "{what}: the guard time begins anew");
+    }
+}
+
+#[test]
+fn another_approval_is_no_change_of_evidence() {
+    let mut desk = Desk::new(0);
+    desk.open_prompt();
+    let mut now = snapshot(0, 'e');
+    now.prompts[0].approved_by = vec!["bo".to_owned()];
+    desk.tell(What::Snapshot(Arc::new(now)));
+    assert!(decides(&desk.keys("Y")));
+}
+
+#[test]
+fn people_who_cannot_approve_are_told_why() {
+    // Who sits there, who has approved, what stands against Y.
+    let table = [
+        (Some("ana"), None, None),
+        (Some("cora"), None, Some(Block::OwnWork)),
+        (Some("ana"), Some("ana"), Some(Block::Approved)),
+        (Some("bo"), Some("ana"), None),
+        (None, None, Some(Block::NoIdentity)),
+    ];
+    for (who, approved, block) in table {
+        let mut desk = Desk::new(0);
+        let mut now = snapshot(0, 'e');
+        now.prompts[0].approved_by = approved.into_iter().map(ToOwned::to_owned).collect();
+        desk.tell(What::Snapshot(Arc::new(now)));
+        match who {
+            Some(name) => desk.sit(name),
+            None => desk.model.operator = None,
+        }
+        desk.open_prompt();
+        assert_eq!(decides(&desk.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
+        assert_eq!(desk.block(), block, "{who:?} after {approved:?}");
+    }
+}
+
+#[test]
+fn rejecting_needs_a_reason_and_its_key_again() {
+    let mut desk = Desk::new(2);
+    desk.open_prompt();
+    assert!(!decides(&desk.keys("N")));
+    assert_eq!(desk.block(), Some(Block::Reason));
+    assert!(!decides(&desk.keys("too hard a grip")), "this goes into the field");
+    desk.press(KeyCode::Esc);
+    let effects = desk.keys("N");
+    let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert_eq!((decision.answer(), decision.reason()), (ApprovalDecision::Reject, "too hard a grip"));
+}
+
+#[test]
+fn read_only_refuses_everything_that_changes_something() {
+    for action in Action::ALL {
+        let mut desk = Desk::new(0);
+        desk.model.settings.read_only = true;
+        desk.model.view = View::Alarms;
+        let effects = super::act(&mut desk.model, *action);
+        assert!(harmless(&effects) || *action == Action::Verify, "{action:?}: {effects:?}");
+        if action.changes_something() {
+            assert!(effects.is_empty() && desk.model.overlay.is_none(), "{action:?}");
+        }
+    }
+    let mut desk = Desk::new(0);
+    desk.model.settings.read_only = true;
+    desk.open_prompt();
+    assert!(!decides(&desk.keys("Y")));
+    assert_eq!(desk.block(), Some(Block::ReadOnly));
+    for line in ["demo", "register x", "pace 5", "drift off"] {
+        desk.model.overlay = None;
+        desk.keys(":");
+        desk.keys(line);
+        assert!(desk.press(KeyCode::Enter).is_empty(), "{line}");
+    }
+}
+
+#[test]
+fn abort_takes_two_keys_everywhere() {
+    let abort = |effects: &[Effect]| match effects {
+        [Effect::Operate { confirmed, .. }] => {
+            matches!(confirmed.clone().into_command(), Command::Pause(operation) if operation.version.to_string() == CANDIDATE)
+        }
+        _ => false,
+    };
+    for view in View::ALL {
+        for key in [
+            KeyEvent::new(KeyCode::Char('x'), KeyModifiers::NONE),
+            KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL),
+        ] {
+            let mut desk = Desk::new(1);
+            desk.model.view = view;
+            desk.tell(What::Key(key));
+            let effects = desk.keys("y");
+            // On the registry's family row the active version is under the cursor, and it is settled.
+            assert!(abort(&effects), "{view:?} {key:?}: {effects:?}");
+        }
+    }
+    // From everywhere that takes the keys for itself.
+    let openers: [fn(&mut Desk); 6] = [
+        |desk| desk.open_prompt(),
+        |desk| {
+            desk.open_prompt();
+            desk.press(KeyCode::Tab);
+        },
+        |desk| drop(desk.keys(":pa")),
+        |desk| drop(desk.keys("2/gr")),
+        |desk| drop(desk.keys("?")),
+        |desk| {
+            desk.keys("3");
+            desk.keys("F");
+        },
+    ];
+    for (number, open) in openers.into_iter().enumerate() {
+        let mut desk = Desk::new(1);
+        open(&mut desk);
+        desk.control('x');
+        let effects = desk.keys("y");
+        assert!(abort(&effects), "{number}: {effects:?}");
+    }
+}
+
+#[test]
+fn abort_stops_the_most_urgent_thing() {
+    let mut desk = Desk::new(1);
+    let mut now = snapshot(1, 'e');
+    now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
+    desk.tell(What::Snapshot(Arc::new(now)));
+    desk.keys("x");
+    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("a form opens") };
+    assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
+    assert!(form.consequences.iter().any(|line| line.contains("Not touched: grasp@1.3.0")), "{form:?}");
+    let effects = desk.keys("y");
+    let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
+        if operation.version.to_string() == "grasp@1.2.0"));
+    // Enter stays with leaving everything as it is.
+    desk.keys("x");
+    assert!(desk.press(KeyCode::Enter).is_empty());
+    assert!(desk.model.overlay.is_none());
+}
+
+#[test]
+fn enter_and_moving_have_no_effect_outside_in_any_view() {
+    for view in View::ALL {
+        for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {
+            let mut desk = Desk::new(0);
+            desk.model.view = view;
+            let effects = desk.press(*key);
+            assert!(harmless(&effects), "{view:?} {key:?}: {effects:?}");
+        }
+    }
+}
+
+#[test]
+fn a_filter_hides_no_alarm_and_nothing_that_waits() {
+    let mut desk = Desk::new(0);
+    desk.model.filters =
+        View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
+    for view in View::ALL {
+        desk.model.view = view;
+        assert_eq!(desk.model.alarm_rows().len(), 4, "{view:?}");
+        assert_eq!(desk.model.waiting_rows().len(), 1, "{view:?}");
+    }
+    desk.model.view = View::Overview;
+    assert!(desk.model.pipeline_rows().is_empty());
+    desk.press(KeyCode::Esc);
+    assert_eq!(desk.model.pipeline_rows().len(), 1, "Esc takes the filter away");
+}
+
+#[test]
+fn alarms_are_reached_acknowledged_shelved_and_reset() {
+    let mut desk = Desk::new(0);
+    desk.keys("3!");
+    assert_eq!(desk.model.view, View::Alarms);
+    let effects = desk.press(KeyCode::Char(' '));
+    let Some(Effect::Ask { question: Question::Acknowledge { alarm, by }, .. }) = effects.first() else {
+        panic!("{effects:?}")
+    };
+    assert_eq!((alarm.as_str(), by.as_str()), ("high:1", "ana"));
+    desk.keys("j");
+    assert!(desk.press(KeyCode::Char(' ')).is_empty(), "seen already");
+    desk.keys("j");
+    assert!(desk.keys("z").is_empty() && desk.model.overlay.is_none(), "critical ones are not shelved");
+    desk.keys("R");
+    assert!(matches!(desk.model.overlay, Some(Overlay::Form(_))));
+    desk.press(KeyCode::Esc);
+    desk.keys("gz");
+    // 30 minutes stand there already.
+    desk.press(KeyCode::Enter);
+    desk.keys("a sensor is being replaced");
+    desk.press(KeyCode::Tab);
+    desk.press(KeyCode::Tab);
+    let effects = desk.press(KeyCode::Enter);
+    let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert!(matches!(confirmed.as_ref().clone().into_command(),
+        Command::ShelveAlarm { for_ms: 1_800_000, alarm, .. } if alarm == "low:1"));
+}
+
+#[test]
+fn forms_refuse_what_is_missing() {
+    let mut desk = Desk::new(0);
+    desk.keys("3F");
+    for _ in 0..2 {
+        desk.press(KeyCode::Tab);
+    }
+    assert!(desk.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("it stays open") };
+    assert_eq!(form.problem.as_deref(), Some("a reason is needed"));
+    desk.model.operator = None;
+    desk.press(KeyCode::BackTab);
+    desk.press(KeyCode::BackTab);
+    desk.keys("because");
+    desk.press(KeyCode::Tab);
+    desk.press(KeyCode::Tab);
+    assert!(desk.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("it stays open") };
+    assert!(form.problem.as_deref().is_some_and(|problem| problem.contains(":as NAME")));
+}
+
+#[test]
+fn quitting_asks_and_says_what_happens() {
+    let mut desk = Desk::new(0);
+    desk.keys("4");
+    assert!(desk.keys("q").is_empty());
+    assert_eq!(desk.model.view, View::Overview);
+    assert!(desk.keys("q").is_empty());
+    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("a form opens") };
+    assert_eq!(form.intent, Intent::Quit);
+    assert!(form.consequences.iter().any(|line| line.contains("waits for approval")));
+    assert_eq!(desk.keys("y"), [Effect::End]);
+    assert_eq!(desk.control('z'), []);
+    assert!(desk.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
+    desk.model.engine = EngineState::Ended(Err("disk".to_owned()));
+    assert_eq!(desk.keys("q"), [Effect::End], "nothing is left to ask about");
+}
+
+#[test]
+fn answers_reach_the_status_line_and_open_no_prompt() {
+    let mut desk = Desk::new(0);
+    desk.keys(":pace 5");
+    let effects = desk.press(KeyCode::Enter);
+    let [Effect::Ask { id, question: Question::Pace(Some(times)) }] = effects.as_slice() else {
+        panic!("{effects:?}")
+    };
+    assert_eq!(*times, 5.0);
+    assert!(desk.model.pending.contains_key(id));
+    let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
+    let reply = Box::new(serde_json::from_value(refused).unwrap());
+    desk.tell(What::Answer { id: id.clone(), reply });
+    let notice = desk.model.notice.clone().unwrap();
+    assert!(notice.bad && notice.text.contains("change the pace: no. Hint: later"), "{notice:?}");
+    assert!(!desk.model.pending.contains_key(id));
+    desk.tell(What::Snapshot(Arc::new(snapshot(2, 'f'))));
+    assert!(desk.model.overlay.is_none(), "prompts never steal the focus");
+}
+
+#[test]
+fn typed_lines_complete_recall_and_cancel() {
+    let mut desk = Desk::new(0);
+    desk.keys(":them");
+    desk.press(KeyCode::Tab);
+    let Some(Typing::Command(line)) = &desk.model.typing else { panic!("it is typed") };
+    assert_eq!(line.text(), "theme");
+    desk.keys(" mono");
+    assert_eq!(desk.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
+    desk.keys(":");
+    desk.press(KeyCode::Up);
+    let Some(Typing::Command(line)) = &desk.model.typing else { panic!("it is recalled") };
+    assert_eq!(line.text(), "theme mono");
+    desk.press(KeyCode::Esc);
+    assert!(desk.model.typing.is_none());
+    desk.keys(":nonsense");
+    desk.press(KeyCode::Enter);
+    assert!(desk.model.notice.as_ref().is_some_and(|notice| notice.bad));
+}
+
+#[test]
+fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
+    let mut desk = Desk::new(0);
+    desk.keys("?");
+    let Some(Overlay::Palette(palette)) = &desk.model.overlay else { panic!("it opens") };
+    assert!(!palette.actions.iter().any(|action| action.decides()));
+    desk.keys("audit log");
+    desk.press(KeyCode::Enter);
+    assert_eq!(desk.model.view, View::Audit);
+}
+
+#[test]
+fn frozen_charts_stand_still_while_the_status_goes_on() {
+    let mut desk = Desk::new(0);
+    desk.keys("4f");
+    let mut now = snapshot(0, 'e');
+    now.at_ms = 99_000;
+    now.alarm_summary.shelved = 3;
+    desk.tell(What::Snapshot(Arc::new(now)));
+    assert_eq!(desk.model.charted().unwrap().at_ms, 60_000);
+    assert_eq!(desk.model.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
+    desk.keys("f");
+    assert_eq!(desk.model.charted().unwrap().at_ms, 99_000);
+}
+
+#[test]
+fn an_old_snapshot_is_stale() {
+    let mut desk = Desk::new(0);
+    assert_eq!(desk.model.stale_ms(), None);
+    desk.now_ms += 12_000;
+    desk.tell(What::Tick);
+    assert_eq!(desk.model.stale_ms(), Some(12_000));
+}
+
+#[test]
+fn every_loss_of_the_terminal_ends_without_a_decision() {
+    let mut desk = Desk::new(0);
+    desk.open_prompt();
+    assert_eq!(desk.tell(What::EndAsked), [Effect::End]);
+}

@@ -1,0 +1,205 @@
+//! Text at the foot of the screen: the command line and the filter.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use tui_input::InputRequest;
+
+use super::{act, asking, show, tell};
+use crate::console::commands::{self, Asked};
+use crate::console::effect::{Effect, Question};
+use crate::console::line::Line;
+use crate::console::model::{Model, Overlay, Typing, View};
+
+/// Command lines remembered.
+const HISTORY_MAX: usize = 100;
+
+pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
+    model.typing = Some(Typing::Command(Line::default()));
+    Vec::new()
+}
+
+/// Filters narrow what can be long; alarms and what waits are never narrowed.
+pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
+    if matches!(model.view, View::Overview | View::Registry | View::Audit) {
+        let present = model.filters.get(&model.view).map_or("", String::as_str);
+        model.typing = Some(Typing::Filter(Line::new(present)));
+    } else {
+        tell(model, "this view shows everything: nothing here may be filtered away", false);
+    }
+    Vec::new()
+}
+
+/// What a key does to a line, where it edits.
+pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
+    let control = key.modifiers.contains(KeyModifiers::CONTROL);
+    Some(match (key.code, control) {
+        (KeyCode::Backspace, false) => InputRequest::DeletePrevChar,
+        (KeyCode::Delete, _) => InputRequest::DeleteNextChar,
+        (KeyCode::Left, false) => InputRequest::GoToPrevChar,
+        (KeyCode::Right, false) => InputRequest::GoToNextChar,
+        (KeyCode::Left, true) => InputRequest::GoToPrevWord,
+        (KeyCode::Right, true) => InputRequest::GoToNextWord,
+        (KeyCode::Home, _) | (KeyCode::Char('a'), true) => InputRequest::GoToStart,
+        (KeyCode::End, _) | (KeyCode::Char('e'), true) => InputRequest::GoToEnd,
+        (KeyCode::Backspace | KeyCode::Char('w'), true) => InputRequest::DeletePrevWord,
+        (KeyCode::Char('u'), true) => InputRequest::DeleteLine,
+        (KeyCode::Char('k'), true) => InputRequest::DeleteTillEnd,
+        _ => return None,
+    })
+}
+
+/// Types a key into a line. False where the key is no text and edits nothing.
+pub(super) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
+    if let Some(request) = edit(key) {
+        line.edit(request);
+        return true;
+    }
+    match key.code {
+        KeyCode::Char(typed) if !key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT) => {
+            line.insert(typed);
+            true
+        }
+        _ => false,
+    }
+}
+
+pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
+    let cancels = key.code == KeyCode::Esc
+        || (key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL));
+    if cancels {
+        model.typing = None;
+        return Vec::new();
+    }
+    match key.code {
+        KeyCode::Enter => return finish(model),
+        KeyCode::Tab => complete(model),
+        KeyCode::Up => recall(model, true),
+        KeyCode::Down => recall(model, false),
+        _ => {
+            let Some(Typing::Command(line) | Typing::Filter(line)) = &mut model.typing else {
+                return Vec::new();
+            };
+            // Deleting in an empty line leaves it.
+            if key.code == KeyCode::Backspace && line.text().is_empty() {
+                model.typing = None;
+            } else {
+                into_line(line, key);
+            }
+        }
+    }
+    Vec::new()
+}
+
+fn finish(model: &mut Model) -> Vec<Effect> {
+    match model.typing.take() {
+        None => Vec::new(),
+        Some(Typing::Filter(line)) => {
+            let text = line.text().trim().to_owned();
+            if text.is_empty() {
+                model.filters.remove(&model.view);
+            } else {
+                model.filters.insert(model.view, text);
+            }
+            Vec::new()
+        }
+        Some(Typing::Command(line)) => {
+            let text = line.text().trim().to_owned();
+            if text.is_empty() {
+                return Vec::new();
+            }
+            model.history.retain(|known| *known != text);
+            model.history.push(text.clone());
+            if model.history.len() > HISTORY_MAX {
+                model.history.remove(0);
+            }
+            match commands::parse(&text) {
+                Ok(asked) => run(model, asked),
+                Err(why) => {
+                    tell(model, why, true);
+                    Vec::new()
+                }
+            }
+        }
+    }
+}
+
+fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
+    if model.settings.read_only && asked.changes_something() {
+        tell(model, "this console is read-only", true);
+        return Vec::new();
+    }
+    match asked {
+        Asked::Action(action) => act(model, action),
+        Asked::Demo(name) => asking::register(model, name),
+        Asked::Register(folder) => asking::register(model, Some(folder)),
+        Asked::As(name) => vec![Effect::UseIdentity(name)],
+        Asked::Theme(name) => {
+            if model.themes.contains(&name) {
+                return vec![Effect::UseTheme(name)];
+            }
+            let known = model.themes.join(", ");
+            tell(model, format!("there is no theme {name:?}; there are {known}"), true);
+            Vec::new()
+        }
+        Asked::Pace(times) => asking::ask(model, "pace", "change the pace".to_owned(), Question::Pace(times)),
+        Asked::Drift { kind, magnitude } => {
+            let question = Question::Drift { kind, magnitude };
+            asking::ask(model, "drift", "let a drift set in".to_owned(), question)
+        }
+        Asked::Candidate(version) => {
+            model.chosen = Some(version);
+            show(model, View::Candidate)
+        }
+    }
+}
+
+fn complete(model: &mut Model) {
+    let Some(Typing::Command(line)) = &model.typing else { return };
+    let versions: Vec<String> = model
+        .snapshot
+        .iter()
+        .flat_map(|snapshot| &snapshot.candidates)
+        .map(|candidate| candidate.version.to_string())
+        .collect();
+    let people: Vec<String> = model.identities.iter().map(|who| who.name.clone()).collect();
+    let known = commands::Known { versions: &versions, people: &people, themes: &model.themes };
+    if let Some(text) = commands::complete(line.text(), &known).into_iter().next() {
+        model.typing = Some(Typing::Command(Line::new(&text)));
+    }
+}
+
+/// An earlier or a later command line.
+fn recall(model: &mut Model, earlier: bool) {
+    let Some(Typing::Command(line)) = &model.typing else { return };
+    let at = model.history.iter().position(|known| known == line.text());
+    let place = match (at, earlier) {
+        (Some(at), true) => at.checked_sub(1),
+        (Some(at), false) => Some(at + 1),
+        (None, true) => model.history.len().checked_sub(1),
+        (None, false) => None,
+    };
+    let recalled = place.and_then(|place| model.history.get(place));
+    if let Some(text) = recalled {
+        model.typing = Some(Typing::Command(Line::new(text)));
+    } else if !earlier {
+        model.typing = Some(Typing::Command(Line::default()));
+    }
+}
+
+/// Pasted text is text and nothing else: it runs nothing, and a prompt takes none of it.
+pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
+    match (&mut model.typing, &mut model.overlay) {
+        (Some(Typing::Command(line) | Typing::Filter(line)), _) => line.paste(text),
+        (None, Some(Overlay::Palette(palette))) => {
+            palette.line.paste(text);
+            palette.cursor = 0;
+        }
+        (None, Some(Overlay::Form(form))) => {
+            if let Some(line) = form.line_mut() {
+                line.paste(text);
+            }
+        }
+        (None, Some(Overlay::Prompt(_))) => tell(model, "a prompt takes no pasted text: type it", true),
+        (None, None) => tell(model, "pasted text is ignored here", false),
+    }
+    Vec::new()
+}

@@ -1,0 +1,107 @@
+//! How the cell looks at one moment: arm, pads and object for a screen.
+//!
+//! The arm is drawn from measured joint positions by the robot's own kinematics. The object is drawn where it truly
+//! is, which only a simulation can tell: it is for display, and nothing that decides reads it.
+
+use holdpoint_sim::chain::Frame;
+use holdpoint_sim::io::Telemetry;
+use holdpoint_sim::scene::{Scene, Zone};
+use holdpoint_sim::world::World;
+use nalgebra::Vector3;
+
+use crate::engine::picture::{Body, Point, Region, Scenery};
+
+/// Name of the zone in which the tool may be anywhere on its way.
+const WORKSPACE_ZONE: &str = "transit";
+
+/// Name of the zone round the tray.
+const TRAY_ZONE: &str = "tray";
+
+/// What does not move.
+#[must_use]
+pub fn scenery(scene: &Scene) -> Scenery {
+    let region = |zone: &Zone| Region {
+        name: zone.name.clone(),
+        min: zone.min_m.map(narrow),
+        max: zone.max_m.map(narrow),
+    };
+    let named = |name: &str| scene.zones.iter().find(|zone| zone.name == name && !zone.keep_out).map(region);
+    let (centre, half) = (scene.table.centre_m, scene.table.half_m);
+    let corner = |sign: f64| std::array::from_fn(|i| narrow(sign.mul_add(half[i], centre[i])));
+    let table = Region { name: "table".to_owned(), min: corner(-1.0), max: corner(1.0) };
+    Scenery {
+        workspace: named(WORKSPACE_ZONE).map(|zone| Region { name: "workspace".to_owned(), ..zone }),
+        keep_outs: scene.zones.iter().filter(|zone| zone.keep_out).map(region).collect(),
+        fixtures: std::iter::once(table).chain(named(TRAY_ZONE)).collect(),
+    }
+}
+
+/// The arm as its sensors tell, with the object as it truly is.
+#[must_use]
+pub fn body(world: &World, seen: &Telemetry) -> Body {
+    let robot = world.robot();
+    let frames = robot.chain.frames(&seen.q);
+    let origin = |frame: &Frame| point(&frame.point(&Vector3::zeros()));
+    let tool = frames.tool.point(&Vector3::zeros());
+    let mut links = vec![[0.0; 3]];
+    links.extend(frames.links.iter().take(frames.count).map(origin));
+    links.push(point(&tool));
+    let hand = frames.links.iter().take(frames.count).last();
+    let half_width_m = seen.gripper_width_m / 2.0;
+    // Fingers slide along their own z axis, each its half of the width, from where the pads meet: the tool.
+    let pad = |index: usize| {
+        let finger = robot.gripper.fingers.get(index);
+        let along = hand.zip(finger).map(|(hand, finger)| hand.then(&finger.origin).z());
+        point(&along.map_or(tool, |along| tool + along * half_width_m))
+    };
+    let (object, _) = world.object();
+    Body {
+        links,
+        pads: [pad(0), pad(1)],
+        object: point(&object.translation.vector),
+        object_half_m: narrow(world.scene().object.half_m),
+        held: seen.contacts.pad_object && seen.gripper_force_n > 1.0,
+    }
+}
+
+fn point(at: &Vector3<f64>) -> Point {
+    [narrow(at.x), narrow(at.y), narrow(at.z)]
+}
+
+/// A tenth of a millimetre is far below what a screen shows; f32 holds far more.
+#[allow(clippy::cast_possible_truncation, reason = "drawn only")]
+pub(super) const fn narrow(value: f64) -> f32 {
+    value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::cell::Cell;
+
+    #[test]
+    fn the_arm_is_drawn_from_base_to_tool() {
+        let cell = Cell::builtin().unwrap();
+        let world = cell.world().unwrap();
+        let seen = world.telemetry();
+        let body = body(&world, &seen);
+        assert_eq!(body.links.len(), cell.model.joint_count() + 2);
+        let tool = body.links.last().unwrap();
+        for (i, at) in tool.iter().enumerate() {
+            assert!((f64::from(*at) - seen.tool.position[i]).abs() < 1e-3, "{tool:?} {:?}", seen.tool);
+        }
+        let span: f32 = (0..3).map(|i| (body.pads[0][i] - body.pads[1][i]).powi(2)).sum();
+        assert!((f64::from(span.sqrt()) - seen.gripper_width_m).abs() < 1e-3, "{:?}", body.pads);
+        assert!(!body.held);
+    }
+
+    #[test]
+    fn the_scene_has_its_regions() {
+        let scenery = scenery(&Cell::builtin().unwrap().scene);
+        assert_eq!(scenery.workspace.unwrap().name, "workspace");
+        let names: Vec<&str> = scenery.fixtures.iter().map(|region| region.name.as_str()).collect();
+        assert_eq!(names, ["table", "tray"]);
+        assert_eq!(scenery.keep_outs.len(), 1);
+        assert!(scenery.keep_outs.iter().all(|region| (0..3).all(|i| region.min[i] < region.max[i])));
+    }
+}
