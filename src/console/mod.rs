@@ -24,4 +24,6 @@ pub mod run;
 pub mod terminal;
 pub mod theme;
 pub mod update;
+pub mod views;
+pub mod widgets;
 pub mod words;
