@@ -142,7 +142,7 @@ fn verified(home: &Home) {
 fn state_of(home: &Home, version: &str) -> String {
     let shown = home.must(&["registry", "show", version, "--json"]);
     let value: serde_json::Value = serde_json::from_str(shown.lines().next().unwrap()).unwrap();
-    value["state"].as_str().unwrap_or_default().to_owned()
+    value["summary"]["state"].as_str().unwrap_or_default().to_owned()
 }
 
 /// Ends the console as a person does.
