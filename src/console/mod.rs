@@ -8,13 +8,21 @@ pub mod action;
 pub mod commands;
 pub mod effect;
 pub mod form;
+pub mod frame;
 pub mod keymap;
 pub mod line;
+pub mod look;
 pub mod model;
 pub mod msg;
 pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
+<<<<<<< HEAD
+pub mod theme;
+pub mod views;
+pub mod widgets;
+=======
 pub mod update;
+>>>>>>> main
 pub mod words;

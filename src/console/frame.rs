@@ -1,0 +1,102 @@
+//! The whole screen: which parts there are at which size, and where.
+//!
+//! ```text
+//! banner     profile, robot, who, doubts
+//! tabs       views and their keys
+//! (tour)     one sentence, until it is dismissed
+//! body       the view, or what lies over it
+//! status     the gravest alarm, counts, what waits: never covered
+//! hints      keys, answer, or what is typed
+//! ```
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+
+use super::look::{Look, Role};
+use super::model::{Model, Overlay, View};
+use super::views;
+use super::widgets::pen::{Fit, Pen, above, below};
+use super::widgets::row::Row;
+
+/// Draws everything into `area`, which may have any size.
+pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
+    let area = area.intersection(buf.area);
+    if area.is_empty() {
+        return;
+    }
+    let mut pen = Pen { look, buf, fit: Fit::of(area.width, area.height) };
+    pen.clear(area);
+    if pen.fit == Fit::Tiny {
+        views::tiny::draw(model, &mut pen, area);
+        return;
+    }
+    views::banner::draw(model, &mut pen, above(area, 1));
+    let foot = area.height - 2;
+    views::status::draw(model, &mut pen, Rect { y: area.y + foot, height: 1, ..area });
+    views::hints::draw(model, &mut pen, Rect { y: area.y + foot + 1, height: 1, ..area });
+    let body = below(Rect { height: foot, ..area }, 1);
+    match &model.overlay {
+        // The whole decision must be readable: it takes all there is.
+        Some(Overlay::Prompt(prompt)) => views::prompt::draw(model, prompt, &mut pen, body),
+        Some(Overlay::Palette(palette)) => {
+            let body = under(model, &mut pen, body);
+            views::palette::draw(model, palette, &mut pen, body);
+        }
+        Some(Overlay::Form(form)) => {
+            let body = under(model, &mut pen, body);
+            views::form::draw(form, &mut pen, body);
+        }
+        None => {
+            under(model, &mut pen, body);
+        }
+    }
+}
+
+/// The view itself with the lines above it; tells where the view is.
+fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
+    views::tabs::views(model, pen, above(area, 1));
+    let mut body = below(area, 1);
+    if let Some(sentence) = views::tour::sentence(model) {
+        let key = model.keymap.key(super::action::Action::Tour);
+        let row = Row::of(Role::Key, &format!("{key} "))
+            .with(Role::Muted, "dismisses  ")
+            .with(Role::Text, sentence);
+        pen.row(body, 0, &row);
+        body = below(body, 1);
+    }
+    match model.view {
+        View::Overview => views::overview::draw(model, pen, body),
+        View::Registry => views::registry::draw(model, pen, body),
+        View::Candidate => views::candidate::draw(model, pen, body),
+        View::Shadow => views::shadow::draw(model, pen, body),
+        View::Alarms => views::alarms::draw(model, pen, body),
+        View::Approvals => views::approvals::draw(model, pen, body),
+        View::Audit => views::audit::draw(model, pen, body),
+    }
+    body
+}
+
+/// The screen as plain text, lines without blanks at their end: for exports and the README.
+#[must_use]
+pub fn text_of(model: &Model, look: &Look, width: u16, height: u16) -> String {
+    let area = Rect::new(0, 0, width, height);
+    let mut buf = Buffer::empty(area);
+    draw(model, look, area, &mut buf);
+    let mut text = String::new();
+    for y in area.top()..area.bottom() {
+        let mut line = String::new();
+        let mut covered = 0;
+        for x in area.left()..area.right() {
+            let Some(cell) = buf.cell((x, y)) else { continue };
+            // The second column of a wide sign is part of it.
+            if covered == 0 {
+                line.push_str(cell.symbol());
+                covered = unicode_width::UnicodeWidthStr::width(cell.symbol()).max(1);
+            }
+            covered -= 1;
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,259 @@
+//! How the screen looks here: a theme, a depth of colour and a set of glyphs, chosen from what the caller read.
+//!
+//! What it must not do: read the environment or ask the terminal.
+
+use ratatui::style::Style;
+
+use super::theme::{self, Mark};
+pub use super::theme::{Depth, Role, Theme, ThemeError};
+
+/// Which signs are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Glyphs {
+    /// Lines, blocks, braille and the signs of [`Glyph`].
+    Unicode,
+    /// Letters and signs of ASCII alone.
+    Ascii,
+}
+
+macro_rules! glyphs {
+    ($($name:ident = $unicode:literal or $ascii:literal;)*) => {
+        /// A sign, one column wide.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[allow(missing_docs, reason = "the name says which sign, the table below how it looks")]
+        pub enum Glyph { $($name,)* }
+
+        impl Glyph {
+            /// Every sign.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// How it is drawn.
+            #[must_use]
+            pub const fn text(self, glyphs: Glyphs) -> &'static str {
+                match (self, glyphs) {
+                    $((Self::$name, Glyphs::Unicode) => $unicode,
+                    (Self::$name, Glyphs::Ascii) => $ascii,)*
+                }
+            }
+        }
+    };
+}
+
+glyphs! {
+    // States.
+    Good = "✔" or "+";
+    Bad = "✖" or "x";
+    Running = "◌" or "~";
+    Waiting = "◷" or "@";
+    Warning = "⚠" or "!";
+    Paused = "‖" or "=";
+    Unknown = "?" or "?";
+    Neutral = "•" or "-";
+    Ahead = "·" or ".";
+    Returned = "↩" or "r";
+    Latched = "■" or "#";
+    // Alarms' priorities.
+    Critical = "▲" or "^";
+    High = "◆" or "*";
+    Low = "●" or "o";
+    // Profiles.
+    Sim = "◇" or "%";
+    Real = "◈" or "$";
+    Human = "☺" or "&";
+    // Lines and places.
+    Horizontal = "─" or "-";
+    Vertical = "│" or "|";
+    Corner = "┌" or "+";
+    CornerRight = "┐" or "+";
+    CornerLow = "└" or "+";
+    CornerLowRight = "┘" or "+";
+    Here = "▸" or ">";
+    Open = "▾" or "v";
+    Closed = "▸" or ">";
+    Up = "↑" or "^";
+    Down = "↓" or "v";
+    Arrow = "→" or ">";
+    Ellipsis = "…" or "~";
+    // Bars.
+    Full = "█" or "#";
+    Empty = "░" or ".";
+    Limit = "┃" or "|";
+    Cursor = "▏" or "_";
+}
+
+/// Whether colour is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColorChoice {
+    /// As the terminal and `NO_COLOR` say.
+    #[default]
+    Auto,
+    /// Whatever `NO_COLOR` says.
+    Always,
+    /// Not at all.
+    Never,
+}
+
+/// What a look is chosen from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LookOptions {
+    /// The theme that was asked for.
+    pub theme: Option<String>,
+    /// Whether colour was asked for.
+    pub color: ColorChoice,
+    /// Whether ASCII was asked for.
+    pub ascii: bool,
+    /// Whether `NO_COLOR` is set and not empty.
+    pub no_color: bool,
+    /// `TERM`.
+    pub term: Option<String>,
+    /// `COLORTERM`.
+    pub colorterm: Option<String>,
+    /// Whether the background is light; absent where the terminal does not tell.
+    pub light_background: Option<bool>,
+}
+
+/// How the screen looks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Look {
+    theme: Theme,
+    depth: Depth,
+    glyphs: Glyphs,
+}
+
+impl Look {
+    /// A look of these parts.
+    #[must_use]
+    pub const fn new(theme: Theme, depth: Depth, glyphs: Glyphs) -> Self {
+        Self { theme, depth, glyphs }
+    }
+
+    /// The look that fits what was asked for and what the terminal says of itself.
+    ///
+    /// # Errors
+    /// [`ThemeError`] where there is no such built-in theme.
+    pub fn detect(options: &LookOptions) -> Result<Self, ThemeError> {
+        let fitting =
+            if options.light_background == Some(true) { theme::DEFAULT_LIGHT } else { theme::DEFAULT };
+        let theme = Theme::builtin(options.theme.as_deref().unwrap_or(fitting))?;
+        // The console of the Linux kernel has few glyphs of its own.
+        let plain = matches!(options.term.as_deref(), Some("linux" | "vt100" | "vt220" | "dumb"));
+        let glyphs = if options.ascii || plain { Glyphs::Ascii } else { Glyphs::Unicode };
+        Ok(Self::new(theme, options.depth(), glyphs))
+    }
+
+    /// The same look in another theme.
+    #[must_use]
+    pub fn with_theme(&self, theme: Theme) -> Self {
+        Self { theme, ..self.clone() }
+    }
+
+    /// The style of a role.
+    #[must_use]
+    pub fn style(&self, role: Role) -> Style {
+        self.theme.style(role, self.depth)
+    }
+
+    /// A sign.
+    #[must_use]
+    pub const fn glyph(&self, glyph: Glyph) -> &'static str {
+        glyph.text(self.glyphs)
+    }
+
+    /// A mark's sign and word, `✔ active`.
+    #[must_use]
+    pub fn words(&self, mark: Mark) -> String {
+        format!("{} {}", self.glyph(mark.glyph), mark.word)
+    }
+
+    /// Whether ASCII alone is drawn.
+    #[must_use]
+    pub const fn ascii(&self) -> bool {
+        matches!(self.glyphs, Glyphs::Ascii)
+    }
+
+    /// The theme.
+    #[must_use]
+    pub const fn theme(&self) -> &Theme {
+        &self.theme
+    }
+
+    /// The depth of colour.
+    #[must_use]
+    pub const fn depth(&self) -> Depth {
+        self.depth
+    }
+}
+
+impl LookOptions {
+    /// Flags win over `NO_COLOR`, and that over what the terminal says.
+    fn depth(&self) -> Depth {
+        let term = self.term.as_deref().unwrap_or("");
+        let told = match self.colorterm.as_deref() {
+            Some("truecolor" | "24bit") => Depth::True,
+            _ if term.ends_with("-direct") => Depth::True,
+            _ if term.contains("256color") => Depth::Indexed256,
+            _ if matches!(term, "" | "dumb" | "vt100" | "vt220") => Depth::Mono,
+            _ => Depth::Ansi16,
+        };
+        match self.color {
+            ColorChoice::Never => Depth::Mono,
+            ColorChoice::Always => told.max(Depth::Ansi16),
+            ColorChoice::Auto if self.no_color => Depth::Mono,
+            ColorChoice::Auto => told,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use unicode_width::UnicodeWidthStr as _;
+
+    use super::*;
+
+    #[test]
+    fn depth_is_told_by_flags_then_no_color_then_the_terminal() {
+        use ColorChoice::{Always, Auto, Never};
+        let table = [
+            (Auto, false, "xterm", None, Depth::Ansi16),
+            (Auto, false, "xterm-256color", None, Depth::Indexed256),
+            (Auto, false, "xterm-256color", Some("truecolor"), Depth::True),
+            (Auto, false, "xterm-direct", None, Depth::True),
+            (Auto, false, "dumb", None, Depth::Mono),
+            (Auto, false, "", None, Depth::Mono),
+            (Auto, true, "xterm-256color", Some("24bit"), Depth::Mono),
+            (Always, true, "xterm-256color", None, Depth::Indexed256),
+            (Always, false, "dumb", None, Depth::Ansi16),
+            (Never, false, "xterm-256color", Some("truecolor"), Depth::Mono),
+        ];
+        for (color, no_color, term, colorterm, depth) in table {
+            let options = LookOptions {
+                color,
+                no_color,
+                term: Some(term.to_owned()),
+                colorterm: colorterm.map(str::to_owned),
+                ..LookOptions::default()
+            };
+            assert_eq!(Look::detect(&options).unwrap().depth(), depth, "{options:?}");
+        }
+    }
+
+    #[test]
+    fn the_background_chooses_a_theme_unless_one_is_asked_for() {
+        let light = LookOptions { light_background: Some(true), ..LookOptions::default() };
+        assert_eq!(Look::detect(&light).unwrap().theme().name(), "calm-light");
+        let asked = LookOptions { theme: Some("mono".to_owned()), ..light };
+        assert_eq!(Look::detect(&asked).unwrap().theme().name(), "mono");
+        let unknown = LookOptions { theme: Some("loud".to_owned()), ..asked };
+        let error = Look::detect(&unknown).unwrap_err().to_string();
+        assert!(error.contains("\"loud\"; allowed are calm-dark, calm-light, mono"), "{error}");
+    }
+
+    #[test]
+    fn every_glyph_is_one_column_wide_and_has_an_ascii_form() {
+        for glyph in Glyph::ALL {
+            assert_eq!(glyph.text(Glyphs::Unicode).width(), 1, "{glyph:?}");
+            let ascii = glyph.text(Glyphs::Ascii);
+            assert!(ascii.len() == 1 && ascii.is_ascii(), "{glyph:?}");
+        }
+    }
+}

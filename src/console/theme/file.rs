@@ -1,0 +1,163 @@
+//! Theme files: roles with colours and modifiers, on top of the theme they inherit from.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use ratatui::style::Modifier;
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::paint::{Colour, NAMES, Paint};
+use super::{Role, Theme, names};
+
+/// The largest theme file, bytes.
+pub const FILE_BYTES_MAX: usize = 64 * 1024;
+
+/// Problems of one file that are told; more say no more.
+const PROBLEMS_MAX: usize = 8;
+
+/// What is wrong with a theme.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ThemeError {
+    /// No theme of that name.
+    #[error("there is no theme {name:?}; allowed are {allowed}\nHint: `holdpoint theme list`")]
+    Unknown {
+        /// The name.
+        name: String,
+        /// The names there are.
+        allowed: String,
+    },
+    /// A file that does not say what a theme file must say.
+    #[error("{file}:{line}: {what}")]
+    File {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// The key, what is wrong with it, and what is allowed; one line each.
+        what: String,
+    },
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    inherits: Option<Spanned<String>>,
+    #[serde(default)]
+    roles: BTreeMap<Spanned<String>, Entry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    fg: Option<Spanned<Value>>,
+    bg: Option<Spanned<Value>>,
+    #[serde(default)]
+    bold: bool,
+    #[serde(default)]
+    dim: bool,
+    #[serde(default)]
+    reverse: bool,
+    #[serde(default)]
+    underline: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Value {
+    Number(u64),
+    Text(String),
+}
+
+/// A theme of a file's text. A role that it does not name looks as in the theme it inherits from.
+///
+/// # Errors
+/// The first problem with file and line; further ones follow in its text.
+pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
+    let line = |range: &Range<usize>| {
+        text.get(..range.start.min(text.len())).unwrap_or("").matches('\n').count() + 1
+    };
+    let fail = |line: usize, what: String| ThemeError::File { file: file.to_owned(), line, what };
+    if text.len() > FILE_BYTES_MAX {
+        return Err(fail(
+            1,
+            format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len()),
+        ));
+    }
+    let parsed: File = toml::from_str(text)
+        .map_err(|error| fail(line(&error.span().unwrap_or(0..0)), error.message().to_owned()))?;
+    let mut theme = match &parsed.inherits {
+        None => Theme::plain(name),
+        Some(parent) => Theme::builtin(parent.get_ref()).map_err(|_| {
+            let what = format!(
+                "inherits: there is no built-in theme {:?}; allowed are {}",
+                parent.get_ref(),
+                names().join(", ")
+            );
+            fail(line(&parent.span()), what)
+        })?,
+    };
+    name.clone_into(&mut theme.name);
+    let mut problems: Vec<(usize, String)> = Vec::new();
+    for (word, entry) in &parsed.roles {
+        let Some(role) = Role::parse(word.get_ref()) else {
+            let allowed: Vec<&str> = Role::ALL.iter().map(|role| role.word()).collect();
+            let what = format!("there is no role {:?}; allowed are {}", word.get_ref(), allowed.join(", "));
+            problems.push((line(&word.span()), what));
+            continue;
+        };
+        match entry.paint() {
+            Ok(paint) => theme.set(role, paint),
+            Err((span, what)) => problems.push((line(&span), format!("roles.{}.{what}", role.word()))),
+        }
+    }
+    problems.sort();
+    problems.truncate(PROBLEMS_MAX);
+    match problems.split_first() {
+        None => Ok(theme),
+        Some(((first, what), rest)) => {
+            let more = rest.iter().map(|(line, what)| format!("\n{file}:{line}: {what}"));
+            Err(fail(*first, std::iter::once(what.clone()).chain(more).collect()))
+        }
+    }
+}
+
+impl Entry {
+    fn paint(&self) -> Result<Paint, (Range<usize>, String)> {
+        let colour = |key: &str, value: &Option<Spanned<Value>>| {
+            let Some(value) = value else { return Ok(None) };
+            let parsed = match value.get_ref() {
+                Value::Text(text) if text == "default" => return Ok(None),
+                Value::Text(text) => Colour::parse(text),
+                Value::Number(number) => u8::try_from(*number).ok().map(Colour::Indexed),
+            };
+            let shown = match value.get_ref() {
+                Value::Text(text) => format!("{text:?}"),
+                Value::Number(number) => number.to_string(),
+            };
+            let what = format!(
+                "{key}: {shown} is no colour; allowed are default, 0 to 255, \"#rrggbb\" and {}",
+                NAMES.join(", ")
+            );
+            parsed.map(Some).ok_or((value.span(), what))
+        };
+        let flags = [
+            (self.bold, Modifier::BOLD),
+            (self.dim, Modifier::DIM),
+            (self.reverse, Modifier::REVERSED),
+            (self.underline, Modifier::UNDERLINED),
+        ];
+        let on = flags.into_iter().filter_map(|(on, modifier)| on.then_some(modifier));
+        let paint = Paint {
+            foreground: colour("fg", &self.fg)?,
+            background: colour("bg", &self.bg)?,
+            modifiers: on.fold(Modifier::empty(), |all, one| all | one),
+        };
+        // On a terminal whose own colours are unknown, letters on a set background may not be seen.
+        if paint.background.is_some() && paint.foreground.is_none() {
+            let span = self.bg.as_ref().map_or(0..0, Spanned::span);
+            return Err((span, "bg: a background needs a foreground with it; add fg".to_owned()));
+        }
+        Ok(paint)
+    }
+}

@@ -1,0 +1,174 @@
+//! Colours: the one place that names them. Themes by role, and how each role looks at each depth of colour.
+//!
+//! What it must not do: know what is drawn, or read files and the environment; texts are handed in.
+
+mod file;
+mod mark;
+mod paint;
+mod role;
+
+use std::collections::BTreeMap;
+
+use ratatui::style::Style;
+
+pub use file::{FILE_BYTES_MAX, ThemeError};
+pub use mark::Mark;
+pub use paint::{Colour, Paint};
+pub use role::Role;
+
+/// How many colours a terminal shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Depth {
+    /// None: bold, dim, reverse and underline alone.
+    Mono,
+    /// The sixteen of every terminal.
+    Ansi16,
+    /// 256.
+    Indexed256,
+    /// Sixteen million.
+    True,
+}
+
+impl Depth {
+    /// Every depth.
+    pub const ALL: [Self; 4] = [Self::Mono, Self::Ansi16, Self::Indexed256, Self::True];
+
+    /// Its name.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Mono => "mono",
+            Self::Ansi16 => "16 colours",
+            Self::Indexed256 => "256 colours",
+            Self::True => "true colour",
+        }
+    }
+}
+
+/// The theme that is used where none is asked for and the background is not known to be light.
+pub const DEFAULT: &str = "calm-dark";
+
+/// The theme that is used where none is asked for and the background is light.
+pub const DEFAULT_LIGHT: &str = "calm-light";
+
+const BUILTIN: [(&str, &str); 5] = [
+    ("calm-dark", include_str!("../../../themes/calm-dark.toml")),
+    ("calm-light", include_str!("../../../themes/calm-light.toml")),
+    ("mono", include_str!("../../../themes/mono.toml")),
+    ("high-contrast", include_str!("../../../themes/high-contrast.toml")),
+    ("deuteranopia", include_str!("../../../themes/deuteranopia.toml")),
+];
+
+/// Names of the themes that come with the program, the default one first.
+#[must_use]
+pub fn names() -> Vec<&'static str> {
+    BUILTIN.iter().map(|(name, _)| *name).collect()
+}
+
+/// A look for every role.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Theme {
+    name: String,
+    paints: BTreeMap<Role, Paint>,
+}
+
+impl Theme {
+    /// The terminal's own text for every role.
+    fn plain(name: &str) -> Self {
+        Self { name: name.to_owned(), paints: BTreeMap::new() }
+    }
+
+    /// A theme that comes with the program.
+    ///
+    /// # Errors
+    /// [`ThemeError::Unknown`], or what is wrong with its text.
+    pub fn builtin(name: &str) -> Result<Self, ThemeError> {
+        let unknown = || ThemeError::Unknown { name: name.to_owned(), allowed: names().join(", ") };
+        let (_, text) = BUILTIN.iter().find(|(known, _)| *known == name).ok_or_else(unknown)?;
+        file::parse(name, &format!("themes/{name}.toml"), text)
+    }
+
+    /// A theme of a file's text; `name` is the file's name, with or without folder and extension.
+    ///
+    /// # Errors
+    /// [`ThemeError::File`] with file, line, key and what is allowed.
+    pub fn with_file(name: &str, text: &str) -> Result<Self, ThemeError> {
+        let stem = std::path::Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name);
+        file::parse(stem, name, text)
+    }
+
+    fn set(&mut self, role: Role, paint: Paint) {
+        self.paints.insert(role, paint);
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How a role looks at a depth.
+    #[must_use]
+    pub fn style(&self, role: Role, depth: Depth) -> Style {
+        self.paints.get(&role).copied().unwrap_or_default().style(depth)
+    }
+
+    /// Whether a role has a look of its own.
+    #[must_use]
+    pub fn names_role(&self, role: Role) -> bool {
+        self.paints.contains_key(&role)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn builtin_themes_name_every_role() {
+        for name in names() {
+            let theme = Theme::builtin(name).unwrap();
+            assert_eq!(theme.name(), name);
+            let missing: Vec<_> = Role::ALL.iter().filter(|role| !theme.names_role(**role)).collect();
+            assert!(missing.is_empty(), "{name}: {missing:?}");
+        }
+    }
+
+    #[test]
+    fn problems_name_file_line_key_and_what_is_allowed() {
+        let table = [
+            (
+                "inherits = \"none\"",
+                1,
+                "inherits: there is no built-in theme \"none\"; allowed are calm-dark",
+            ),
+            ("[roles]\nreddish = {}", 2, "there is no role \"reddish\"; allowed are text, muted"),
+            (
+                "[roles]\n\ntext = { fg = \"puce\" }",
+                3,
+                "roles.text.fg: \"puce\" is no colour; allowed are default",
+            ),
+            ("[roles]\ntext = { fg = 256 }", 2, "roles.text.fg: 256 is no colour"),
+            ("[roles]\ntext = { bg = \"red\" }", 2, "roles.text.bg: a background needs a foreground"),
+            ("[roles]\ntext = { blink = true }", 2, "unknown field `blink`"),
+            ("colours = 1", 1, "unknown field `colours`"),
+        ];
+        for (text, line, what) in table {
+            let error = Theme::with_file("/home/x/themes/mine.toml", text).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("/home/x/themes/mine.toml:{line}: ")), "{error}");
+            assert!(error.contains(what), "{error}");
+        }
+        let long = "#".repeat(FILE_BYTES_MAX + 1);
+        assert!(Theme::with_file("long", &long).unwrap_err().to_string().contains("65537 bytes"));
+    }
+
+    #[test]
+    fn a_file_adds_to_what_it_inherits() {
+        let text = "inherits = \"calm-dark\"\n[roles]\ncritical = { fg = \"#102030\", underline = true }";
+        let theme = Theme::with_file("mine.toml", text).unwrap();
+        let parent = Theme::builtin("calm-dark").unwrap();
+        assert_eq!(theme.name(), "mine");
+        assert_ne!(theme.style(Role::Critical, Depth::True), parent.style(Role::Critical, Depth::True));
+        assert_eq!(theme.style(Role::High, Depth::True), parent.style(Role::High, Depth::True));
+    }
+}

@@ -1,0 +1,87 @@
+//! The first line: on which profile and robot is this, who sits here, and how far what is shown can be trusted.
+//!
+//! ```text
+//!  ◇ SIM   arm-1 · seed 42 · operator ada (operator)          READ-ONLY  HOLDING paused  STALE 12 s  00:12:41
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::console::look::{Glyph, Role};
+use crate::console::model::{EngineState, Model};
+use crate::console::theme::Mark;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+use crate::console::words::{duration, seconds};
+
+/// Draws it. What was not known to be well stands first and is never cut off before what merely helps.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width);
+    let mut row = profile(model, pen).and(doubts(model, pen));
+    let identity = identity(model);
+    let clock = Row::of(Role::Muted, &format!(" {}", seconds(model.engine_ms())));
+    for piece in identity {
+        if row.width() + piece.width() + clock.width() <= width {
+            row = row.and(piece);
+        }
+    }
+    if row.width() + clock.width() <= width {
+        row = row.to_column(width - clock.width()).and(clock);
+    }
+    pen.row(area, 0, &row);
+}
+
+fn profile(model: &Model, pen: &Pen<'_>) -> Row {
+    let Some(snapshot) = &model.snapshot else {
+        return Row::of(Role::Title, " Holdpoint ");
+    };
+    let mark = Mark::profile(&snapshot.profile);
+    Row::of(mark.role, &format!(" {} ", pen.look.words(mark)))
+}
+
+/// Whatever makes the screen less than it seems.
+fn doubts(model: &Model, pen: &Pen<'_>) -> Row {
+    let mut row = Row::new();
+    let mut say = |role: Role, text: &str| {
+        row.push(Role::Text, " ");
+        row.push(role, text);
+    };
+    if model.settings.read_only {
+        say(Role::ReadOnly, " READ-ONLY ");
+    }
+    match &model.engine {
+        EngineState::Starting => say(Role::Running, &format!("{} starting", pen.look.glyph(Glyph::Running))),
+        EngineState::Running => {}
+        EngineState::Ended(Ok(())) => say(Role::Problem, "ENGINE ENDED"),
+        EngineState::Ended(Err(why)) => say(Role::Problem, &format!("ENGINE ENDED {why}")),
+    }
+    if let Some(age_ms) = model.stale_ms() {
+        say(Role::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
+    }
+    if let Some(why) = model.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
+        let why = super::short(why, 48);
+        say(Role::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
+    }
+    if let Some(frozen) = &model.frozen {
+        let secs = model.now_ms.saturating_sub(frozen.at_ms) / 1000;
+        let glyph = pen.look.glyph(Glyph::Paused);
+        say(Role::Stale, &format!("{glyph} frozen {:02}:{:02}", secs / 60, secs % 60));
+    }
+    row
+}
+
+/// Robot, operator and seed, the weightiest first.
+fn identity(model: &Model) -> Vec<Row> {
+    let who = match &model.operator {
+        Some(who) => Row::of(
+            Role::Text,
+            &format!("  {} ({})", super::short(&who.name, 24), super::short(&who.role, 16)),
+        ),
+        None => Row::of(Role::Warning, "  nobody: `:as NAME`"),
+    };
+    let Some(snapshot) = &model.snapshot else { return vec![who] };
+    vec![
+        Row::of(Role::Title, &format!("  {}", super::short(&snapshot.robot, 24))),
+        who,
+        Row::of(Role::Muted, &format!("  seed {}", snapshot.seed)),
+    ]
+}

@@ -1,0 +1,78 @@
+//! The active version of each family, and how well the live cell does with them.
+//!
+//! ```text
+//! grasp  ✔ active               grasp@1.0.0
+//! place  ◌ active, provisional  place@1.1.0  7 of 40, goes back to place@1.0.0
+//! last sequences •••••••✖••••••••  94 % of 50
+//! ```
+
+use crate::console::look::Role;
+use crate::console::model::Model;
+use crate::console::theme::Mark;
+use crate::console::widgets::bar::outcomes;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+use crate::engine::snapshot::{FamilyView, LiveView};
+use crate::governance::lifecycle::{Flags, State};
+
+/// The longest trend, signs.
+const TREND_MAX: usize = 30;
+
+/// One line for each family, then the live cell's.
+#[must_use]
+pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let Some(snapshot) = model.charted() else {
+        return vec![Row::of(Role::Muted, "The engine is starting")];
+    };
+    let name_width =
+        snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
+    let mut rows: Vec<Row> =
+        snapshot.families.iter().map(|family| row(family, pen, name_width.min(16))).collect();
+    rows.push(live(&snapshot.live, pen, width));
+    if let Some(fault) = &snapshot.live.fault {
+        rows.push(Row::of(
+            Role::Bad,
+            &format!("{} broken: {}", pen.look.words(Mark::FAILED), super::short(fault, width)),
+        ));
+    }
+    if let Some(drift) = &snapshot.live.drift {
+        let glyph = pen.look.glyph(crate::console::look::Glyph::Warning);
+        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {}", super::short(drift, width))));
+    }
+    rows
+}
+
+fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize) -> Row {
+    let flags = family.flags.unwrap_or(Flags::default());
+    let mark = match &family.active {
+        _ if family.safe_stopped => Mark::SAFE_STOPPED,
+        None => Mark::UNKNOWN,
+        Some(_) => Mark::version(State::Active, &flags),
+    };
+    let mut row = Row::new()
+        .cell(Role::Text, &family.family.to_string(), name_width)
+        .with(Role::Text, "  ")
+        .cell(mark.role, &pen.look.words(mark), 21)
+        .with(Role::Text, " ");
+    match &family.active {
+        Some(active) => row.push(Role::Title, &active.to_string()),
+        None => row.push(Role::Bad, "no active version"),
+    }
+    if let Some((worked, needed)) = family.provisional {
+        row.push(Role::Text, &format!("  {worked} of {needed}"));
+    }
+    if let Some(pinned) = &family.pinned {
+        row.push(Role::Muted, &format!("  back: {}", pinned.version));
+    }
+    row
+}
+
+fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {
+    let Some(share) = live.recent_success else {
+        return Row::of(Role::Muted, "no sequence worked yet");
+    };
+    let tail = format!("  {:.0} % of the last {}", share * 100.0, live.recent);
+    let head = "success ";
+    let room = width.saturating_sub(head.len() + tail.len()).min(TREND_MAX);
+    Row::of(Role::Muted, head).and(outcomes(pen.look, &live.outcomes, room)).with(Role::Text, &tail)
+}

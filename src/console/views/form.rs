@@ -1,0 +1,88 @@
+//! A form: what is asked for, what it does, what must be typed, and the button that has the keys.
+//!
+//! ```text
+//! ┌ Roll back grasp@1.1.0 ───────────────────────┐
+//! │ grasp@1.0.0 takes over at once               │
+//! │ Reason  it drops what it holds▏              │
+//! │ ▸[Cancel]   Roll back                        │
+//! └──────────────────────────────────────────────┘
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::hints::field;
+use crate::console::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
+use crate::console::look::{Glyph, Role};
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::{Row, wrap};
+
+/// The widest form, columns.
+const WIDTH_MAX: u16 = 76;
+
+/// Draws it over the view.
+pub fn draw(form: &Form, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width.min(WIDTH_MAX).saturating_sub(4));
+    let body = body(form, width);
+    let foot = foot(form, pen, width);
+    let title = format!("{} {}", form.intent.verb(), form.intent.subject());
+    let height = u16::try_from(body.len() + foot.len() + 2).unwrap_or(u16::MAX);
+    let inside = super::window(pen, area, WIDTH_MAX, height, &title, "");
+    // Where not all fits, the fields and buttons stay in sight.
+    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(inside.height);
+    let (upper, lower) = crate::console::widgets::pen::cut(inside, inside.height - foot_height);
+    pen.rows(upper, 0, &body);
+    pen.rows(lower, 0, &foot);
+}
+
+fn body(form: &Form, width: usize) -> Vec<Row> {
+    let lines = form.consequences.iter().flat_map(|line| wrap(line, width, 4));
+    let mut rows: Vec<Row> = lines.map(|line| Row::of(Role::Text, &line)).collect();
+    if !rows.is_empty() {
+        rows.push(Row::new());
+    }
+    rows
+}
+
+fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let label = |text: &str| Row::new().cell(Role::Muted, text, 9);
+    let focuses = form.focuses();
+    if focuses.contains(&FormFocus::Minutes) {
+        let has = form.focus == FormFocus::Minutes;
+        let hint = format!("  1 to {SHELVE_MINUTES_MAX}");
+        rows.push(label("Minutes").and(field(pen, &form.minutes, 8, has)).with(Role::Muted, &hint));
+    }
+    if focuses.contains(&FormFocus::Reason) {
+        let has = form.focus == FormFocus::Reason;
+        rows.push(label("Reason").and(field(pen, &form.reason, width.saturating_sub(9), has)));
+    }
+    if let Some(problem) = &form.problem {
+        let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
+        rows.extend(wrap(&text, width, 3).iter().map(|line| Row::of(Role::Problem, line)));
+    }
+    let buttons = Row::new()
+        .and(button(pen, "Cancel", form.focus == FormFocus::Cancel))
+        .with(Role::Text, "  ")
+        .and(button(pen, form.intent.verb(), form.focus == FormFocus::Confirm));
+    rows.push(buttons);
+    if form.is_one_key() {
+        let row = Row::of(Role::Key, "y")
+            .with(Role::Text, " does it · ".replace('·', if pen.look.ascii() { "|" } else { "·" }).as_str())
+            .with(Role::Key, "n")
+            .with(Role::Text, " or ")
+            .with(Role::Key, "Esc")
+            .with(Role::Text, " leaves everything as it is");
+        rows.push(row);
+    }
+    rows
+}
+
+/// A button; the one that has the keys is marked by a sign as well as by its style.
+#[must_use]
+pub fn button(pen: &Pen<'_>, word: &str, has_keys: bool) -> Row {
+    if has_keys {
+        Row::of(Role::Selected, &format!("{}[{word}]", pen.look.glyph(Glyph::Here)))
+    } else {
+        Row::of(Role::Text, &format!("  {word} "))
+    }
+}

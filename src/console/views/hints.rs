@@ -1,0 +1,127 @@
+//! The last line: the keys that do something here now, or the answer to the last one, or what is being typed.
+//!
+//! ```text
+//! enter open  p pause  x abort  a approvals  / filter  ? help  q quit
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::console::action::Action;
+use crate::console::look::{Glyph, Role};
+use crate::console::model::{Model, Overlay, Typing, View};
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let row = if let Some(typing) = &model.typing {
+        typed(typing, pen, usize::from(area.width))
+    } else if let Some(notice) = &model.notice {
+        let (role, glyph) =
+            if notice.bad { (Role::Problem, Glyph::Warning) } else { (Role::Notice, Glyph::Good) };
+        Row::of(role, &format!("{} {}", pen.look.glyph(glyph), super::short(&notice.text, 400)))
+    } else {
+        keys(model, &actions(model), usize::from(area.width))
+    };
+    pen.row(area, 0, &row);
+}
+
+/// The line being typed with its cursor; of a long one the part round the cursor.
+fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
+    let (sign, line) = match typing {
+        Typing::Command(line) => (":", line),
+        Typing::Filter(line) => ("/", line),
+    };
+    Row::of(Role::Key, sign).and(field(pen, line, width.saturating_sub(1), true))
+}
+
+/// A field's text; with its cursor where it has the keys.
+#[must_use]
+pub fn field(pen: &Pen<'_>, line: &crate::console::line::Line, width: usize, has_keys: bool) -> Row {
+    let (text, cursor) = (line.text(), line.cursor());
+    if !has_keys {
+        return Row::of(Role::Text, &super::short(text, width));
+    }
+    // One column is for the cursor; what does not fit before it is left off at the front.
+    let before: String = text.chars().take(cursor).collect();
+    let after: String = text.chars().skip(cursor).collect();
+    let room = width.saturating_sub(1);
+    let skipped = before.chars().count().saturating_sub(room);
+    let before: String = before.chars().skip(skipped).collect();
+    Row::of(Role::Field, &before).with(Role::Key, pen.look.glyph(Glyph::Cursor)).with(Role::Field, &after)
+}
+
+/// The actions that mean something here, the weightiest first.
+#[must_use]
+pub fn actions(model: &Model) -> Vec<Action> {
+    use Action as A;
+    let here: &[Action] = match (&model.overlay, model.view) {
+        (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
+        (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
+        (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
+        (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
+        (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
+        (None, View::Registry) => &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Rearm],
+        (None, View::Candidate) => &[A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy],
+        (None, View::Shadow) => &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Abort],
+        (None, View::Alarms) => &[A::Acknowledge, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort],
+        (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
+        (None, View::Audit) => &[A::Verify, A::Filter, A::Copy, A::Export],
+    };
+    let mut all = here.to_vec();
+    if model.overlay.is_none() {
+        all.extend([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
+    }
+    all
+}
+
+fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
+    // Help and the way out stand in every hint line.
+    let last: Vec<Action> =
+        actions.iter().copied().filter(|action| matches!(action, Action::Help | Action::Quit)).collect();
+    let tail = last.iter().fold(Row::new(), |row, action| row.and(hint(model, *action)));
+    let mut row = Row::new();
+    for action in actions.iter().filter(|action| !last.contains(action)) {
+        let next = hint(model, *action);
+        if row.width() + next.width() + tail.width() <= width {
+            row = row.and(next);
+        }
+    }
+    let off = actions.iter().any(|action| action.changes_something());
+    let why = Row::of(Role::KeyOff, "(off: read-only)");
+    let row = row.and(tail);
+    if model.settings.read_only && off && row.width() + why.width() <= width { row.and(why) } else { row }
+}
+
+/// One key and what it does, with the gap behind it; of a key that is off, in brackets.
+fn hint(model: &Model, action: Action) -> Row {
+    let key = model.keymap.key(action);
+    if key.is_empty() {
+        return Row::new();
+    }
+    let word = label(model, action);
+    if model.settings.read_only && action.changes_something() {
+        return Row::of(Role::KeyOff, &format!("[{key} {word}]  "));
+    }
+    Row::of(Role::Key, &key).with(Role::Text, &format!(" {word}  "))
+}
+
+/// What an action is called in a hint.
+fn label(model: &Model, action: Action) -> String {
+    match (action, &model.overlay, model.view) {
+        (Action::NextPane, Some(_), _) => "next field",
+        (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
+        (Action::Back, Some(_), _) => "close",
+        (Action::PageDown, _, _) => "more",
+        (Action::JumpToAlarm, _, _) => "alarm",
+        (Action::CommandLine, _, _) => "command",
+        (Action::OpenRecording, _, _) => "recording",
+        (Action::ResetAlarm, _, _) => "reset",
+        (Action::Pause, _, _) => "hold",
+        (Action::Resume, _, _) => "let go on",
+        (Action::Quit, None, View::Overview) => "quit",
+        (Action::Quit, _, _) => "back",
+        (other, _, _) => return other.word().replace('-', " "),
+    }
+    .to_owned()
+}

@@ -1,0 +1,75 @@
+//! The screens. Each reads the model and draws; none changes anything, and none decides what a key does.
+
+pub mod alarms;
+pub mod approvals;
+pub mod audit;
+pub mod banner;
+pub mod candidate;
+pub mod families;
+pub mod form;
+pub mod hints;
+pub mod overview;
+pub mod palette;
+pub mod pipeline;
+pub mod prompt;
+pub mod registry;
+pub mod robot;
+pub mod shadow;
+pub mod status;
+pub mod story;
+pub mod tabs;
+pub mod tiny;
+pub mod tour;
+
+use ratatui::layout::Rect;
+
+use super::look::{Glyph, Role};
+use super::widgets::pen::Pen;
+use super::widgets::row::{Row, safe};
+
+/// Foreign text on one line of at most `width` columns.
+#[must_use]
+pub fn short(text: &str, width: usize) -> String {
+    safe(text, width)
+}
+
+/// A window over a view: frame and title; tells where its inside is. No larger than `area`.
+pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title: &str, right: &str) -> Rect {
+    let (width, height) = (area.width.min(width_max), area.height.min(height));
+    let left = area.x + (area.width - width) / 2;
+    let top = area.y + (area.height - height) / 3;
+    let frame = Rect { x: left, y: top, width, height };
+    pen.clear(frame);
+    let look = pen.look;
+    if width < 4 || height < 3 {
+        return frame;
+    }
+    let line = look.glyph(Glyph::Horizontal);
+    let (first, last) = (frame.y, frame.bottom() - 1);
+    for x in frame.left()..frame.right() {
+        pen.cell(x, first, line, Role::Rule);
+        pen.cell(x, last, line, Role::Rule);
+    }
+    for y in first..=last {
+        pen.cell(frame.left(), y, look.glyph(Glyph::Vertical), Role::Rule);
+        pen.cell(frame.right() - 1, y, look.glyph(Glyph::Vertical), Role::Rule);
+    }
+    let corners = [
+        (frame.left(), first, Glyph::Corner),
+        (frame.right() - 1, first, Glyph::CornerRight),
+        (frame.left(), last, Glyph::CornerLow),
+        (frame.right() - 1, last, Glyph::CornerLowRight),
+    ];
+    for (x, y, glyph) in corners {
+        pen.cell(x, y, look.glyph(glyph), Role::Rule);
+    }
+    let inner = Rect { x: frame.x + 2, width: width - 4, ..frame };
+    let title = format!(" {} ", short(title, usize::from(inner.width).saturating_sub(2)));
+    pen.row(inner, 0, &Row::of(Role::Focus, &title));
+    let place = Row::of(Role::Muted, &format!(" {right} "));
+    let taken = u16::try_from(place.width()).unwrap_or(u16::MAX);
+    if !right.is_empty() && usize::from(taken) + title.len() + 2 < usize::from(inner.width) {
+        pen.row(Rect { x: inner.right() - taken, width: taken, ..inner }, 0, &place);
+    }
+    Rect { y: frame.y + 1, height: height - 2, ..inner }
+}

@@ -1,0 +1,136 @@
+//! View 1: the robot, what is active, how far each candidate is, what waits, and what happened.
+//!
+//! ```text
+//! ── Active ─────────────────────────── │ ▸ Robot ──────────────────
+//! grasp ✔ active grasp@1.0.0            │  side view     │ top view
+//! ▸ Pipeline ────────────────── 1 of 2 ─ │
+//! ▸ grasp@1.1.0 ◌ running               │  grasp 0.21 m/s 4.1 N held
+//!   ✔ register ✔ validate ◌ sandbox …   │ ── Waits for people ───────
+//!   ████░░░░ 137 of 480                 │ ◷ place@1.1.0 approval 0 of 2
+//! ── Story ───────────────────────────────────────────────────────
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::{families, pipeline, robot, story, tabs};
+use crate::console::look::{Glyph, Role};
+use crate::console::model::Model;
+use crate::console::rows::WaitingItem;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Fit, Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::console::words::duration;
+
+const PIPELINE: usize = 0;
+const ROBOT: usize = 1;
+const STORY: usize = 2;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    match pen.fit {
+        Fit::Tiny | Fit::One => one(model, pen, area),
+        Fit::Two => two(model, pen, area),
+        Fit::Full => full(model, pen, area),
+    }
+}
+
+fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    pen.row(area, 0, &tabs::panes(model));
+    let area = below(area, 1);
+    match model.pane() {
+        ROBOT => robot::draw(model, pen, area),
+        STORY => story::draw(model, pen, area, true),
+        _ => work(model, pen, area),
+    }
+}
+
+fn two(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let (left, right) = pen.split(area, area.width * 3 / 5);
+    work(model, pen, left);
+    if model.pane() == STORY {
+        story_pane(model, pen, right);
+    } else {
+        robot_pane(model, pen, right);
+    }
+}
+
+fn full(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let story = (area.height / 4).max(6);
+    let (upper, lower) = cut(area, area.height - story);
+    let (left, right) = pen.split(upper, upper.width * 3 / 5);
+    work(model, pen, left);
+    let waiting = waiting_height(model).min(right.height / 3);
+    let (robot, waits) = cut(right, right.height - waiting);
+    robot_pane(model, pen, robot);
+    waiting_pane(model, pen, waits);
+    story_pane(model, pen, lower);
+}
+
+/// Active versions over the pipeline.
+fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let active = families::rows(model, pen, usize::from(area.width));
+    // The pipeline keeps at least half.
+    let height = u16::try_from(active.len() + 1).unwrap_or(u16::MAX).min(area.height / 2);
+    let (top, bottom) = cut(area, height);
+    let inside = pen.pane(top, "Active", false, "");
+    pen.rows(inside, 0, &active);
+    let focused = model.pane() == PIPELINE;
+    let count = model.pipeline_rows().len();
+    let cursor = if focused { model.row() } else { 0 };
+    let inside = pen.pane(bottom, "Pipeline", focused, &place(count, cursor));
+    pipeline::draw(model, pen, inside, focused);
+}
+
+fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let at = model
+        .pictured()
+        .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
+        .unwrap_or_default();
+    let inside = pen.pane(area, "Robot", model.pane() == ROBOT, &at);
+    robot::draw(model, pen, inside);
+}
+
+fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let focused = model.pane() == STORY;
+    let inside = pen.pane(area, "Story", focused, "newest first");
+    story::draw(model, pen, inside, focused);
+}
+
+fn waiting_height(model: &Model) -> u16 {
+    let rows = model.waiting_rows().len();
+    if rows == 0 { 0 } else { u16::try_from(rows + 2).unwrap_or(u16::MAX) }
+}
+
+fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let rows = model.waiting_rows();
+    if rows.is_empty() {
+        return;
+    }
+    let key = model.keymap.key(crate::console::action::Action::ShowApprovals);
+    let inside = pen.pane(area, "Waits for people", false, &format!("{key} opens"));
+    let now_ms = model.engine_ms();
+    for (at, item) in (0..inside.height).zip(&rows) {
+        pen.row(inside, at, &waiting_row(item, now_ms, pen));
+    }
+}
+
+/// One thing that waits, in a line.
+#[must_use]
+pub fn waiting_row(item: &WaitingItem<'_>, now_ms: u64, pen: &Pen<'_>) -> Row {
+    let glyph = pen.look.glyph(Glyph::Waiting);
+    match item {
+        WaitingItem::Question(question) => Row::of(Role::Waiting, &format!("{glyph} question "))
+            .with(Role::Text, &question.version.to_string())
+            .with(Role::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
+        WaitingItem::Prompt(prompt) => Row::of(Role::Waiting, &format!("{glyph} approval "))
+            .with(Role::Text, &prompt.version.to_string())
+            .with(Role::Text, &format!("  {} of {}", prompt.approved_by.len(), prompt.needed))
+            .with(Role::Muted, &format!("  held in {}", left(prompt.deadline_ms, now_ms))),
+    }
+}
+
+/// How long there is until a deadline.
+#[must_use]
+pub fn left(deadline_ms: u64, now_ms: u64) -> String {
+    duration(deadline_ms.saturating_sub(now_ms))
+}

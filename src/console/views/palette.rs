@@ -1,0 +1,54 @@
+//! Help that is the palette: what means something here, with its keys, narrowed by typing.
+//!
+//! ```text
+//! ┌ Keys and commands ───────────────┐
+//! │ > fre▏                           │
+//! │▸ f        freeze   Freeze the …  │
+//! └──────────────────────────────────┘
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::hints::field;
+use crate::console::look::{Glyph, Role};
+use crate::console::model::Model;
+use crate::console::palette::Palette;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Pen, below};
+use crate::console::widgets::row::Row;
+
+/// The widest palette, columns.
+const WIDTH_MAX: u16 = 96;
+
+/// Draws it over the view.
+pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
+    let rows = palette.rows();
+    let cursor = palette.cursor.min(rows.len().saturating_sub(1));
+    let inside =
+        super::window(pen, area, WIDTH_MAX, area.height, "Keys and commands", &place(rows.len(), cursor));
+    let line = Row::of(Role::Key, &format!("{} ", pen.look.glyph(Glyph::Here))).and(field(
+        pen,
+        &palette.line,
+        usize::from(inside.width.saturating_sub(2)),
+        true,
+    ));
+    pen.row(inside, 0, &line);
+    let list = below(inside, 1);
+    if rows.is_empty() {
+        pen.text(list, 0, Role::Muted, "Nothing fits; Backspace widens the search");
+        return;
+    }
+    pen.list(list, rows.len(), Some(cursor), |index, _| {
+        let Some(action) = rows.get(index) else { return Row::new() };
+        let keys = model.keymap.keys(*action).join(" ");
+        let off = model.settings.read_only && action.changes_something();
+        let role = if off { Role::KeyOff } else { Role::Text };
+        let row = Row::new()
+            .cell(if off { Role::KeyOff } else { Role::Key }, &keys, 14)
+            .with(role, " ")
+            .cell(role, action.word(), 16)
+            .with(role, " ")
+            .with(role, action.help());
+        if off { row.with(Role::KeyOff, " (off: read-only)") } else { row }
+    });
+}

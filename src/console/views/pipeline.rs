@@ -1,0 +1,198 @@
+//! Candidates on their way: where each stands among the seven stages, how far the running one is, when it could
+//! end, and what would end it early.
+//!
+//! ```text
+//! ▸ grasp@1.1.0  ◌ running  ada, refined, risk low
+//!   ✔ register  ✔ validate  ◌ sandbox  · shadow  · gate  · monitor  · confirm
+//!   ██████░░░░░░░░░░ 137 of 480 paired episodes  2 min 5 s of about 7 min 18 s
+//!   ends early: when an established worsening passes the tolerance
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::console::action::Action;
+use crate::console::look::{Glyph, Look, Role};
+use crate::console::model::Model;
+use crate::console::theme::Mark;
+use crate::console::widgets::bar::progress;
+use crate::console::widgets::list::GUTTER;
+use crate::console::widgets::pen::{Pen, below};
+use crate::console::widgets::row::Row;
+use crate::console::words::{STAGES, duration, reason_line, stage_place, stages_done};
+use crate::engine::snapshot::{CandidateView, ProgressView};
+use crate::governance::lifecycle::State;
+
+/// Draws the candidates round the cursor.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+    let candidates = model.pipeline_rows();
+    if candidates.is_empty() {
+        nothing(model, pen, area);
+        return;
+    }
+    let cursor = if focused { model.row() } else { 0 };
+    let width = usize::from(area.width.saturating_sub(GUTTER));
+    let look = pen.look;
+    let block = |index: usize, candidate: &CandidateView| {
+        rows(candidate, model.engine_ms(), look, width, index == cursor)
+    };
+    // From the cursor upward for half the height, then down from there.
+    let mut first = cursor;
+    let mut above = 0;
+    while first > 0 {
+        let Some(candidate) = candidates.get(first - 1) else { break };
+        above += block(first - 1, candidate).len();
+        if above > usize::from(area.height / 2) {
+            break;
+        }
+        first -= 1;
+    }
+    let mut at = 0;
+    for (index, candidate) in candidates.iter().enumerate().skip(first) {
+        if at >= area.height {
+            break;
+        }
+        let block = block(index, candidate);
+        let inner =
+            Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
+        let taken = pen.rows(inner, at, &block);
+        if focused && index == cursor {
+            pen.row(area, at, &Row::of(Role::Text, pen.look.glyph(Glyph::Here)));
+            pen.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+        }
+        at = at.saturating_add(taken);
+    }
+}
+
+/// What to do where there is nothing yet.
+fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    if !model.filter().is_empty() {
+        pen.text(area, 0, Role::Muted, "No candidate fits the filter");
+        return;
+    }
+    if model.snapshot.is_none() {
+        pen.text(area, 0, Role::Muted, "The engine is starting");
+        return;
+    }
+    let keys = model.keymap.key(Action::Help);
+    let lines = [
+        (Role::Title, "No candidate yet. To see one judged:".to_owned()),
+        (Role::Text, String::new()),
+        (Role::Text, "  :demo          submits a demonstration candidate".to_owned()),
+        (Role::Text, "  :register DIR  submits the candidate in a folder".to_owned()),
+        (Role::Text, format!("  {keys:<14} shows the keys of this view")),
+    ];
+    let mut at = 0;
+    for (role, line) in lines {
+        at += if line.is_empty() { 1 } else { pen.text(below(area, at), 0, role, &line) };
+    }
+}
+
+/// One candidate's lines; all of them where it is the chosen one.
+fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
+    let mark = Mark::version(candidate.state, &candidate.flags);
+    let mut rows = vec![
+        Row::of(Role::Title, &candidate.version.to_string())
+            .with(mark.role, &format!("  {}", look.words(mark)))
+            .with(
+                Role::Muted,
+                &format!(
+                    "  {}, {}, risk {}",
+                    super::short(&candidate.author, 24),
+                    super::short(&candidate.provenance, 20),
+                    super::short(&candidate.risk, 12)
+                ),
+            ),
+    ];
+    if !candidate.state.is_terminal() || chosen {
+        rows.push(strip(candidate, look, width));
+    }
+    if let Some(progress) = &candidate.progress {
+        rows.extend(running(progress, now_ms, look, width, chosen));
+    } else if let Some(reason) =
+        candidate.reasons.first().filter(|_| chosen || candidate.state == State::Rejected)
+    {
+        rows.push(Row::of(Role::Muted, &super::short(&reason_line(reason), width)));
+    }
+    if !chosen && candidate.state.is_terminal() {
+        rows.truncate(1);
+    }
+    rows
+}
+
+/// A stage's mark.
+fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
+    let done = stages_done(candidate.state, &candidate.flags);
+    let running = candidate.flags.running.map(stage_place);
+    let stopped = matches!(candidate.state, State::Rejected | State::RolledBack);
+    if candidate.flags.paused && place == running.unwrap_or(done) {
+        Mark::HELD
+    } else if running == Some(place) {
+        Mark::RUNNING
+    } else if candidate.flags.awaiting_approval && place == done {
+        Mark::WAITING
+    } else if place < done {
+        Mark::DONE
+    } else if stopped && place == done {
+        Mark::FAILED
+    } else if candidate.flags.provisional && place == done {
+        Mark::RUNNING
+    } else {
+        Mark::AHEAD
+    }
+}
+
+/// The seven stages: signs and words, or signs with the word of the present stage where there is no room.
+fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
+    let marks = STAGES.iter().enumerate().map(|(place, stage)| (stage_mark(candidate, place), *stage));
+    for gap in ["  ", " "] {
+        let mut row = Row::new();
+        for (mark, stage) in marks.clone() {
+            let between = if row.width() == 0 { "" } else { gap };
+            let space = if gap.len() > 1 { " " } else { "" };
+            row.push(Role::Text, between);
+            row.push(mark.role, &format!("{}{space}{stage}", look.glyph(mark.glyph)));
+        }
+        if row.width() <= width {
+            return row;
+        }
+    }
+    let mut row = Row::new();
+    let mut told = false;
+    for (mark, stage) in marks {
+        row.push(mark.role, look.glyph(mark.glyph));
+        if !told && mark != Mark::DONE {
+            row.push(mark.role, &format!(" {stage} {} ", mark.word));
+            told = true;
+        }
+    }
+    row
+}
+
+fn running(view: &ProgressView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
+    let elapsed_ms = now_ms.saturating_sub(view.since_ms);
+    let time = match expected_ms(view, elapsed_ms) {
+        Some(all_ms) => format!("{} of about {}", duration(elapsed_ms), duration(all_ms)),
+        None => duration(elapsed_ms),
+    };
+    let count = format!(" {} of {} ", view.done, view.budget);
+    let bar = (width / 4).clamp(6, 24);
+    let mut head = progress(look, view.done, view.budget, bar).with(Role::Text, &count);
+    let what = super::short(&view.what, width.saturating_sub(head.width() + time.len() + 2));
+    let time = format!("  {time}");
+    head.push(Role::Muted, &what);
+    if head.width() + time.len() <= width {
+        head.push(Role::Text, &time);
+    }
+    let mut rows = vec![head];
+    if chosen && !view.early.is_empty() {
+        rows.push(Row::of(Role::Muted, &super::short(&format!("ends early: {}", view.early), width)));
+    }
+    rows
+}
+
+/// How long the stage takes in all at its pace so far; absent before anything is done.
+fn expected_ms(view: &ProgressView, elapsed_ms: u64) -> Option<u64> {
+    (view.done > 0 && view.budget >= view.done)
+        .then(|| u64::try_from(u128::from(elapsed_ms) * u128::from(view.budget) / u128::from(view.done)).ok())
+        .flatten()
+}

@@ -1,0 +1,148 @@
+//! An open approval prompt: the whole decision, what still stands against an answer, and the keys.
+//!
+//! ```text
+//! ── Approve place@1.1.0? ─────────────────────────── all 19 lines ─
+//! Promote place@1.1.0 (9f3c) to active on arm-1, profile human?
+//! Replaces place@1.0.0, which stays pinned as the way back
+//! …
+//! ────────────────────────────────────────────────────────────────
+//! ▸[Hold]   short id ____ (type 9f3c)   reason ____
+//! Approve: type the short id (tab) · give a reason (tab)
+//! Y Promote   N Reject   Enter or Esc Hold: decide later
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::form::button;
+use super::hints::field;
+use crate::console::action::Action;
+use crate::console::look::{Glyph, Role};
+use crate::console::model::Model;
+use crate::console::prompt::{Block, Focus, Prompt};
+use crate::console::widgets::pen::{Pen, cut};
+use crate::console::widgets::row::{Row, wrap};
+use crate::console::words::seconds;
+use crate::registry::names::ApprovalDecision;
+
+/// Draws it over all of `area`.
+pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
+    pen.clear(area);
+    let width = usize::from(area.width);
+    let text = lines(prompt, width);
+    let foot = foot(model, prompt, pen, width);
+    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
+    let (upper, lower) = cut(area, area.height - foot_height);
+    let room = usize::from(upper.height.saturating_sub(1));
+    let first = usize::from(prompt.scroll).min(text.len().saturating_sub(room));
+    let title = format!("Decide on {}", prompt.seen.version);
+    let inside = pen.pane(upper, &title, true, &extent(model, first, room, text.len()));
+    let role = if prompt.stale.is_some() { Role::Muted } else { Role::Text };
+    for (at, line) in (0..inside.height).zip(text.iter().skip(first)) {
+        let role = if first == 0 && at == 0 && prompt.stale.is_none() { Role::Title } else { role };
+        pen.row(inside, at, &Row::of(role, line));
+    }
+    pen.rows(lower, 0, &foot);
+}
+
+/// Every line of the decision, wrapped; what goes on from the line before stands further in.
+#[must_use]
+pub fn lines(prompt: &Prompt, width: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    for text in prompt.text() {
+        let mut pieces = wrap(&text, width.saturating_sub(2), 40).into_iter();
+        lines.extend(pieces.next());
+        lines.extend(pieces.map(|piece| format!("  {piece}")));
+    }
+    lines
+}
+
+/// How much of it can be seen.
+fn extent(model: &Model, first: usize, room: usize, count: usize) -> String {
+    if count <= room {
+        return "all of it".to_owned();
+    }
+    let (down, up) = (model.keymap.key(Action::PageDown), model.keymap.key(Action::PageUp));
+    let last = (first + room).min(count);
+    let hidden = count - last;
+    let more = if hidden > 0 { format!("{hidden} more below: {down}") } else { format!("end, back: {up}") };
+    format!("lines {} to {last} of {count}, {more}", first + 1)
+}
+
+fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let mut rows = vec![Row::of(Role::Rule, &pen.look.glyph(Glyph::Horizontal).repeat(width))];
+    if let Some(stale) = &prompt.stale {
+        let key = model.keymap.key(Action::Reread);
+        let text = format!(
+            "{} STALE: {} at {}; press {key} to read it again",
+            pen.look.glyph(Glyph::Warning),
+            stale.what,
+            seconds(stale.at_ms)
+        );
+        rows.push(Row::of(Role::Stale, &text));
+    }
+    rows.push(fields(prompt, pen, width));
+    rows.extend(missing(model, prompt, width));
+    let key = |action| model.keymap.key(action);
+    let off = |decision| !blocks(model, prompt, decision).is_empty();
+    let approve = off(ApprovalDecision::Approve);
+    let reject = off(ApprovalDecision::Reject);
+    let role = |off: bool| if off { Role::KeyOff } else { Role::Key };
+    let named = |off: bool, key: String, word: &str| {
+        if off {
+            Row::of(role(off), &format!("[{key} {word}]  "))
+        } else {
+            Row::of(role(off), &key).with(Role::Text, &format!(" {word}  "))
+        }
+    };
+    rows.push(
+        named(approve, key(Action::Approve), "Promote")
+            .and(named(reject, key(Action::Reject), "Reject"))
+            .with(Role::Key, "Enter")
+            .with(Role::Text, " or ")
+            .with(Role::Key, &key(Action::Back))
+            .with(Role::Text, " Hold: decide later"),
+    );
+    rows
+}
+
+/// Hold and the fields, with the one that has the keys marked.
+fn fields(prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Row {
+    let mut row = button(pen, "Hold", prompt.focus == Focus::Hold);
+    if prompt.focuses().contains(&Focus::ShortId) {
+        let has = prompt.focus == Focus::ShortId;
+        row.push(if has { Role::Focus } else { Role::Muted }, "  short id ");
+        let wanted = format!(" ({})", prompt.wanted_id());
+        row = row.and(field(pen, &prompt.short_id, 6, has)).with(Role::Muted, &wanted);
+    }
+    let has = prompt.focus == Focus::Reason;
+    row.push(if has { Role::Focus } else { Role::Muted }, "  reason ");
+    let left = width.saturating_sub(row.width());
+    row.and(field(pen, &prompt.reason, left, has))
+}
+
+fn blocks(model: &Model, prompt: &Prompt, answer: ApprovalDecision) -> Vec<Block> {
+    prompt.blocks(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms)
+}
+
+/// What stands against each answer, in words; what stands against both is told once.
+fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
+    let approve = blocks(model, prompt, ApprovalDecision::Approve);
+    let reject = blocks(model, prompt, ApprovalDecision::Reject);
+    let hints = |blocks: &[Block]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
+    let both: Vec<Block> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
+    let rest = |all: &[Block]| all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>();
+    let said = [
+        ("Before either", both.clone()),
+        ("Before you promote", rest(&approve)),
+        ("Before you reject", rest(&reject)),
+    ];
+    let mut rows = Vec::new();
+    for (head, blocks) in said.iter().filter(|(_, blocks)| !blocks.is_empty()) {
+        let text = format!("{head}: {}", hints(blocks));
+        rows.extend(wrap(&text, width, 2).iter().map(|line| Row::of(Role::Warning, line)));
+    }
+    if let Some(block) = prompt.refused {
+        rows.push(Row::of(Role::Problem, &format!("That key did nothing: {}", block.hint())));
+    }
+    rows
+}

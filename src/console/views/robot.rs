@@ -1,0 +1,213 @@
+//! The live cell, drawn: the side view (x to the right, z up) and the top view (x to the right, y up).
+//!
+//! ```text
+//! ▸ Robot ──────────── sequence 12, 3.4 s ─
+//!  side                  top
+//!   ╭──o──╮               ┌ ─ ─ ─ ─ ┐
+//!   │     ╎ ■             │ o──o─■  │
+//!  ━┷━━━━━━━━━━           └ ─ ─ ─ ─ ┘
+//!  grasp  grasp@1.0.0  0.21 m/s  4.1 N  held
+//!  twin (dashed) grasp@1.1.0 drives nothing
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::console::look::{Glyph, Role};
+use crate::console::model::Model;
+use crate::console::widgets::dots::{Dots, Ink};
+use crate::console::widgets::pen::{Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::engine::picture::{Body, Picture, Point, Region, Scenery};
+
+const SCENERY: Ink = Ink { role: Role::Scenery, ascii: ".", dashed: false };
+const WORKSPACE: Ink = Ink { role: Role::Scenery, ascii: ":", dashed: true };
+const KEEP_OUT: Ink = Ink { role: Role::KeepOut, ascii: "X", dashed: true };
+const ROBOT: Ink = Ink { role: Role::Robot, ascii: "#", dashed: false };
+const TWIN: Ink = Ink { role: Role::Twin, ascii: "+", dashed: true };
+const OBJECT: Ink = Ink { role: Role::Object, ascii: "O", dashed: false };
+const CONTACT: Ink = Ink { role: Role::Contact, ascii: "!", dashed: false };
+
+/// The metre grid that a view's bounds are rounded to, m: a moving arm does not change the scale all the time.
+const STEP_M: f32 = 0.2;
+
+/// Draws the robot pane's inside.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let Some(picture) = model.pictured() else {
+        let missing = "No picture: the live cell has not been seen yet, or it is no simulated one";
+        pen.text(area, 0, Role::Muted, missing);
+        return;
+    };
+    let nothing = Scenery::default();
+    let scenery = model.charted().map_or(&nothing, |snapshot| &snapshot.scenery);
+    let words = words(picture, pen);
+    let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
+    let (views, captions) = cut(area, area.height - lines);
+    pen.rows(captions, 0, &words);
+    // Side by side where there is room for both; the side view alone where not.
+    if views.width >= 50 || (views.height < 12 && views.width >= 30) {
+        let (side, top) = pen.split(views, (views.width - 3) / 2);
+        view(picture, scenery, pen, side, Plane::Side);
+        view(picture, scenery, pen, top, Plane::Top);
+    } else if views.height >= 12 {
+        let (side, top) = cut(views, views.height / 2);
+        view(picture, scenery, pen, side, Plane::Side);
+        view(picture, scenery, pen, top, Plane::Top);
+    } else {
+        view(picture, scenery, pen, views, Plane::Side);
+    }
+}
+
+/// What is said about the picture, the gravest first.
+fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
+    let look = pen.look;
+    let mut rows = Vec::new();
+    let mut alarming = Row::new();
+    if picture.stopped {
+        alarming = alarming.with(Role::Bad, &format!("{} stopped  ", look.glyph(Glyph::Bad)));
+    }
+    if picture.unexpected_contact {
+        alarming =
+            alarming.with(Role::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
+    }
+    if alarming.width() > 0 {
+        rows.push(alarming);
+    }
+    let task = picture.task.as_deref().unwrap_or("at rest");
+    let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
+    let held = if picture.body.held { "object held" } else { "nothing held" };
+    rows.push(
+        Row::of(Role::Title, task)
+            .with(Role::Text, &format!("  {version}"))
+            .with(Role::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
+            .with(if picture.body.held { Role::Object } else { Role::Muted }, held),
+    );
+    if let Some(twin) = &picture.twin {
+        let held = if twin.body.held { ", object held" } else { "" };
+        rows.push(
+            Row::of(Role::Twin, &format!("twin, dashed: {}{held}", twin.version))
+                .with(Role::Muted, "; it drives nothing"),
+        );
+    }
+    rows
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Plane {
+    Side,
+    Top,
+}
+
+/// Where the world lies on the dots.
+struct Scale {
+    plane: Plane,
+    left_m: f32,
+    low_m: f32,
+    dots_per_m: f32,
+    height: f32,
+}
+
+impl Scale {
+    #[allow(clippy::cast_possible_truncation, reason = "a float's cast to an integer saturates")]
+    fn at(&self, point: Point) -> (i64, i64) {
+        let [x, y, z] = point;
+        let up = if self.plane == Plane::Side { z } else { y };
+        let across = (x - self.left_m) * self.dots_per_m;
+        let down = self.height - 1.0 - (up - self.low_m) * self.dots_per_m;
+        (across.round() as i64, down.round() as i64)
+    }
+
+    /// The scale at which everything that stands and moves can be seen.
+    fn fitting(picture: &Picture, scenery: &Scenery, plane: Plane, size: (usize, usize)) -> Self {
+        let regions = scenery.fixtures.iter().chain(&scenery.keep_outs).chain(&scenery.workspace);
+        let corners = regions.flat_map(|region| [region.min, region.max]);
+        let arms = std::iter::once(&picture.body).chain(picture.twin.as_ref().map(|twin| &twin.body));
+        let joints = arms.flat_map(|body| body.links.iter().copied().chain([body.object]));
+        let mut bounds = [[0.0f32; 2]; 2];
+        for [x, y, z] in corners.chain(joints) {
+            let up = if plane == Plane::Side { z } else { y };
+            for (bound, value) in bounds.iter_mut().zip([x, up]) {
+                // Nothing of a cell is ten metres away: such a number is a mistake.
+                let value = if value.is_finite() { value.clamp(-10.0, 10.0) } else { 0.0 };
+                *bound = [
+                    bound[0].min((value / STEP_M).floor() * STEP_M),
+                    bound[1].max((value / STEP_M).ceil() * STEP_M),
+                ];
+            }
+        }
+        let [[left_m, right_m], [low_m, high_m]] = bounds;
+        let (width, height) = (size.0 as f32, size.1 as f32);
+        let across = width / (right_m - left_m).max(STEP_M);
+        let dots_per_m = across.min(height / (high_m - low_m).max(STEP_M));
+        // What room is left goes to both sides.
+        let left_m = left_m - (width / dots_per_m - (right_m - left_m)) / 2.0;
+        Self { plane, left_m, low_m, dots_per_m, height }
+    }
+}
+
+fn view(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
+    let title = if plane == Plane::Side { "side view" } else { "top view" };
+    pen.row(area, 0, &Row::of(Role::Muted, title));
+    let area = below(area, 1).intersection(pen.buf.area);
+    if area.is_empty() {
+        return;
+    }
+    let mut dots = Dots::new(area);
+    let scale = Scale::fitting(picture, scenery, plane, dots.size());
+    let outline = |dots: &mut Dots, region: &Region, ink: Ink, filled: bool| {
+        dots.rectangle(scale.at(region.min), scale.at(region.max), ink, filled);
+    };
+    if let Some(region) = &scenery.workspace {
+        outline(&mut dots, region, WORKSPACE, false);
+    }
+    for region in &scenery.keep_outs {
+        outline(&mut dots, region, KEEP_OUT, false);
+    }
+    for region in &scenery.fixtures {
+        outline(&mut dots, region, SCENERY, false);
+    }
+    dots.draw(pen, area);
+    names(scenery, &scale, pen, area);
+    // What moves is drawn over names and scenery.
+    let mut dots = Dots::new(area);
+    if let Some(twin) = &picture.twin {
+        arm(&mut dots, &scale, &twin.body, TWIN, TWIN);
+    }
+    let object = if picture.unexpected_contact { CONTACT } else { OBJECT };
+    arm(&mut dots, &scale, &picture.body, ROBOT, object);
+    dots.draw(pen, area);
+}
+
+fn arm(dots: &mut Dots, scale: &Scale, body: &Body, ink: Ink, object: Ink) {
+    for pair in body.links.windows(2) {
+        if let [from, to] = pair {
+            dots.line(scale.at(*from), scale.at(*to), ink);
+        }
+    }
+    if let Some(tool) = body.links.last() {
+        for pad in body.pads {
+            dots.line(scale.at(*tool), scale.at(pad), ink);
+        }
+    }
+    let [x, y, z] = body.object;
+    let half = body.object_half_m;
+    let (from, to) = ([x - half, y - half, z - half], [x + half, y + half, z + half]);
+    // A held object is full, one that lies there an outline: told without colour too.
+    dots.rectangle(scale.at(from), scale.at(to), object, body.held);
+}
+
+/// Names of what stands round the robot, each in the corner of its box, where it is in sight.
+fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
+    let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);
+    for region in named {
+        let (left, top) = scale.at(region.min);
+        let (right, other) = scale.at(region.max);
+        let (left, top) = (left.min(right) / 2, top.min(other) / 4);
+        let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
+        let name = crate::text::Untrusted::from(region.name.as_str()).display(10);
+        let width = u16::try_from(name.width()).unwrap_or(u16::MAX);
+        let place = Rect { x: area.x.saturating_add(left), y: area.y.saturating_add(top), width, height: 1 };
+        if place.intersection(area) == place {
+            pen.row(place, 0, &Row::of(Role::Muted, name.as_str()));
+        }
+    }
+}

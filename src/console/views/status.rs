@@ -1,0 +1,142 @@
+//! The status line: the gravest alarm nobody has acknowledged, how many there are, and what waits for people.
+//! In every view, under every filter and at every size.
+//!
+//! ```text
+//! 1▲ CRIT arm-1: the monitor lost its samples · 1 crit 2 high 0 low · 3 ack · 1 latched · shelved 2    ◷ 2 wait
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::alarms::AlarmSummary;
+use crate::console::look::{Glyph, Look, Role};
+use crate::console::model::Model;
+use crate::console::theme::Mark;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+use crate::engine::snapshot::{AlarmView, Snapshot};
+
+/// Columns kept for the text of an alarm before counts are left off.
+const TEXT_MIN: usize = 16;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width);
+    let waits = waiting(model, pen.look);
+    let Some(snapshot) = &model.snapshot else {
+        let text = "No word from the engine yet";
+        pen.row(
+            area,
+            0,
+            &Row::of(Role::Muted, text).to_column(width.saturating_sub(waits.width())).and(waits),
+        );
+        return;
+    };
+    let head = head(snapshot, pen.look);
+    let room = width.saturating_sub(waits.width() + 1);
+    let fits = |row: &Row| head.width() + TEXT_MIN.min(head_text(snapshot).len()) + row.width() <= room;
+    let counts = counts(&snapshot.alarm_summary, pen.look, false);
+    let counts = if fits(&counts) { counts } else { self::counts(&snapshot.alarm_summary, pen.look, true) };
+    let left = room.saturating_sub(head.width() + counts.width());
+    let text = super::short(&head_text(snapshot), left);
+    let role = if highest(snapshot).is_some() { Role::Text } else { Role::Muted };
+    let row = head.with(role, &text).and(counts).to_column(room + 1).and(waits);
+    pen.row(area, 0, &row);
+}
+
+/// The alarm that comes first: unacknowledged, the most urgent, the longest there.
+#[must_use]
+pub fn highest(snapshot: &Snapshot) -> Option<&AlarmView> {
+    let rank = |alarm: &AlarmView| match alarm.priority.as_str() {
+        "critical" => 0,
+        "high" => 1,
+        _ => 2,
+    };
+    let open =
+        |alarm: &&AlarmView| matches!(alarm.state.as_str(), "unacknowledged" | "returned-unacknowledged");
+    snapshot.alarms.iter().filter(open).min_by_key(|alarm| (rank(alarm), alarm.since_ms))
+}
+
+/// A priority as number, sign and word, `1▲ CRIT`.
+#[must_use]
+pub fn priority_words(look: &Look, priority: &str) -> String {
+    let number = match priority {
+        "critical" => "1",
+        "high" => "2",
+        "low" => "3",
+        _ => "?",
+    };
+    let mark = Mark::priority(priority);
+    format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
+}
+
+fn head(snapshot: &Snapshot, look: &Look) -> Row {
+    let mut row = Row::new();
+    if let Some(alarm) = highest(snapshot) {
+        row.push(Mark::priority(&alarm.priority).role, &priority_words(look, &alarm.priority));
+        row.push(Role::Text, " ");
+    } else {
+        row.push(Role::Good, look.glyph(Glyph::Good));
+        row.push(Role::Text, " ");
+    }
+    row
+}
+
+fn head_text(snapshot: &Snapshot) -> String {
+    highest(snapshot).map_or_else(
+        || "no unacknowledged alarm".to_owned(),
+        |alarm| format!("{}: {}", alarm.subject, alarm.text),
+    )
+}
+
+/// How many alarms there are in each state; what there is none of is left out, but never what is unacknowledged.
+fn counts(summary: &AlarmSummary, look: &Look, brief: bool) -> Row {
+    let [critical, high, low] = summary.unacknowledged;
+    let mut row = Row::new();
+    let mut say = |count: u32, role: Role, text: String| {
+        if count > 0 {
+            row.push(
+                Role::Muted,
+                if brief { " " } else { " · " }.replace('·', if look.ascii() { "|" } else { "·" }).as_str(),
+            );
+            row.push(role, &text);
+        }
+    };
+    if summary.flood {
+        say(1, Role::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
+    }
+    if brief {
+        let glyph = |name: &str| look.glyph(Mark::priority(name).glyph);
+        say(critical, Role::Critical, format!("{}{critical}", glyph("critical")));
+        say(high, Role::High, format!("{}{high}", glyph("high")));
+        say(low, Role::Low, format!("{}{low}", glyph("low")));
+        say(summary.acknowledged, Role::Quiet, format!("a{}", summary.acknowledged));
+        say(summary.latched, Role::Warning, format!("l{}", summary.latched));
+        say(summary.shelved, Role::Quiet, format!("s{}", summary.shelved));
+    } else {
+        say(critical, Role::Critical, format!("{critical} crit"));
+        say(high, Role::High, format!("{high} high"));
+        say(low, Role::Low, format!("{low} low"));
+        say(summary.acknowledged, Role::Quiet, format!("{} acknowledged", summary.acknowledged));
+        say(summary.latched, Role::Warning, format!("{} latched", summary.latched));
+        say(summary.shelved, Role::Quiet, format!("shelved {}", summary.shelved));
+    }
+    row
+}
+
+/// What waits for people, and what was missed.
+#[must_use]
+pub fn waiting(model: &Model, look: &Look) -> Row {
+    let mut row = Row::new();
+    if model.missed > 0 {
+        row.push(Role::Warning, &format!("{} missed {} ", look.glyph(Glyph::Warning), model.missed));
+    }
+    if !model.pending.is_empty() {
+        row.push(Role::Running, &format!("{} {} asked ", look.glyph(Glyph::Running), model.pending.len()));
+    }
+    let waiting =
+        model.snapshot.as_ref().map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
+    if waiting > 0 {
+        row.push(Role::Waiting, &format!("{} {waiting} wait", look.glyph(Glyph::Waiting)));
+    }
+    row
+}

@@ -1,0 +1,28 @@
+//! What the engine told, the newest first.
+//!
+//! ```text
+//! 00:12:41  stage-started place@1.1.0 shadow budget 40
+//! 00:12:40  state-changed place@1.1.0 validated -> sandboxed
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::console::look::Role;
+use crate::console::model::Model;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+use crate::console::words::seconds;
+
+/// Draws it; row 0 is the newest line.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+    if model.told.is_empty() {
+        pen.text(area, 0, Role::Muted, "Nothing has happened yet");
+        return;
+    }
+    let cursor = focused.then(|| model.row());
+    pen.list(area, model.told.len(), cursor, |index, _| {
+        model.told.iter().rev().nth(index).map_or_else(Row::new, |told| {
+            Row::of(Role::Muted, &format!("{}  ", seconds(told.at_ms))).with(Role::Text, &told.text)
+        })
+    });
+}

@@ -1,0 +1,110 @@
+//! Windows below 60 x 16: alarms and what waits, in whatever lines there are, and the way out.
+//!
+//! ```text
+//! ◇ SIM  arm-1  STALE 12 s
+//! 1▲ CRIT arm-1: the monitor …
+//! ◷ 2 wait
+//! ? keys  q quits
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::{banner, hints, overview, palette, prompt, status};
+use crate::console::action::Action;
+use crate::console::look::Role;
+use crate::console::model::{Model, Overlay};
+use crate::console::theme::Mark;
+use crate::console::widgets::pen::{Pen, above, below};
+use crate::console::widgets::row::Row;
+
+/// Lines from which an overlay can be read at all.
+const OVERLAY_HEIGHT_MIN: u16 = 6;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let last = Rect { y: area.bottom() - 1, height: 1, ..area };
+    match area.height {
+        0 => {}
+        1 => pen.row(area, 0, &summary(model, pen, usize::from(area.width))),
+        2 => {
+            pen.row(area, 0, &summary(model, pen, usize::from(area.width)));
+            foot(model, pen, last);
+        }
+        _ => {
+            banner::draw(model, pen, above(area, 1));
+            foot(model, pen, last);
+            let status = Rect { y: area.bottom() - 2, height: 1, ..area };
+            pen.row(status, 0, &summary(model, pen, usize::from(area.width)));
+            body(model, pen, Rect { y: area.y + 1, height: area.height - 3, ..area });
+        }
+    }
+}
+
+/// The gravest alarm and what waits, in one line.
+fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
+    let waits = status::waiting(model, pen.look);
+    let highest = model.snapshot.as_deref().and_then(status::highest);
+    let row = match highest {
+        Some(alarm) => {
+            let head = status::priority_words(pen.look, &alarm.priority);
+            let left = width.saturating_sub(head.len() + waits.width());
+            Row::of(Mark::priority(&alarm.priority).role, &head)
+                .with(Role::Text, &format!(" {} ", super::short(&alarm.text, left)))
+        }
+        None => Row::of(Role::Muted, if model.snapshot.is_some() { "no alarm " } else { "no engine " }),
+    };
+    row.and(waits)
+}
+
+fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    if model.typing.is_some() || model.notice.is_some() || model.overlay.is_some() {
+        hints::draw(model, pen, area);
+        return;
+    }
+    let key = |action| model.keymap.key(action);
+    let row = Row::of(Role::Key, &key(Action::Quit))
+        .with(Role::Text, " quits  ")
+        .with(Role::Key, &key(Action::Abort))
+        .with(Role::Text, " abort  ")
+        .with(Role::Key, &key(Action::Help))
+        .with(Role::Text, " keys");
+    pen.row(area, 0, &row);
+}
+
+/// What lies over the view, or the other alarms and what waits.
+fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    match &model.overlay {
+        Some(_) if area.height < OVERLAY_HEIGHT_MIN => {
+            pen.text(
+                area,
+                0,
+                Role::Warning,
+                "Make the window larger to read what is open, or leave it with Esc",
+            );
+            return;
+        }
+        Some(Overlay::Prompt(open)) => return prompt::draw(model, open, pen, area),
+        Some(Overlay::Palette(open)) => return palette::draw(model, open, pen, area),
+        Some(Overlay::Form(open)) => return super::form::draw(open, pen, area),
+        None => {}
+    }
+    let now_ms = model.engine_ms();
+    let mut rows: Vec<Row> =
+        model.waiting_rows().iter().map(|item| overview::waiting_row(item, now_ms, pen)).collect();
+    let room = usize::from(area.height).saturating_sub(rows.len().min(usize::from(area.height / 2)));
+    let alarms = model.alarm_rows();
+    rows.truncate(usize::from(area.height / 2).max(1));
+    let alarms = alarms.iter().take(room).map(|item| {
+        let alarm = item.alarm();
+        let mark = Mark::priority(&alarm.priority);
+        Row::of(mark.role, &status::priority_words(pen.look, &alarm.priority)).with(
+            Role::Text,
+            &format!(" {} {}", Mark::alarm_state(&alarm.state).word, super::short(&alarm.text, 200)),
+        )
+    });
+    let rows: Vec<Row> = alarms.chain(rows.iter().cloned()).collect();
+    let left = pen.rows(area, 0, &rows);
+    if left == 0 {
+        pen.text(below(area, 0), 0, Role::Muted, "Nothing waits");
+    }
+}

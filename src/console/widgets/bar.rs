@@ -1,0 +1,84 @@
+//! Bars with their limit drawn in, progress, and small trends. Each reads the same without colours.
+
+use super::row::Row;
+use crate::console::look::{Glyph, Look, Role};
+
+/// A share of 0 to 1 as a bar of `width` columns with a limit that is to be reached.
+#[must_use]
+pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) -> Row {
+    let filled = value.map_or(0, |value| columns(value, width));
+    let limit_at = columns(limit, width).min(width.saturating_sub(1));
+    let role = match value {
+        None => Role::Unknown,
+        Some(value) if value >= limit => Role::Value,
+        Some(_) => Role::Past,
+    };
+    let piece = |from: usize, to: usize| {
+        let full = filled.clamp(from, to) - from;
+        let empty = (to - from) - full;
+        Row::of(role, &look.glyph(Glyph::Full).repeat(full))
+            .with(Role::Muted, &look.glyph(Glyph::Empty).repeat(empty))
+    };
+    if width == 0 {
+        return Row::new();
+    }
+    piece(0, limit_at).with(Role::Limit, look.glyph(Glyph::Limit)).and(piece(limit_at + 1, width))
+}
+
+/// How much of something is done.
+#[must_use]
+pub fn progress(look: &Look, done: u64, budget: u64, width: usize) -> Row {
+    let share = if budget == 0 { 0.0 } else { done as f64 / budget as f64 };
+    let filled = columns(share, width);
+    Row::of(Role::Running, &look.glyph(Glyph::Full).repeat(filled))
+        .with(Role::Muted, &look.glyph(Glyph::Empty).repeat(width - filled))
+}
+
+/// Outcomes as signs, the newest last; what does not fit is left off at the front.
+#[must_use]
+pub fn outcomes(look: &Look, outcomes: &[bool], width: usize) -> Row {
+    let shown = outcomes.get(outcomes.len().saturating_sub(width)..).unwrap_or(&[]);
+    let mut row = Row::new();
+    for run in shown.chunk_by(|a, b| a == b) {
+        let good = run.first().copied().unwrap_or(true);
+        let (glyph, role) = if good { (Glyph::Neutral, Role::Text) } else { (Glyph::Bad, Role::Bad) };
+        row.push(role, &look.glyph(glyph).repeat(run.len()));
+    }
+    row
+}
+
+/// Columns of a share of 0 to 1.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the width before")]
+fn columns(share: f64, width: usize) -> usize {
+    let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
+    ((share * width as f64).round() as usize).min(width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::console::look::{Depth, Glyphs, Theme};
+
+    fn text(row: &Row) -> String {
+        row.parts().map(|(text, _)| text).collect()
+    }
+
+    #[test]
+    fn bars_have_their_width_and_their_limit() {
+        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+        let table = [
+            (Some(0.5), 0.8, "#####...|."),
+            (Some(0.95), 0.8, "########|#"),
+            (Some(1.0), 1.0, "#########|"),
+            (None, 0.8, "........|."),
+            (Some(f64::NAN), 0.0, "|........."),
+        ];
+        for (value, limit, expected) in table {
+            assert_eq!(text(&against_limit(&look, value, limit, 10)), expected);
+        }
+        assert_eq!(text(&progress(&look, 137, 480, 10)), "###.......");
+        assert_eq!(text(&progress(&look, 9, 0, 4)), "....");
+        assert_eq!(text(&outcomes(&look, &[true, false, true], 2)), "x-");
+        assert_eq!(text(&against_limit(&look, Some(1.0), 0.5, 0)), "");
+    }
+}

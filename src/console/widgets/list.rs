@@ -1,0 +1,68 @@
+//! Lists of any length: only what can be seen is made and drawn.
+
+use ratatui::layout::Rect;
+
+use super::pen::Pen;
+use super::row::Row;
+use crate::console::look::{Glyph, Role};
+
+/// Columns before a row: the mark of the row under the cursor.
+pub const GUTTER: u16 = 2;
+
+/// The first row that is shown so that the one under the cursor is in sight.
+#[must_use]
+pub const fn first_shown(count: usize, cursor: usize, height: u16) -> usize {
+    let height = height as usize;
+    if count <= height {
+        return 0;
+    }
+    let middle = cursor.saturating_sub(height / 2);
+    let last = count - height;
+    if middle < last { middle } else { last }
+}
+
+impl Pen<'_> {
+    /// Draws the rows that can be seen. `cursor` is the row under the cursor, where the list has the keys or shows
+    /// one; `row` makes a row of a width.
+    pub fn list(
+        &mut self,
+        area: Rect,
+        count: usize,
+        cursor: Option<usize>,
+        mut row: impl FnMut(usize, usize) -> Row,
+    ) {
+        let first = first_shown(count, cursor.unwrap_or(0), area.height);
+        let width = area.width.saturating_sub(GUTTER);
+        let inner = Rect { x: area.x + GUTTER.min(area.width), width, ..area };
+        for (index, at) in (first..count).zip(0..area.height) {
+            self.row(inner, at, &row(index, usize::from(width)));
+            if cursor == Some(index) {
+                self.row(area, at, &Row::of(Role::Text, self.look.glyph(Glyph::Here)));
+                self.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+            }
+        }
+    }
+}
+
+/// Where the cursor is, `3 of 40`; empty for an empty list.
+#[must_use]
+pub fn place(count: usize, cursor: usize) -> String {
+    if count == 0 { String::new() } else { format!("{} of {count}", cursor.min(count - 1) + 1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cursor_is_in_sight() {
+        for (count, height) in [(0, 5), (3, 5), (10, 5), (10_000, 1), (7, 0)] {
+            for cursor in 0..count.min(50) {
+                let first = first_shown(count, cursor, height);
+                let shown = first..first + usize::from(height);
+                assert!(height == 0 || shown.contains(&cursor), "{count} {height} {cursor}");
+            }
+        }
+        assert_eq!((place(0, 0), place(3, 9)), (String::new(), "3 of 3".to_owned()));
+    }
+}
