@@ -5,8 +5,8 @@
 
 use super::side::Side;
 use super::{
-    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
-    status_verb,
+    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, console, decide, decide_verb, run,
+    status, status_verb,
 };
 use crate::engine::command::Command;
 use crate::engine::embedded;
@@ -15,7 +15,7 @@ use crate::runtime::capability::Capability;
 use crate::text::Untrusted;
 
 /// The seed of a run that names none.
-const SEED_DEFAULT: u64 = 1;
+pub(super) const SEED_DEFAULT: u64 = 1;
 
 /// The engine of this program.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,6 +43,7 @@ impl EngineVerbs for RealEngine {
                 };
                 run_script(&run, out.sink())
             }
+            None if console::fits(args, json) => console::run(context, args, out),
             None => {
                 let run = RunPlain {
                     data: &context.data,
@@ -51,6 +52,7 @@ impl EngineVerbs for RealEngine {
                     jobs: args.jobs(),
                     robot,
                     json,
+                    pace: args.pace.and_then(run::Pace::times),
                 };
                 run_plain(&run, out.sink())
             }

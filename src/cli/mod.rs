@@ -8,6 +8,7 @@ pub mod audit;
 pub mod bench;
 pub mod candidate;
 pub mod completions;
+mod console;
 pub mod data;
 pub mod decide;
 mod decide_verb;
@@ -17,6 +18,7 @@ pub mod error;
 pub mod experiment;
 pub mod explain;
 pub mod identity;
+pub mod keys;
 pub mod output;
 pub mod per_candidate;
 pub mod pool;
@@ -107,6 +109,8 @@ pub enum Verb {
     Experiment(experiment::ExperimentArgs),
     /// Tells whether this machine and terminal have what is needed.
     Doctor(doctor::DoctorArgs),
+    /// Prints the console's keys.
+    Keys(keys::KeysArgs),
     /// Prints a completion script for a shell.
     Completions(completions::CompletionsArgs),
 }
@@ -224,6 +228,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
+        Some(Verb::Keys(args)) => keys::run(args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }
 }

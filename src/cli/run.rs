@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use crate::console::options::{ColorChoice, Flags};
 use crate::governance::profile::ProfileName;
 
 /// The most evaluation workers.
@@ -15,6 +16,7 @@ pub const JOBS_MAX: u16 = 64;
 #[command(after_help = "\
 Examples:
   holdpoint run --profile real
+  holdpoint run --profile human --as mara --pace 4
   holdpoint run --headless --script tests/scenarios/promote.toml --json
   holdpoint run --plain --seed 7 --jobs 2")]
 pub struct RunArgs {
@@ -43,6 +45,111 @@ pub struct RunArgs {
     /// A folder of episodes already simulated, for runs to share; needs --headless.
     #[arg(long, value_name = "DIR", requires = "headless")]
     pub cache: Option<PathBuf>,
+    /// Simulated seconds of the live cell in a second, or `max` [default: 1 in the console, max without it].
+    #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
+    pub pace: Option<Pace>,
+    /// How the console looks and who sits at it.
+    #[command(flatten)]
+    pub console: ConsoleArgs,
+}
+
+/// The console's own arguments; they win over its settings file.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+#[command(next_help_heading = "Console")]
+pub struct ConsoleArgs {
+    /// Refuses everything that would change something.
+    #[arg(long)]
+    pub read_only: bool,
+    /// Who sits here: the name of an identity.
+    #[arg(long = "as", value_name = "NAME", value_parser = super::decide::parse_identity)]
+    pub operator: Option<String>,
+    /// The theme [default: by the terminal's background].
+    #[arg(long, value_name = "NAME")]
+    pub theme: Option<String>,
+    /// Whether colours are used; wins over `NO_COLOR`.
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub color: Option<ColorArg>,
+    /// Draws with ASCII alone.
+    #[arg(long)]
+    pub ascii: bool,
+    /// Takes the mouse for scrolling; the terminal's own selection is off then.
+    #[arg(long)]
+    pub mouse: bool,
+    /// Begins without the tour.
+    #[arg(long)]
+    pub no_tour: bool,
+}
+
+impl ConsoleArgs {
+    /// As the console's flags.
+    #[must_use]
+    pub fn flags(&self) -> Flags {
+        Flags {
+            read_only: self.read_only,
+            operator: self.operator.clone(),
+            theme: self.theme.clone(),
+            color: self.color.map(Into::into),
+            ascii: self.ascii,
+            mouse: self.mouse,
+            no_tour: self.no_tour,
+        }
+    }
+}
+
+/// When colours are used, on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColorArg {
+    /// As `NO_COLOR` and the terminal say.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+impl From<ColorArg> for ColorChoice {
+    fn from(argument: ColorArg) -> Self {
+        match argument {
+            ColorArg::Auto => Self::Auto,
+            ColorArg::Always => Self::Always,
+            ColorArg::Never => Self::Never,
+        }
+    }
+}
+
+/// How fast the live cell works.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// Simulated seconds in a second.
+    Times(f64),
+    /// As fast as it computes.
+    Max,
+}
+
+// A pace is never a number that is none.
+impl Eq for Pace {}
+
+impl Pace {
+    /// Simulated seconds in a second; absent for as fast as it computes.
+    #[must_use]
+    pub const fn times(self) -> Option<f64> {
+        match self {
+            Self::Times(times) => Some(times),
+            Self::Max => None,
+        }
+    }
+}
+
+/// The paces the engine takes.
+const PACES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
+fn parse_pace(text: &str) -> Result<Pace, String> {
+    if text == "max" {
+        return Ok(Pace::Max);
+    }
+    let times = text.parse::<f64>().ok().filter(|times| PACES.contains(times));
+    let allowed = || format!("a number from {} to {}, or max, is allowed", PACES.start(), PACES.end());
+    times.map(Pace::Times).ok_or_else(allowed)
 }
 
 impl RunArgs {
@@ -51,6 +158,12 @@ impl RunArgs {
     pub fn jobs(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         self.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+    }
+
+    /// Workers beside a console: what was asked for, else 0, which leaves a core to the console.
+    #[must_use]
+    pub fn spare_jobs(&self) -> usize {
+        self.jobs.map_or(0, usize::from)
     }
 
     /// The profile of a run without a scenario.

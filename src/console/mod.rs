@@ -7,6 +7,7 @@
 pub mod action;
 pub mod commands;
 pub mod effect;
+pub mod effects;
 pub mod form;
 pub mod frame;
 pub mod keymap;
@@ -14,15 +15,15 @@ pub mod line;
 pub mod look;
 pub mod model;
 pub mod msg;
+pub mod options;
 pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
-<<<<<<< HEAD
+pub mod run;
+pub mod terminal;
 pub mod theme;
+pub mod update;
 pub mod views;
 pub mod widgets;
-=======
-pub mod update;
->>>>>>> main
 pub mod words;

@@ -55,10 +55,15 @@ pub struct RunPlain<'a> {
     pub robot: Option<&'a Path>,
     /// Whether events are printed as JSON lines.
     pub json: bool,
+    /// Simulated seconds of the live cell in a second; absent for as fast as it computes.
+    pub pace: Option<f64>,
 }
 
 /// The pause of the demonstration while it waits for people.
 const IDLE_PAUSE: std::time::Duration = std::time::Duration::from_millis(200);
+
+/// The pause while the live cell works at a pace of its own: what it did is taken in soon.
+const PACED_PAUSE: std::time::Duration = std::time::Duration::from_millis(15);
 
 /// The seed where neither script nor command line name one.
 const DEFAULT_SEED: u64 = 1;
@@ -126,7 +131,7 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
 /// # Errors
 /// As [`run_script`].
 pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let engine = Engine::start(Config {
+    let mut engine = Engine::start(Config {
         data: run.data,
         profile: run.profile,
         seed: run.seed,
@@ -136,6 +141,10 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
         cache: EpisodeCache::InStore,
     })
     .map_err(start_error)?;
+    if run.pace.is_some() {
+        // Nobody looks at the pictures.
+        engine.pace_live_world(run.pace, std::sync::Arc::new(|_| ()));
+    }
     let mut door = service::open(&engine).map_err(CliError::usage)?;
     let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
     driver.pump()?;
@@ -160,12 +169,14 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
         door.publish(&events);
         driver.tell(&events)?;
         let idle = matches!(progress, Progress::Idle { .. });
-        let settled = driver.view().is_some_and(|view| driver.is_settled(&view, idle));
+        // With a pace an idle engine may wait for the live cell in the middle of a stage.
+        let works = |view: &CandidateView| run.pace.is_some() && view.flags.running.is_some();
+        let settled = driver.view().is_some_and(|view| driver.is_settled(&view, idle) && !works(&view));
         if settled || driver.printer.gone || driver.engine.has_ended() {
             return driver.finish();
         }
         if idle {
-            door.wait(IDLE_PAUSE);
+            door.wait(if run.pace.is_some() { PACED_PAUSE } else { IDLE_PAUSE });
         }
     }
 }

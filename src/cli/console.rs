@@ -1,0 +1,183 @@
+//! The console as a front end of `run`: whether it fits here, its files, and how it ended.
+//!
+//! Must not draw or read keys; what is wrong with a file is said before the terminal is touched.
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::run::{Pace, RunArgs};
+use super::{CliError, Context, Exit, Output};
+use crate::console::keymap::{self, Keymap};
+use crate::console::options::{self, File, Options};
+use crate::console::run::{Cause, Console, ConsoleError};
+use crate::engine::command::Command;
+use crate::engine::embedded;
+use crate::engine::host::HostConfig;
+use crate::governance::ids::CapabilityId;
+use crate::runtime::capability::Capability;
+use crate::text::Untrusted;
+
+/// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
+const PACE_DEFAULT: Pace = Pace::Times(1.0);
+
+/// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.
+pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
+    let terminal = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
+    let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
+    !args.plain && !args.headless && !json && terminal && !dumb
+}
+
+/// Opens the console and says how things were left.
+///
+/// # Errors
+/// [`CliError`] with exit code 2 for what is wrong with files, theme or terminal, 70 for a fault of the console.
+pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let options = Options::new(args.console.flags(), settings()?);
+    let keymap = Arc::new(keymap()?);
+    let host = HostConfig {
+        data: context.data.clone(),
+        profile: args.profile(),
+        seed: args.seed.unwrap_or(super::engine_verbs::SEED_DEFAULT),
+        jobs: args.spare_jobs(),
+        robot: args.robot.clone(),
+        pace: args.pace.unwrap_or(PACE_DEFAULT).times(),
+    };
+    let console = Console { host, options, keymap, candidates: Box::new(Candidates::default().reader()) };
+    let left = crate::console::run::run(console).map_err(|error| match &error {
+        ConsoleError::Failed => CliError::internal(error),
+        ConsoleError::Theme(_) | ConsoleError::Terminal(_) => CliError::usage(error),
+    })?;
+    // Somebody may have closed the terminal: then there is nobody to tell, and it is no error.
+    let told = out.line(&left.text).and_then(|()| out.flush());
+    match (left.cause, left.in_order) {
+        (Cause::Told, _) => Ok(Exit::Held),
+        (Cause::Asked, true) => told.map(|()| Exit::Confirmed),
+        (Cause::Asked, false) => Ok(Exit::Held),
+    }
+}
+
+/// The keys: the defaults and what the operator's file adds.
+///
+/// # Errors
+/// Every problem of the file.
+pub(super) fn keymap() -> Result<Keymap, CliError> {
+    let Some((name, text)) = config_file("keys.toml", keymap::FILE_BYTES_MAX)? else {
+        return Ok(Keymap::default());
+    };
+    Keymap::with_file(&name, &text).map_err(|problems| {
+        let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        CliError::usage(said.join("; "))
+    })
+}
+
+fn settings() -> Result<File, CliError> {
+    match config_file("config.toml", options::FILE_BYTES_MAX)? {
+        Some((name, text)) => Ok(File::parse(&name, &text)?),
+        None => Ok(File::default()),
+    }
+}
+
+/// A file of the operator's settings: its path for messages, and its text. Absent where there is none.
+fn config_file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
+    let variable = |name| std::env::var_os(name).map(PathBuf::from);
+    let Some(folder) = config_folder(variable("XDG_CONFIG_HOME"), variable("HOME")) else { return Ok(None) };
+    let path = folder.join(name);
+    let shown = Untrusted::new(path.display().to_string()).line().into_string();
+    let unreadable = |error: &dyn std::fmt::Display| CliError::usage(format!("cannot read {shown}: {error}"));
+    match std::fs::metadata(&path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(unreadable(&error)),
+        Ok(found) if found.len() > bytes_max as u64 => {
+            return Err(unreadable(&format!("it has {} bytes; at most {bytes_max} are allowed", found.len())));
+        }
+        Ok(_) => {}
+    }
+    let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&error))?;
+    Ok(Some((shown, text)))
+}
+
+/// `$XDG_CONFIG_HOME/holdpoint`, else `~/.config/holdpoint`. Relative paths in the environment do not count.
+fn config_folder(xdg: Option<PathBuf>, home: Option<PathBuf>) -> Option<PathBuf> {
+    let absolute = |path: Option<PathBuf>| path.filter(|path| path.is_absolute());
+    let base = absolute(xdg).or_else(|| absolute(home).map(|home| home.join(".config")))?;
+    Some(base.join("holdpoint"))
+}
+
+/// Candidates for the console's `register`: folders, and the demonstration's in their order.
+#[derive(Default)]
+struct Candidates {
+    /// Embedded ones that were submitted from this console: a rejected one may not be listed any more.
+    submitted: Vec<&'static str>,
+}
+
+impl Candidates {
+    fn reader(mut self) -> impl FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, String> {
+        move |folder, known| match folder {
+            Some(folder) => register(folder),
+            None => self.next(known),
+        }
+    }
+
+    fn next(&mut self, known: &[CapabilityId]) -> Result<Command, String> {
+        let is_open = |name: &&'static str| {
+            let loaded = embedded::package(name).and_then(|package| Capability::load(name, package).ok());
+            let is_new = loaded.is_some_and(|capability| !known.contains(&capability.id()));
+            is_new && !self.submitted.contains(name)
+        };
+        let Some(name) = embedded::names().find(is_open) else {
+            return Err("every demonstration candidate is registered. Hint: `:register DIR` takes others".into());
+        };
+        self.submitted.push(name);
+        register(name)
+    }
+}
+
+/// What is wrong with a folder is said before the engine is asked.
+fn register(folder: &str) -> Result<Command, String> {
+    let package = embedded::read(Path::new(folder)).map_err(|error| error.to_string())?;
+    let name = Untrusted::new(folder).line().into_string();
+    Capability::load(&name, package.clone()).map_err(|error| error.to_string())?;
+    Ok(Command::Register { package, name })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_demonstration_goes_through_its_candidates_once() {
+        let mut read = Candidates::default().reader();
+        let count = embedded::names().count();
+        let mut seen = std::collections::BTreeSet::new();
+        for _ in 0..count {
+            let Ok(Command::Register { name, .. }) = read(None, &[]) else { panic!("there are {count}") };
+            seen.insert(name);
+        }
+        assert_eq!(seen.len(), count);
+        assert!(read(None, &[]).unwrap_err().contains(":register DIR"));
+        assert!(matches!(read(Some("manifests/candidates/grasp-improved"), &[]), Ok(Command::Register { .. })));
+        assert!(read(Some("/nowhere/at/all"), &[]).is_err());
+    }
+
+    #[test]
+    fn versions_that_are_known_are_skipped() {
+        let first = embedded::names().next().unwrap();
+        let id = Capability::load(first, embedded::package(first).unwrap()).unwrap().id();
+        let mut read = Candidates::default().reader();
+        let Ok(Command::Register { name, .. }) = read(None, &[id]) else { panic!("others are left") };
+        assert_ne!(name, first);
+    }
+
+    #[test]
+    fn settings_are_where_the_environment_says() {
+        for (xdg, home, expected) in [
+            (Some("/x"), Some("/h"), Some("/x/holdpoint")),
+            (Some("x"), Some("/h"), Some("/h/.config/holdpoint")),
+            (None, None, None),
+        ] {
+            let got = config_folder(xdg.map(Into::into), home.map(Into::into));
+            assert_eq!(got, expected.map(PathBuf::from), "{xdg:?} {home:?}");
+        }
+    }
+}

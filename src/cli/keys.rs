@@ -1,0 +1,100 @@
+//! `holdpoint keys`: the console's keys, as text, as JSON, or as the README's table.
+//!
+//! Everything is generated from the actions and the keymap in force, so that it cannot differ from what the keys do.
+
+use clap::Args;
+use serde::Serialize;
+
+use super::output::Table;
+use super::{CliError, Exit, Output, console};
+use crate::console::action::{Action, Scope};
+use crate::console::keymap::Keymap;
+
+/// The arguments of `keys`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint keys
+  holdpoint keys --markdown
+
+Keys are added in $XDG_CONFIG_HOME/holdpoint/keys.toml (else ~/.config/holdpoint/keys.toml):
+  unbind = [\"T\"]
+  [keys]
+  quit = [\"ctrl-q\"]")]
+pub struct KeysArgs {
+    /// Prints a Markdown table of the default keys, as the README has it.
+    #[arg(long)]
+    pub markdown: bool,
+}
+
+/// A row of the table.
+#[derive(Serialize)]
+struct Row {
+    action: &'static str,
+    scope: &'static str,
+    keys: Vec<String>,
+    help: &'static str,
+}
+
+fn rows(keymap: &Keymap) -> Vec<Row> {
+    let of = |scope: Scope| Action::ALL.iter().copied().filter(move |action| action.scope() == scope);
+    let row = |action: Action| Row {
+        action: action.word(),
+        scope: action.scope().title(),
+        keys: keymap.keys(action),
+        help: action.help(),
+    };
+    Scope::ALL.into_iter().flat_map(of).map(row).collect()
+}
+
+/// The default keys as a Markdown table.
+#[must_use]
+pub fn markdown() -> String {
+    let mut text = "| where | keys | action | what it does |\n| --- | --- | --- | --- |\n".to_owned();
+    for row in rows(&Keymap::default()) {
+        // A bar would end the cell; no default key is one, and a backquote would end the code.
+        let keys: Vec<String> = row.keys.iter().map(|key| format!("`{key}`")).collect();
+        let keys = if keys.is_empty() { format!("`:{}`", row.action) } else { keys.join(" ") };
+        text.push_str(&format!("| {} | {keys} | {} | {} |\n", row.scope, row.action, row.help));
+    }
+    text
+}
+
+/// Prints the keys.
+///
+/// # Errors
+/// Every problem of the operator's keymap file; where the output cannot be written.
+pub fn run(args: &KeysArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    if args.markdown {
+        let text = markdown();
+        // The table is this program's own text and must keep its lines.
+        out.answer(&text, |out| Ok(out.sink().write_all(text.as_bytes())?))?;
+        return Ok(Exit::Confirmed);
+    }
+    let rows = rows(&console::keymap()?);
+    out.answer(&rows, |out| {
+        let mut table = Table::new(&["where", "keys", "action", "what it does"]);
+        for row in &rows {
+            let keys = if row.keys.is_empty() { format!(":{}", row.action) } else { row.keys.join(" ") };
+            table.row([row.scope, &keys, row.action, row.help]);
+        }
+        out.table(&table)
+    })?;
+    Ok(Exit::Confirmed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_action_is_in_the_table_with_a_way_to_ask_for_it() {
+        let text = markdown();
+        assert_eq!(text.lines().count(), Action::ALL.len() + 2);
+        for line in text.lines() {
+            assert_eq!(line.matches('|').count(), 5, "{line}");
+        }
+        assert!(text.contains("| Open approval prompt | `Y` | approve | Approve,"), "{text}");
+        assert!(text.contains("| `:demo` | demo |"), "{text}");
+    }
+}

@@ -1,0 +1,179 @@
+//! Carries out what the reducer wants done, and answers with messages.
+//!
+//! Owns the way to the engine, the identities' keys for the moment of a signature, files and the clipboard. Must
+//! not decide: a decision that is signed here was made in the prompt, and the engine checks it again.
+
+mod clipboard;
+mod export;
+mod people;
+
+use std::io;
+use std::path::PathBuf;
+
+use self::people::Problem;
+use super::effect::Effect;
+use super::look::Look;
+use super::model::Model;
+use super::msg::What;
+use super::run::screen::Screen;
+use super::terminal::TerminalGuard;
+use super::theme::Theme;
+use crate::engine::command::{Command, Refusal, Reply, Request};
+use crate::engine::host::Host;
+use crate::governance::ids::CapabilityId;
+use crate::text::Untrusted;
+
+/// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
+const BELL_INTERVAL_MS: u64 = 10_000;
+
+/// Reads a candidate for registration: the folder, or the next demonstration candidate that is none of the known
+/// versions. Answers the engine's command, or one sentence.
+pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, String>>;
+
+/// What an effect is carried out on.
+pub struct Place<'a> {
+    /// The screen.
+    pub screen: &'a mut Screen,
+    /// The terminal.
+    pub terminal: &'a TerminalGuard,
+    /// How it looks.
+    pub look: &'a mut Look,
+    /// What is known.
+    pub model: &'a Model,
+}
+
+/// What came of an effect.
+#[derive(Debug, PartialEq)]
+pub enum Outcome {
+    /// Nothing to tell.
+    Quiet,
+    /// Something to tell the reducer.
+    Told(What),
+    /// The program ends.
+    End,
+}
+
+/// Carries out effects.
+pub struct Hands {
+    /// The engine.
+    pub host: Host,
+    candidates: ReadCandidate,
+    recordings: PathBuf,
+    exports: Option<PathBuf>,
+    rung_ms: Option<u64>,
+}
+
+impl Hands {
+    /// Hands for an engine. `recordings` is where its recordings are, `exports` where exports go if not here.
+    pub fn new(host: Host, candidates: ReadCandidate, recordings: PathBuf, exports: Option<PathBuf>) -> Self {
+        Self { host, candidates, recordings, exports, rung_ms: None }
+    }
+
+    /// Does one thing.
+    ///
+    /// # Errors
+    /// Where the terminal cannot be written to: it is gone.
+    pub fn carry_out(&mut self, effect: Effect, place: &mut Place<'_>) -> io::Result<Outcome> {
+        Ok(match effect {
+            Effect::Ask { id, question } => self.ask(id, question.into_command()),
+            Effect::Operate { id, confirmed } => self.ask(id, confirmed.into_command()),
+            Effect::Decide { id, decision } => match people::sign(&self.host.identities(), &decision) {
+                Ok(command) => self.ask(id, command),
+                Err(problem) => refused(id, Refusal::BadInput, problem),
+            },
+            Effect::Register { id, folder } => {
+                let known = known(place.model);
+                match (self.candidates)(folder.as_deref(), &known) {
+                    Ok(command) => self.ask(id, command),
+                    Err(text) => refused(id, Refusal::BadInput, Problem::new(text)),
+                }
+            }
+            Effect::ReadIdentities => match people::list(&self.host.identities()) {
+                Ok(people) => Outcome::Told(What::Identities(people)),
+                Err(problem) => bad(problem.sentence()),
+            },
+            Effect::UseIdentity(name) => match people::find(&self.host.identities(), &name) {
+                Ok(operator) => Outcome::Told(What::Operator(operator)),
+                Err(problem) => bad(problem.sentence()),
+            },
+            Effect::Copy(text) => clipboard::copy(place.screen, &text)?,
+            Effect::Export(view) => {
+                let folders = [Some(PathBuf::from(".")), self.exports.clone()];
+                match export::write(&folders.into_iter().flatten().collect::<Vec<_>>(), view, place.model) {
+                    Ok(text) => good(text),
+                    Err(text) => bad(text),
+                }
+            }
+            Effect::OpenRecording(version) => self.recording(&version),
+            Effect::UseTheme(name) => match Theme::builtin(&name) {
+                Ok(theme) => {
+                    *place.look = place.look.with_theme(theme);
+                    Outcome::Told(What::Theme(name))
+                }
+                Err(error) => bad(error.to_string()),
+            },
+            Effect::TakeMouse(take) => {
+                place.terminal.take_mouse(take)?;
+                Outcome::Quiet
+            }
+            Effect::Bell => self.ring(place)?,
+            Effect::End => Outcome::End,
+        })
+    }
+
+    /// Asks the engine; a full queue is an answer as well.
+    pub fn ask(&self, id: String, command: Command) -> Outcome {
+        match self.host.ask(Request { id: id.clone(), command }) {
+            Ok(()) => Outcome::Quiet,
+            Err(_) => {
+                let hint = "wait for its answers, then ask again";
+                refused(id, Refusal::NotNow, Problem::new("the engine is busy").hint(hint))
+            }
+        }
+    }
+
+    fn ring(&mut self, place: &mut Place<'_>) -> io::Result<Outcome> {
+        let now_ms = place.model.now_ms;
+        let rests = self.rung_ms.is_some_and(|rung_ms| now_ms.saturating_sub(rung_ms) < BELL_INTERVAL_MS);
+        if !rests {
+            self.rung_ms = Some(now_ms);
+            place.screen.send(b"\x07")?;
+        }
+        Ok(Outcome::Quiet)
+    }
+
+    /// Where the recording of an upgrade is; the console starts no other program.
+    fn recording(&self, version: &CapabilityId) -> Outcome {
+        let entries = std::fs::read_dir(&self.recordings).into_iter().flatten().flatten();
+        let found = entries.map(|entry| entry.path()).find(|path| {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            let about = name.contains(version.family.as_str()) && name.contains(&version.version.to_string());
+            about && path.extension().is_some_and(|ending| ending == "rrd")
+        });
+        let shown = |path: &std::path::Path| Untrusted::new(path.display().to_string()).line().into_string();
+        match found {
+            Some(path) => good(format!("the recording of {version} is {}", shown(&path))),
+            None => bad(format!("there is no recording of {version} in {}", shown(&self.recordings))),
+        }
+    }
+}
+
+/// The versions the console knows of, history included where the registry was read.
+fn known(model: &Model) -> Vec<CapabilityId> {
+    let candidates = model.snapshot.iter().flat_map(|snapshot| &snapshot.candidates);
+    let listed = model.registry.page.rows.iter().map(|row| &row.version);
+    candidates.map(|candidate| &candidate.version).chain(listed).cloned().collect()
+}
+
+fn good(text: String) -> Outcome {
+    Outcome::Told(What::Done { text, bad: false })
+}
+
+fn bad(text: String) -> Outcome {
+    Outcome::Told(What::Done { text: Untrusted::new(text).line().into_string(), bad: true })
+}
+
+fn refused(id: String, code: Refusal, problem: Problem) -> Outcome {
+    let (text, hint) = problem.into_parts();
+    Outcome::Told(What::Answer { id, reply: Box::new(Reply::Refused { code, text, hint }) })
+}

@@ -1,0 +1,52 @@
+//! The clipboard, by OSC 52: the terminal copies, also over a remote connection.
+
+use std::io;
+
+use ratatui::crossterm::Command as _;
+use ratatui::crossterm::clipboard::CopyToClipboard;
+
+use super::{Outcome, good};
+use crate::console::run::screen::Screen;
+
+/// The most bytes a copy holds: terminals take sequences of 100,000 bytes, and base64 makes four of three.
+pub const COPY_BYTES_MAX: usize = 74_994;
+
+/// Copies text, cut to what terminals take. Whether the terminal did it is not known: it gives no answer.
+pub fn copy(screen: &mut Screen, text: &str) -> io::Result<Outcome> {
+    let copied = bounded(text);
+    screen.send(sequence(copied)?.as_bytes())?;
+    Ok(good(if copied.len() < text.len() {
+        format!("copied the first {} of {} bytes (OSC 52)", copied.len(), text.len())
+    } else {
+        format!("copied {} bytes (OSC 52)", text.len())
+    }))
+}
+
+fn sequence(text: &str) -> io::Result<String> {
+    let mut written = String::new();
+    CopyToClipboard::to_clipboard_from(text).write_ansi(&mut written).map_err(io::Error::other)?;
+    Ok(written)
+}
+
+fn bounded(text: &str) -> &str {
+    let mut end = COPY_BYTES_MAX.min(text.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.get(..end).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn copies_are_bounded_and_whole_letters() {
+        assert_eq!(bounded("grasp@1.1.0"), "grasp@1.1.0");
+        let long = format!("a{}", "é".repeat(COPY_BYTES_MAX));
+        let copied = bounded(&long);
+        assert_eq!(copied.len(), COPY_BYTES_MAX - 1);
+        let sequence = sequence(copied).unwrap();
+        assert!(sequence.len() <= 100_000 && sequence.starts_with("\u{1b}]52;c;"), "{}", sequence.len());
+    }
+}

@@ -1,0 +1,145 @@
+//! A view as two files: the text as it is drawn, without styles, and the data behind it as JSON.
+//!
+//! Files are new, their owner's alone, and never replace another. Text passed the sanitiser on its way into the
+//! view; JSON is escaped.
+
+use std::fs::OpenOptions;
+use std::io::{self, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+
+use crate::console::frame;
+use crate::console::look::{Look, LookOptions};
+use crate::console::model::{Model, View};
+use crate::text::{Untrusted, escape_json};
+
+/// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
+const TEXT_SIZE: (u16, u16) = (160, 100);
+
+/// Numbers that are tried for a free name.
+const NAMES_MAX: u32 = 1000;
+
+/// Writes a view into the first folder that takes it. Answers one sentence with the paths.
+///
+/// # Errors
+/// One sentence.
+pub fn write(folders: &[PathBuf], view: View, model: &Model) -> Result<String, String> {
+    let text = text(view, model)?;
+    let json = json(view, model)?;
+    let mut problem = "there is no folder to write to".to_owned();
+    for folder in folders {
+        match into_folder(folder, view, &text, &json) {
+            Ok(stem) => {
+                let stem = Untrusted::new(stem.display().to_string()).line();
+                return Ok(format!("exported {stem}.txt and .json"));
+            }
+            Err(error) => {
+                let folder = Untrusted::new(folder.display().to_string()).line();
+                problem = format!("cannot write to \"{folder}\": {error}");
+            }
+        }
+    }
+    Err(problem)
+}
+
+fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<PathBuf> {
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+    let word = view.title().to_lowercase();
+    for number in 1..=NAMES_MAX {
+        let stem = folder.join(format!("holdpoint-{word}-{number}"));
+        let named = |ending: &str| stem.with_extension(ending);
+        // Both names must be free: a pair belongs together.
+        if named("json").exists() {
+            continue;
+        }
+        match new_file(&named("txt"), text) {
+            Ok(()) => return new_file(&named("json"), json).map(|()| stem),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Err(io::Error::other(format!("{NAMES_MAX} exports of this view are there already")))
+}
+
+fn new_file(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+    file.write_all(text.as_bytes())
+}
+
+/// The view as it is drawn, in ASCII and without styles.
+fn text(view: View, model: &Model) -> Result<String, String> {
+    let options = LookOptions { ascii: true, ..LookOptions::default() };
+    let look = Look::detect(&options).map_err(|error| error.to_string())?;
+    let shown = Model { view, overlay: None, typing: None, ..model.clone() };
+    let area = Rect::new(0, 0, TEXT_SIZE.0, TEXT_SIZE.1);
+    let mut buffer = Buffer::empty(area);
+    frame::draw(&shown, &look, area, &mut buffer);
+    Ok(lines(&buffer))
+}
+
+/// A buffer's text, without blanks at the ends of lines, and one empty line in place of many.
+fn lines(buffer: &Buffer) -> String {
+    let mut text = String::new();
+    let mut blank = true;
+    for row in buffer.content().chunks(usize::from(buffer.area.width).max(1)) {
+        let line: String = row.iter().map(ratatui::buffer::Cell::symbol).collect();
+        let line = line.trim_end();
+        if !(line.is_empty() && blank) {
+            text.push_str(line);
+            text.push('\n');
+        }
+        blank = line.is_empty();
+    }
+    text
+}
+
+/// The data behind a view.
+fn json(view: View, model: &Model) -> Result<String, String> {
+    let value = match view {
+        View::Registry => serde_json::to_value(&*model.registry.page),
+        View::Candidate => serde_json::to_value(model.detail.as_deref()),
+        View::Audit => serde_json::to_value(&*model.audit),
+        View::Overview | View::Shadow | View::Alarms | View::Approvals => {
+            serde_json::to_value(model.snapshot.as_deref())
+        }
+    };
+    let text = value.and_then(|value| serde_json::to_string(&value)).map_err(|error| error.to_string())?;
+    Ok(format!("{}\n", escape_json(&text)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::console::keymap::Keymap;
+    use crate::console::model::Settings;
+
+    #[test]
+    fn files_are_new_private_and_never_replace_another() {
+        let settings = Settings { read_only: false, mouse: false, tour: None, theme: "mono".to_owned() };
+        let model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
+        let folder = tempfile::tempdir().unwrap();
+        let folders = [PathBuf::from("/proc/nowhere"), folder.path().join("exports")];
+        for number in 1..=2 {
+            let told = write(&folders, View::Registry, &model).unwrap();
+            assert!(told.contains(&format!("holdpoint-registry-{number}.txt and .json")), "{told}");
+            for ending in ["txt", "json"] {
+                let path = folder.path().join(format!("exports/holdpoint-registry-{number}.{ending}"));
+                let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+                assert_eq!(mode & 0o777, 0o600, "{path:?}");
+                assert!(!std::fs::read_to_string(&path).unwrap().contains('\u{1b}'));
+            }
+        }
+        let written =
+            std::fs::read_to_string(folder.path().join("exports/holdpoint-registry-1.json")).unwrap();
+        let page: serde_json::Value = serde_json::from_str(&written).unwrap();
+        assert_eq!(page["total"], 0);
+        let nowhere = write(&folders[..1], View::Alarms, &model).unwrap_err();
+        assert!(nowhere.contains("\"/proc/nowhere\""), "{nowhere}");
+    }
+}

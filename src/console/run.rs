@@ -1,0 +1,151 @@
+//! The run loop: everything that happens becomes a message, the reducer says what is to be done, and what changed
+//! is drawn at the pace that fits.
+//!
+//! Owns the order of beginning and ending: terminal first and given back last, the first frame before the engine,
+//! the engine's end before the screen's. Must not decide anything: that is the reducer's, and behind it the
+//! engine's.
+
+mod farewell;
+pub mod input;
+pub mod pace;
+pub mod screen;
+mod session;
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+use self::screen::Screen;
+use self::session::Session;
+use super::effects::ReadCandidate;
+use super::keymap::Keymap;
+use super::look::{Look, LookOptions, ThemeError};
+use super::model::{Model, Settings};
+use super::options::{ColorChoice, Options};
+use super::terminal::guard::Guard;
+use super::terminal::log::{LogFile, state_folder};
+use super::terminal::{TerminalGuard, background, panic};
+use super::theme;
+use crate::engine::host::HostConfig;
+
+/// What a console is started with.
+pub struct Console {
+    /// The engine.
+    pub host: HostConfig,
+    /// Settings.
+    pub options: Options,
+    /// Keys.
+    pub keymap: Arc<Keymap>,
+    /// How a candidate is read for registration.
+    pub candidates: ReadCandidate,
+}
+
+/// Why the console ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Somebody asked for it.
+    Asked,
+    /// A signal, or the terminal is gone.
+    Told,
+}
+
+/// How the console left things.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Left {
+    /// Why it ended.
+    pub cause: Cause,
+    /// Whether the engine ended in good order.
+    pub in_order: bool,
+    /// One line on how things were left, sanitised.
+    pub text: String,
+}
+
+/// Why there was no console, or none any more.
+#[derive(Debug, thiserror::Error)]
+pub enum ConsoleError {
+    /// The theme does not exist.
+    #[error(transparent)]
+    Theme(#[from] ThemeError),
+    /// The terminal, or what is needed beside it, cannot be used.
+    #[error("cannot use this terminal: {0}. Hint: `holdpoint run --plain` needs none")]
+    Terminal(#[from] io::Error),
+    /// A fault of the console's own; it is in the words that were printed before.
+    #[error("the console failed; the engine was left holding")]
+    Failed,
+}
+
+/// Runs a console on this terminal to its end. Both standard input and output are a terminal's.
+///
+/// # Errors
+/// [`ConsoleError`]; the terminal is as it was.
+pub fn run(console: Console) -> Result<Left, ConsoleError> {
+    // What is wrong with the settings is said on the terminal as it is.
+    let look = look(&console.options, None)?;
+    let guard = Guard::start()?;
+    panic::install();
+    let ended = catch_unwind(AssertUnwindSafe(|| on_screen(console, look, guard)));
+    panic::uninstall();
+    ended.unwrap_or(Err(ConsoleError::Failed))
+}
+
+/// Everything between taking the terminal and giving it back.
+fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, ConsoleError> {
+    let state = state_folder();
+    // A console without a log is better than none.
+    let log = state.as_deref().and_then(|folder| LogFile::open(folder).ok());
+    let terminal = TerminalGuard::enter(log, console.options.mouse)?;
+    let look = if console.options.theme.is_none() && look.depth() != super::look::Depth::Mono {
+        // Nothing reads keys yet: the terminal's answer cannot be taken for some.
+        self::look(&console.options, background::is_light())?
+    } else {
+        look
+    };
+    let mut screen = Screen::new()?;
+    let mut model = model(&console.options, console.keymap, &look);
+    if let Ok(size) = screen.size() {
+        model.size = size;
+    }
+    // The first frame does not wait for the engine.
+    screen.draw(|area, buffer| super::frame::draw(&model, &look, area, buffer))?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+    let recordings = console.host.data.join("recordings");
+    let exports = state.map(|folder| folder.join("exports"));
+    let parts = session::Parts {
+        host: console.host,
+        candidates: console.candidates,
+        recordings,
+        exports,
+        operator: console.options.operator,
+    };
+    let session = Session::start(parts, model, look, screen, terminal, guard)?;
+    Ok(runtime.block_on(session.run()))
+}
+
+/// The look by flags and settings, then the environment, then the background.
+fn look(options: &Options, light_background: Option<bool>) -> Result<Look, ThemeError> {
+    use super::look::ColorChoice as Chosen;
+    let variable = |name| std::env::var(name).ok();
+    Look::detect(&LookOptions {
+        theme: options.theme.clone(),
+        color: match options.color.unwrap_or_default() {
+            ColorChoice::Auto => Chosen::Auto,
+            ColorChoice::Always => Chosen::Always,
+            ColorChoice::Never => Chosen::Never,
+        },
+        ascii: options.ascii,
+        no_color: variable("NO_COLOR").is_some_and(|value| !value.is_empty()),
+        term: variable("TERM"),
+        colorterm: variable("COLORTERM"),
+        light_background,
+    })
+}
+
+fn model(options: &Options, keymap: Arc<Keymap>, look: &Look) -> Model {
+    let settings = Settings {
+        read_only: options.read_only,
+        mouse: options.mouse,
+        tour: options.tour.then_some(0),
+        theme: look.theme().name().to_owned(),
+    };
+    Model::new(settings, keymap, theme::names().into_iter().map(ToOwned::to_owned).collect())
+}

@@ -1,0 +1,70 @@
+//! The last line: how things were left, in words that are true.
+
+use super::{Cause, Left};
+use crate::engine::snapshot::{CandidateView, Snapshot};
+use crate::governance::lifecycle::Stage;
+use crate::text::Untrusted;
+
+/// How a console left things: why it ended, how the engine did, and what was on its way when it was last seen.
+pub(super) fn left(cause: Cause, ended: Option<Result<(), String>>, last: Option<&Snapshot>) -> Left {
+    let (in_order, engine) = match ended {
+        Some(Ok(())) => (true, "the engine ended in good order".to_owned()),
+        Some(Err(why)) => (false, format!("the engine ended with a fault: {why}")),
+        None => (false, "the engine did not end in time; the next start puts its work in order".to_owned()),
+    };
+    let mut parts = vec![engine];
+    parts.extend(last.into_iter().flat_map(on_the_way));
+    let text = Untrusted::new(parts.join("; ")).line().into_string();
+    Left { cause, in_order, text }
+}
+
+/// What goes on at the next start, one part for each kind.
+fn on_the_way(snapshot: &Snapshot) -> Vec<String> {
+    let count =
+        |is: &dyn Fn(&CandidateView) -> bool| snapshot.candidates.iter().filter(|one| is(one)).count();
+    let mut parts = Vec::new();
+    for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
+        let here = count(&|one| one.flags.running == Some(stage) && !one.flags.awaiting_approval);
+        if here > 0 {
+            parts.push(format!(
+                "{} paused in {} and {} on at the next start",
+                candidates(here),
+                stage.name(),
+                if here == 1 { "goes" } else { "go" }
+            ));
+        }
+    }
+    let waiting = snapshot.prompts.len();
+    if waiting > 0 {
+        parts.push(format!("{} held for approval; people are asked again", candidates(waiting)));
+    }
+    let watched = count(&|one| one.flags.provisional);
+    if watched > 0 {
+        parts.push(format!("{} provisional and watched on at the next start", candidates(watched)));
+    }
+    parts
+}
+
+fn candidates(count: usize) -> String {
+    if count == 1 { "1 candidate is".to_owned() } else { format!("{count} candidates are") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_how_the_engine_ended() {
+        for (ended, in_order, words) in [
+            (Some(Ok(())), true, "the engine ended in good order"),
+            (Some(Err("disk full\u{7}".to_owned())), false, r"with a fault: disk full\u{7}"),
+            (None, false, "did not end in time"),
+        ] {
+            let left = left(Cause::Asked, ended, None);
+            assert_eq!(left.in_order, in_order);
+            assert!(left.text.contains(words), "{}", left.text);
+        }
+        assert_eq!(candidates(1), "1 candidate is");
+        assert_eq!(candidates(3), "3 candidates are");
+    }
+}

@@ -1,0 +1,162 @@
+//! What the terminal sends: read on a thread of its own, so that a terminal that is gone or a half-sent sequence
+//! stops this thread and not the console.
+//!
+//! Must not decide what a key means. Late answers of the terminal to a question about its colours are no keys.
+
+use std::io;
+
+use ratatui::crossterm::event::{
+    self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseEvent, MouseEventKind,
+};
+use tokio::sync::mpsc;
+
+use crate::console::msg::What;
+
+/// Inputs that wait at most; the thread waits with reading while so many do.
+const WAITING_MAX: usize = 256;
+
+/// Rows a notch of the wheel scrolls.
+const WHEEL_ROWS: i32 = 3;
+
+/// The longest text that is taken as a paste, bytes; a line holds far less.
+const PASTE_BYTES_MAX: usize = 64 * 1024;
+
+/// Keys of one late answer at most; what comes then is typed.
+const ANSWER_KEYS_MAX: usize = 64;
+
+/// Starts reading. The receiver ends where the terminal cannot be read any more.
+///
+/// # Errors
+/// Where no thread can be had.
+pub fn start() -> io::Result<mpsc::Receiver<What>> {
+    let (sender, receiver) = mpsc::channel(WAITING_MAX);
+    std::thread::Builder::new().name("console-input".to_owned()).spawn(move || {
+        let mut answers = LateAnswer::default();
+        while let Ok(event) = event::read() {
+            if let Some(what) = what(event, &mut answers)
+                && sender.blocking_send(what).is_err()
+            {
+                return;
+            }
+        }
+    })?;
+    Ok(receiver)
+}
+
+/// What an event is to the console; absent where it is nothing.
+fn what(event: Event, answers: &mut LateAnswer) -> Option<What> {
+    match event {
+        Event::Key(key) if key.kind == KeyEventKind::Release => None,
+        Event::Key(key) if answers.swallow(key) => None,
+        Event::Key(key) => Some(What::Key(key)),
+        Event::Paste(text) => Some(What::Paste(bounded(text))),
+        Event::Mouse(mouse) => wheel(mouse).map(What::Wheel),
+        Event::Resize(columns, rows) => Some(What::Resize(columns, rows)),
+        // Losing the focus changes nothing that is shown.
+        Event::FocusGained | Event::FocusLost => None,
+    }
+}
+
+const fn wheel(mouse: MouseEvent) -> Option<i32> {
+    match mouse.kind {
+        MouseEventKind::ScrollDown => Some(WHEEL_ROWS),
+        MouseEventKind::ScrollUp => Some(-WHEEL_ROWS),
+        MouseEventKind::Down(_)
+        | MouseEventKind::Up(_)
+        | MouseEventKind::Drag(_)
+        | MouseEventKind::Moved
+        | MouseEventKind::ScrollLeft
+        | MouseEventKind::ScrollRight => None,
+    }
+}
+
+fn bounded(mut text: String) -> String {
+    let mut end = PASTE_BYTES_MAX.min(text.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.truncate(end);
+    text
+}
+
+/// A terminal that answers a question about its colours too late sends `ESC ] 1 1 ; ...`, which reads as alt-] and
+/// then as keys. They end with `ESC \` or BEL.
+#[derive(Debug, Default)]
+struct LateAnswer {
+    /// Keys of the present answer so far; absent outside one.
+    keys: Option<usize>,
+}
+
+impl LateAnswer {
+    /// Whether a key belongs to an answer and is to be left out.
+    fn swallow(&mut self, key: KeyEvent) -> bool {
+        let Some(keys) = self.keys else {
+            let begins = key.code == KeyCode::Char(']') && key.modifiers == KeyModifiers::ALT;
+            self.keys = begins.then_some(1);
+            return begins;
+        };
+        let ends = matches!(
+            (key.code, key.modifiers),
+            (KeyCode::Char('\\'), KeyModifiers::ALT) | (KeyCode::Char('g'), KeyModifiers::CONTROL)
+        );
+        self.keys = (!ends && keys + 1 < ANSWER_KEYS_MAX).then_some(keys + 1);
+        // Only what an answer can hold is left out: anything else is typed, and ends it.
+        let belongs = ends
+            || matches!(key.code, KeyCode::Char(sign) if sign.is_ascii_hexdigit() || "rgb:;/".contains(sign));
+        if !belongs {
+            self.keys = None;
+        }
+        belongs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn typed(keys: &[(char, KeyModifiers)]) -> String {
+        let mut answers = LateAnswer::default();
+        keys.iter()
+            .filter(|(sign, modifiers)| {
+                let key = KeyEvent::new(KeyCode::Char(*sign), *modifiers);
+                what(Event::Key(key), &mut answers).is_some()
+            })
+            .map(|(sign, _)| *sign)
+            .collect()
+    }
+
+    fn plain(text: &str) -> Vec<(char, KeyModifiers)> {
+        text.chars().map(|sign| (sign, KeyModifiers::NONE)).collect()
+    }
+
+    #[test]
+    fn late_answers_are_no_keys() {
+        let mut keys = plain("ab");
+        keys.push((']', KeyModifiers::ALT));
+        keys.extend(plain("11;rgb:1e1e/1e1e/1e1e"));
+        keys.push(('\\', KeyModifiers::ALT));
+        keys.extend(plain("1q"));
+        assert_eq!(typed(&keys), "ab1q");
+        // A key that no answer holds ends it: nobody loses more than what came with alt-].
+        let mut broken = vec![(']', KeyModifiers::ALT)];
+        broken.extend(plain("xab"));
+        assert_eq!(typed(&broken), "xab");
+        let mut endless = vec![(']', KeyModifiers::ALT)];
+        endless.extend(plain(&"1".repeat(ANSWER_KEYS_MAX)));
+        assert_eq!(typed(&endless), "1");
+    }
+
+    #[test]
+    fn releases_and_moves_are_nothing_and_pastes_are_bounded() {
+        let mut answers = LateAnswer::default();
+        let released = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Release);
+        assert_eq!(what(Event::Key(released), &mut answers), None);
+        let repeated = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Repeat);
+        assert_eq!(what(Event::Key(repeated), &mut answers), Some(What::Key(repeated)));
+        assert_eq!(what(Event::FocusGained, &mut answers), None);
+        let Some(What::Paste(text)) = what(Event::Paste("é".repeat(PASTE_BYTES_MAX)), &mut answers) else {
+            panic!("a paste is a paste");
+        };
+        assert_eq!(text.len(), PASTE_BYTES_MAX);
+    }
+}

@@ -1,0 +1,111 @@
+//! The renderer: frames and nothing else reach the terminal, each of them in one write and as one update.
+//!
+//! Must not choose what is drawn, and never asks the terminal anything while keys are read: a cursor report would
+//! be waited for in vain.
+
+use std::cell::Cell;
+use std::fs::File;
+use std::io::{self, Write};
+use std::rc::Rc;
+
+use ratatui::Terminal;
+use ratatui::backend::CrosstermBackend;
+use ratatui::buffer::Buffer;
+use ratatui::crossterm::queue;
+use ratatui::crossterm::style::force_color_output;
+use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
+use ratatui::layout::Rect;
+
+/// Bytes of a frame that are kept room for: a full screen of 200x60 with styles.
+const FRAME_BYTES: usize = 64 * 1024;
+
+/// Collects a frame and writes it at once; what asks for a flush in between is not listened to.
+struct Writer {
+    tty: File,
+    frame: Vec<u8>,
+    held: Rc<Cell<bool>>,
+}
+
+impl Write for Writer {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.frame.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        if self.held.get() {
+            return Ok(());
+        }
+        let written = self.tty.write_all(&self.frame);
+        // A frame that could not be written is lost with its terminal.
+        self.frame.clear();
+        written
+    }
+}
+
+/// The screen.
+pub struct Screen {
+    terminal: Terminal<CrosstermBackend<Writer>>,
+    held: Rc<Cell<bool>>,
+}
+
+impl Screen {
+    /// A screen on stdout.
+    ///
+    /// # Errors
+    /// Where stdout cannot be had once more or the terminal does not tell its size.
+    pub fn new() -> io::Result<Self> {
+        // The look decides about colours, `NO_COLOR` included; the library's own way would erase bold and reverse.
+        force_color_output(true);
+        let tty = File::from(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdout(), 3)?);
+        let held = Rc::new(Cell::new(false));
+        let writer = Writer { tty, frame: Vec::with_capacity(FRAME_BYTES), held: Rc::clone(&held) };
+        Ok(Self { terminal: Terminal::new(CrosstermBackend::new(writer))?, held })
+    }
+
+    /// Columns and rows.
+    ///
+    /// # Errors
+    /// Where the terminal does not tell.
+    pub fn size(&self) -> io::Result<(u16, u16)> {
+        self.terminal.size().map(|size| (size.width, size.height))
+    }
+
+    /// Draws one frame: `paint` fills the whole buffer.
+    ///
+    /// # Errors
+    /// Where the terminal cannot be written to: it is gone.
+    pub fn draw(&mut self, paint: impl FnOnce(Rect, &mut Buffer)) -> io::Result<()> {
+        self.held.set(true);
+        let drawn = self.frame(paint);
+        self.held.set(false);
+        drawn.and_then(|()| self.terminal.backend_mut().flush())
+    }
+
+    fn frame(&mut self, paint: impl FnOnce(Rect, &mut Buffer)) -> io::Result<()> {
+        queue!(self.terminal.backend_mut(), BeginSynchronizedUpdate)?;
+        self.terminal.draw(|frame| paint(frame.area(), frame.buffer_mut()))?;
+        queue!(self.terminal.backend_mut(), EndSynchronizedUpdate)
+    }
+
+    /// The next frame is drawn anew from its first cell: the terminal's size changed, and what it shows is its own.
+    ///
+    /// # Errors
+    /// As [`Screen::draw`].
+    pub fn resize(&mut self, columns: u16, rows: u16) -> io::Result<()> {
+        self.held.set(true);
+        let resized = self.terminal.resize(Rect::new(0, 0, columns, rows));
+        self.held.set(false);
+        resized
+    }
+
+    /// Sends a sequence that changes nothing of what is drawn, like a bell or a copy.
+    ///
+    /// # Errors
+    /// As [`Screen::draw`].
+    pub fn send(&mut self, sequence: &[u8]) -> io::Result<()> {
+        let backend = self.terminal.backend_mut();
+        backend.write_all(sequence)?;
+        backend.flush()
+    }
+}

@@ -1,0 +1,324 @@
+//! One console at work: waits for whatever comes first, folds it into the model, draws.
+//!
+//! Must not hang: it waits for channels alone, and what may take long is another thread's.
+
+use std::collections::VecDeque;
+use std::io;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
+
+use super::pace::{Pace, Want};
+use super::screen::Screen;
+use super::{Cause, Left, farewell, input};
+use crate::console::effect::Effect;
+use crate::console::effects::{Hands, Outcome, Place, ReadCandidate};
+use crate::console::frame;
+use crate::console::look::Look;
+use crate::console::model::{Model, View};
+use crate::console::msg::{Msg, What};
+use crate::console::terminal::TerminalGuard;
+use crate::console::terminal::guard::{Ending, Guard};
+use crate::console::update::update;
+use crate::engine::command::Command;
+use crate::engine::host::{Host, HostConfig, StopError, Update};
+
+/// Time passes this often where nothing else happens.
+const TICK: Duration = Duration::from_millis(500);
+
+/// How long the engine has to end in good order. Less than the guard's patience.
+const ENDING_MAX: Duration = Duration::from_millis(3_000);
+
+/// What is left of it for the engine's thread, once its time is over.
+const STOP_MAX: Duration = Duration::from_millis(500);
+
+/// Things that are folded in before a frame is looked at again.
+const BATCH_MAX: usize = 256;
+
+/// What a session is made of beside the screen.
+pub(super) struct Parts {
+    pub(super) host: HostConfig,
+    pub(super) candidates: ReadCandidate,
+    pub(super) recordings: PathBuf,
+    pub(super) exports: Option<PathBuf>,
+    pub(super) operator: Option<String>,
+}
+
+/// See the module's head.
+pub(super) struct Session {
+    begun: Instant,
+    model: Model,
+    look: Look,
+    screen: Screen,
+    terminal: TerminalGuard,
+    guard: Guard,
+    inputs: mpsc::Receiver<What>,
+    hands: Hands,
+    operator: Option<String>,
+    pace: Pace,
+    /// Until when the engine may take to end, once it was asked to.
+    leaving: Option<Instant>,
+    cause: Cause,
+    /// Nothing can be drawn any more.
+    blind: bool,
+    /// How the engine ended.
+    ended: Option<Result<(), String>>,
+}
+
+/// What came first.
+enum Came {
+    Input(Option<What>),
+    Update(Option<Update>),
+    Snapshot,
+    Picture,
+    Ending(Ending),
+    Tick,
+    Frame,
+    Late,
+}
+
+impl Session {
+    pub(super) fn start(
+        parts: Parts,
+        model: Model,
+        look: Look,
+        screen: Screen,
+        terminal: TerminalGuard,
+        guard: Guard,
+    ) -> io::Result<Self> {
+        let host = Host::start(parts.host);
+        Ok(Self {
+            begun: Instant::now(),
+            model,
+            look,
+            screen,
+            terminal,
+            guard,
+            inputs: input::start()?,
+            hands: Hands::new(host, parts.candidates, parts.recordings, parts.exports),
+            operator: parts.operator,
+            pace: Pace::default(),
+            leaving: None,
+            cause: Cause::Asked,
+            blind: false,
+            ended: None,
+        })
+    }
+
+    /// Works until the program ends, and gives the terminal back.
+    pub(super) async fn run(mut self) -> Left {
+        let mut ticks = tokio::time::interval(TICK);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        while !self.is_over() {
+            let came = self.wait(&mut ticks).await;
+            self.fold(came);
+            self.fold_what_waits();
+            self.draw_if_due();
+        }
+        self.finish()
+    }
+
+    /// Nothing is left to wait for: the engine ended after it was asked to, or its time is over.
+    fn is_over(&self) -> bool {
+        self.leaving.is_some_and(|until| self.ended.is_some() || Instant::now() >= until)
+    }
+
+    async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> Came {
+        let frame = self.pace.due_ms().filter(|_| !self.blind).map(|due_ms| self.moment(due_ms));
+        let leaving = self.leaving;
+        let host = &mut self.hands.host;
+        tokio::select! {
+            biased;
+            ending = self.guard.ending(), if self.cause == Cause::Asked => Came::Ending(ending),
+            what = self.inputs.recv(), if !self.blind => Came::Input(what),
+            () = until(frame) => Came::Frame,
+            () = until(leaving) => Came::Late,
+            told = host.updates.recv(), if self.ended.is_none() => Came::Update(told),
+            Ok(()) = host.snapshots.changed() => Came::Snapshot,
+            Ok(()) = host.pictures.changed() => Came::Picture,
+            _ = ticks.tick() => Came::Tick,
+        }
+    }
+
+    fn moment(&self, at_ms: u64) -> Instant {
+        self.begun + Duration::from_millis(at_ms)
+    }
+
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    fn fold(&mut self, came: Came) {
+        match came {
+            Came::Input(Some(what)) => self.input(what),
+            // The thread that reads has given up: the terminal is gone.
+            Came::Input(None) => self.told_to_end(true),
+            Came::Update(Some(told)) => self.engine(told),
+            Came::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
+            Came::Snapshot => {
+                let newest = self.hands.host.snapshots.borrow_and_update().clone();
+                if let Some(snapshot) = newest {
+                    self.take(What::Snapshot(snapshot), Want::Story);
+                }
+            }
+            Came::Picture => self.picture(),
+            Came::Ending(ending) => self.told_to_end(ending == Ending::Gone),
+            Came::Tick => self.take(What::Tick, Want::Story),
+            Came::Frame | Came::Late => {}
+        }
+    }
+
+    /// A backlog is folded in whole, so that the next frame shows its end.
+    fn fold_what_waits(&mut self) {
+        for _ in 0..BATCH_MAX {
+            if let Ok(what) = self.inputs.try_recv() {
+                self.input(what);
+            } else if let Ok(told) = self.hands.host.updates.try_recv() {
+                self.engine(told);
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn input(&mut self, what: What) {
+        if let What::Resize(columns, rows) = what
+            && self.screen.resize(columns, rows).is_err()
+        {
+            self.told_to_end(true);
+        }
+        self.take(what, Want::Key);
+    }
+
+    fn engine(&mut self, told: Update) {
+        let what = match told {
+            Update::Started => {
+                if let Some(name) = self.operator.take() {
+                    self.carry_out(Effect::UseIdentity(name));
+                }
+                What::EngineStarted
+            }
+            Update::Events(events) => What::Events(events),
+            Update::Answer { id, reply } => What::Answer { id, reply: Box::new(reply) },
+            Update::Lagged { missed } => What::Lagged(missed),
+            Update::Ended(how) => {
+                self.ended = Some(how.clone());
+                What::EngineEnded(how)
+            }
+        };
+        self.take(what, Want::Story);
+    }
+
+    fn picture(&mut self) {
+        let newest = self.hands.host.pictures.borrow_and_update().clone();
+        let Some(picture) = newest else { return };
+        let seen = self.model.view == View::Overview && self.model.frozen.is_none();
+        self.fold_one(What::Picture(picture));
+        if seen {
+            self.pace.want(Want::Picture);
+        }
+    }
+
+    fn told_to_end(&mut self, gone: bool) {
+        self.blind |= gone;
+        if self.cause == Cause::Asked {
+            self.cause = Cause::Told;
+            self.take(What::EndAsked, Want::Key);
+        }
+    }
+
+    /// Folds one thing in and asks for a frame.
+    fn take(&mut self, what: What, want: Want) {
+        self.fold_one(what);
+        self.pace.want(want);
+    }
+
+    fn fold_one(&mut self, what: What) {
+        let now_ms = self.now_ms();
+        let effects = update(&mut self.model, Msg { now_ms, what });
+        for effect in effects {
+            self.carry_out(effect);
+        }
+    }
+
+    /// Carries out an effect and what follows from its answer.
+    fn carry_out(&mut self, effect: Effect) {
+        let mut open = VecDeque::from([effect]);
+        while let Some(effect) = open.pop_front() {
+            let mut place = Place {
+                screen: &mut self.screen,
+                terminal: &self.terminal,
+                look: &mut self.look,
+                model: &self.model,
+            };
+            match self.hands.carry_out(effect, &mut place) {
+                Ok(Outcome::Quiet) => {}
+                Ok(Outcome::Told(what)) => {
+                    let now_ms = self.now_ms();
+                    open.extend(update(&mut self.model, Msg { now_ms, what }));
+                    self.pace.want(Want::Key);
+                }
+                Ok(Outcome::End) => self.end(),
+                Err(_) => self.told_to_end(true),
+            }
+        }
+    }
+
+    /// Asks the engine to end; the screen stays until it has.
+    fn end(&mut self) {
+        if self.leaving.is_none() {
+            self.leaving = Some(Instant::now() + ENDING_MAX);
+            // A full queue is no reason to wait: the host is stopped in any case.
+            self.hands.ask("console-ends".to_owned(), Command::Shutdown);
+        }
+    }
+
+    fn draw_if_due(&mut self) {
+        let now_ms = self.now_ms();
+        if self.blind || !self.pace.is_due(now_ms) {
+            return;
+        }
+        #[cfg(debug_assertions)]
+        fail_if_asked(&self.model);
+        let (model, look) = (&self.model, &self.look);
+        let drawn = self.screen.draw(|area, buffer| frame::draw(model, look, area, buffer));
+        // The pace counts from the end of a frame: a slow terminal gets fewer.
+        self.pace.drawn(self.now_ms());
+        if drawn.is_err() {
+            self.told_to_end(true);
+        }
+    }
+
+    /// The engine first, the terminal last.
+    fn finish(self) -> Left {
+        let Self { model, hands, terminal, guard, ended, cause, .. } = self;
+        let stopped = match hands.host.stop(STOP_MAX) {
+            Ok(()) => Some(Ok(())),
+            Err(StopError::Failed(why)) => Some(Err(why)),
+            Err(StopError::Late(_)) => None,
+        };
+        let ended = ended.or(stopped);
+        drop(terminal);
+        drop(guard);
+        farewell::left(cause, ended, model.snapshot.as_deref())
+    }
+}
+
+/// Waits until a moment; for ever where there is none.
+async fn until(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment.into()).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// The test of the panic policy: a screen that fails while it is drawn. Not in a release.
+#[cfg(debug_assertions)]
+fn fail_if_asked(model: &Model) {
+    let asked = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
+    if asked && model.snapshot.is_some() {
+        std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
+    }
+}

@@ -1,0 +1,143 @@
+//! The terminal's modes: what is on is noted before it is turned on, so that anybody can undo exactly that.
+//!
+//! The note is one byte for the whole process, since the panic hook and the guard's thread have to reach it. Must
+//! not be used while a frame is half written, but to end the program.
+
+use std::io;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
+
+use super::log;
+
+/// Raw mode: keys come one by one, and no key makes a signal.
+const RAW: u8 = 1;
+
+/// A mode that two control sequences turn on and off.
+struct Mode {
+    bit: u8,
+    on: &'static [u8],
+    off: &'static [u8],
+}
+
+/// In the order in which they are turned on; off goes the other way.
+const MODES: [Mode; 5] = [
+    Mode { bit: 1 << 1, on: b"\x1b[?1049h", off: b"\x1b[?1049l" },
+    Mode { bit: 1 << 2, on: b"\x1b[?25l", off: b"\x1b[?25h" },
+    Mode { bit: 1 << 3, on: b"\x1b[?2004h", off: b"\x1b[?2004l" },
+    Mode { bit: 1 << 4, on: b"\x1b[?1004h", off: b"\x1b[?1004l" },
+    MOUSE,
+];
+
+/// Buttons and the wheel, in coordinates without a limit; moves are not reported, since nobody reads them.
+const MOUSE: Mode = Mode { bit: 1 << 5, on: b"\x1b[?1000h\x1b[?1006h", off: b"\x1b[?1006l\x1b[?1000l" };
+
+/// Ends a frame that was cut off, and forgets its last colours.
+const END_FRAME: &[u8] = b"\x1b[?2026l\x1b[0m";
+
+/// What is on now.
+static ON: AtomicU8 = AtomicU8::new(0);
+
+/// Turns everything on, the mouse where wanted.
+///
+/// # Errors
+/// Where the terminal does not take it. What was turned on so far is noted.
+pub fn enter(mouse: bool) -> io::Result<()> {
+    ON.fetch_or(RAW, Ordering::AcqRel);
+    enable_raw_mode()?;
+    for mode in MODES.iter().filter(|mode| mouse || mode.bit != MOUSE.bit) {
+        turn_on(mode)?;
+    }
+    Ok(())
+}
+
+/// Turns the mouse on or off.
+///
+/// # Errors
+/// Where the terminal cannot be written to.
+pub fn mouse(take: bool) -> io::Result<()> {
+    if take {
+        return turn_on(&MOUSE);
+    }
+    let was = ON.fetch_and(!MOUSE.bit, Ordering::AcqRel);
+    if was & MOUSE.bit == 0 { Ok(()) } else { write_all(MOUSE.off) }
+}
+
+/// Undoes what is on, in reverse, and puts fd 2 back. Does nothing the second time. What fails has nobody to be
+/// told: the terminal may be gone.
+pub fn restore() {
+    let on = ON.swap(0, Ordering::AcqRel);
+    if on != 0 {
+        drop(write_all(&leaving(on)));
+        if on & RAW != 0 {
+            drop(disable_raw_mode());
+        }
+    }
+    log::give_stderr_back();
+}
+
+/// As [`restore`], for a terminal that may not take a byte any more: the settings first, which never wait.
+pub fn restore_settings_first() {
+    drop(disable_raw_mode());
+    restore();
+}
+
+/// Whether anything is on.
+#[must_use]
+pub fn is_on() -> bool {
+    ON.load(Ordering::Acquire) != 0
+}
+
+fn turn_on(mode: &Mode) -> io::Result<()> {
+    ON.fetch_or(mode.bit, Ordering::AcqRel);
+    write_all(mode.on)
+}
+
+/// The sequences that undo what is on.
+fn leaving(on: u8) -> Vec<u8> {
+    let mut bytes = END_FRAME.to_vec();
+    for mode in MODES.iter().rev().filter(|mode| on & mode.bit != 0) {
+        bytes.extend_from_slice(mode.off);
+    }
+    bytes
+}
+
+/// Past every buffer: what a half-written frame left in one must not come after this.
+fn write_all(mut bytes: &[u8]) -> io::Result<()> {
+    while !bytes.is_empty() {
+        let written = rustix::io::retry_on_intr(|| rustix::io::write(rustix::stdio::stdout(), bytes))?;
+        if written == 0 {
+            return Err(io::ErrorKind::WriteZero.into());
+        }
+        bytes = bytes.get(written..).unwrap_or_default();
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leaving_undoes_what_is_on_in_reverse_and_nothing_else() {
+        let all = MODES.iter().fold(RAW, |on, mode| on | mode.bit);
+        let text = String::from_utf8(leaving(all)).unwrap();
+        let places: Vec<usize> = ["[?1006l", "[?1000l", "[?1004l", "[?2004l", "[?25h", "[?1049l"]
+            .iter()
+            .map(|sequence| text.find(sequence).unwrap())
+            .collect();
+        assert!(places.is_sorted(), "{text:?}");
+        let without = String::from_utf8(leaving(all & !MOUSE.bit)).unwrap();
+        assert!(!without.contains("1000") && without.ends_with("\u{1b}[?1049l"), "{without:?}");
+        assert_eq!(leaving(0), END_FRAME);
+    }
+
+    #[test]
+    fn every_mode_has_its_own_bit() {
+        let bits = MODES.iter().fold(RAW, |seen, mode| {
+            assert_eq!(seen & mode.bit, 0, "{:?}", mode.on);
+            seen | mode.bit
+        });
+        assert_eq!(bits.count_ones(), 6);
+    }
+}

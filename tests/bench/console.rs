@@ -1,0 +1,172 @@
+//! What the console costs: `cargo build --release && cargo run --release --example console_cost`.
+//!
+//! Measures against the budget of the design: building a frame at 200x60 with 10,000 versions, the first frame after
+//! the start, key to repaint while the evaluation uses every core, and the processor's time of a console nobody
+//! uses. Prints a table; says nothing about correctness.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a measurement says so by failing, and prints what it found"
+)]
+
+#[path = "../support/pty.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+mod pty;
+
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::time::{Duration, Instant};
+
+use holdpoint::console::frame;
+use holdpoint::console::keymap::Keymap;
+use holdpoint::console::look::{Look, LookOptions};
+use holdpoint::console::model::{Model, Settings, View};
+use holdpoint::engine::detail::{RegistryPage, RegistryRow};
+use holdpoint::governance::lifecycle::{Flags, State};
+use pty::{Console, Home};
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+
+/// Versions in the registry.
+const ROWS: u64 = 10_000;
+
+/// Frames that are built.
+const FRAMES: usize = 300;
+
+/// Starts that are timed.
+const STARTS: usize = 7;
+
+/// Keys that are timed: so many lines of so many letters.
+const LINES: usize = 8;
+const LETTERS: usize = 40;
+
+/// How long nobody does anything.
+const IDLE: Duration = Duration::from_secs(20);
+
+/// The kernel counts processor time in hundredths of a second.
+const TICKS_PER_SEC: f64 = 100.0;
+
+const SIZE: (u16, u16) = (200, 60);
+
+fn main() {
+    println!("load average: {}", std::fs::read_to_string("/proc/loadavg").unwrap().trim());
+    println!("{:<44} {:>10} {:>10} {:>10}", "what", "median", "p99", "budget");
+    row("frame at 200x60, 10,000 versions", frames(), "2 ms");
+    row("first frame after the start", (0..STARTS).map(|_| first_frame()).collect(), "150 ms");
+    row("key to repaint, evaluation on every core", keys(), "50 ms (p99)");
+    idle();
+}
+
+fn row(what: &str, mut times: Vec<Duration>, budget: &str) {
+    times.sort();
+    let at = |share: f64| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+        let index = ((times.len() - 1) as f64 * share).round() as usize;
+        format!("{:.2} ms", times[index].as_secs_f64() * 1e3)
+    };
+    println!("{what:<44} {:>10} {:>10} {budget:>10}", at(0.5), at(0.99));
+}
+
+fn frames() -> Vec<Duration> {
+    let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+    let mut model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
+    let version = |number: u64| RegistryRow {
+        version: format!("family{}@1.0.{number}", number % 50).parse().unwrap(),
+        state: State::Superseded,
+        flags: Flags::default(),
+        kappas: [Some(0.97), Some(0.95), Some(0.9), None],
+        baseline: false,
+        author: "refinery".to_owned(),
+        provenance: "refined".to_owned(),
+        risk: "low".to_owned(),
+        changed_ms: number,
+    };
+    let mut rows: Vec<RegistryRow> = (0..ROWS).map(version).collect();
+    rows.sort_by(|a, b| a.version.cmp(&b.version));
+    model.registry.page = Arc::new(RegistryPage { rows, total: ROWS, thresholds: [0.95, 0.9, 0.85, 0.8] });
+    model.view = View::Registry;
+    model.size = SIZE;
+    let options = LookOptions {
+        term: Some("xterm-256color".to_owned()),
+        colorterm: Some("truecolor".to_owned()),
+        ..LookOptions::default()
+    };
+    let look = Look::detect(&options).unwrap();
+    let area = Rect::new(0, 0, SIZE.0, SIZE.1);
+    let frame = |_| {
+        let mut buffer = Buffer::empty(area);
+        let begun = Instant::now();
+        frame::draw(&model, &look, area, &mut buffer);
+        begun.elapsed()
+    };
+    (0..FRAMES).map(frame).collect()
+}
+
+fn first_frame() -> Duration {
+    let home = Home::new();
+    let begun = Instant::now();
+    let console = home.console(&["run", "--no-tour"], SIZE);
+    let ends = |raw: &[u8]| raw.windows(8).any(|bytes| bytes == b"\x1b[?2026l");
+    console.wait_for_bytes("the first frame", ends);
+    begun.elapsed()
+}
+
+/// A console whose engine evaluates a candidate.
+fn at_work(home: &Home) -> Console {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = format!("--jobs={cores}");
+    let mut console = home.console(&["run", "--no-tour", &jobs], SIZE);
+    console.wait_for_text("SIM");
+    console.keys(":demo\r");
+    console.wait_for_text("sandbox");
+    console
+}
+
+fn keys() -> Vec<Duration> {
+    let home = Home::new();
+    let mut console = at_work(&home);
+    let mut times = Vec::with_capacity(LINES * LETTERS);
+    for _ in 0..LINES {
+        console.keys(":");
+        for count in 1..=LETTERS {
+            let typed = "w".repeat(count);
+            let begun = Instant::now();
+            console.keys("w");
+            console.wait_for_text(&typed);
+            times.push(begun.elapsed());
+        }
+        console.keys("\x1b");
+        console.wait_for("the line is closed", |screen| !screen.contents().contains("www"));
+    }
+    times
+}
+
+fn idle() {
+    let home = Home::new();
+    let console = home.console(&["run", "--no-tour"], SIZE);
+    console.wait_for_text("SIM");
+    let id = console.id();
+    // Nobody sends: the time passes.
+    let (kept, never) = sync_channel::<()>(1);
+    drop(never.recv_timeout(Duration::from_secs(3)));
+    let files = [format!("/proc/{id}/stat"), format!("/proc/{id}/task/{id}/stat")];
+    let before: Vec<u64> = files.iter().map(|file| ticks(file)).collect();
+    drop(never.recv_timeout(IDLE));
+    drop(kept);
+    for (at, what) in ["idle, whole process with the live cell at 1x", "idle, the console's own thread"]
+        .into_iter()
+        .enumerate()
+    {
+        let share = (ticks(&files[at]) - before[at]) as f64 / TICKS_PER_SEC / IDLE.as_secs_f64() * 100.0;
+        println!("{what:<44} {share:>9.2}% {:>10} {:>10}", "", if at == 1 { "2 %" } else { "" });
+    }
+}
+
+/// User and system time of a process or thread.
+fn ticks(file: &str) -> u64 {
+    let text = std::fs::read_to_string(file).unwrap();
+    let (_, fields) = text.rsplit_once(')').unwrap();
+    fields.split_whitespace().skip(11).take(2).map(|field| field.parse::<u64>().unwrap()).sum()
+}

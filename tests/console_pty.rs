@@ -1,0 +1,332 @@
+//! The console as it is built, on a terminal of its own: keys in, what a person sees out, and how it ends.
+//!
+//! One store is taken to the open question once; who approves and who rejects work on copies of it.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
+
+#[path = "support/pty.rs"]
+#[allow(dead_code, reason = "the measurements use the rest")]
+mod pty;
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use pty::{Console, Home};
+use rustix::process::Signal;
+
+/// Wide enough for every pane.
+const SIZE: (u16, u16) = (120, 36);
+
+/// The console of a fresh store in the profile of least rights.
+const FRESH: [&str; 3] = ["run", "--no-tour", "--jobs=1"];
+
+/// Sequences that give the terminal back, in this order.
+const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
+
+/// Exit code of a program that was told to end.
+const HELD: u32 = 3;
+
+/// Opens the console on a fresh store and waits for the engine.
+fn fresh(home: &Home, variables: &[(&str, &str)]) -> Console {
+    let console = home.console_with(&FRESH, SIZE, variables);
+    console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+    console
+}
+
+/// The banner names the profile once the engine has told how things stand.
+fn is_up(text: &str) -> bool {
+    ["SIM", "REAL", "HUMAN"].iter().any(|profile| text.contains(profile))
+}
+
+/// The terminal is as it was: the last sequences undo everything, and lines are lines again.
+fn assert_restored(console: &Console) {
+    let raw = console.raw();
+    let places: Vec<usize> =
+        LEAVE.iter().map(|sequence| raw.rfind(sequence).unwrap_or_else(|| panic!("{sequence:?}"))).collect();
+    assert!(places.is_sorted(), "{places:?}");
+    // Nothing is turned on or drawn after that.
+    let after = &raw[places[0]..];
+    assert!(!after.contains("\x1b[?1049h") && !after.contains("\x1b[?2026h"), "{after:?}");
+    assert!(console.is_cooked(), "the terminal still reads key by key");
+}
+
+/// A store in which a candidate waits for people, and two who may decide.
+fn waiting() -> &'static Path {
+    static STORE: OnceLock<Home> = OnceLock::new();
+    let home = STORE.get_or_init(|| {
+        let home = Home::new();
+        for name in ["alice", "bob"] {
+            home.must(&["identity", "new", name, "--role", "engineer"]);
+        }
+        let script = home.path().join("wait.toml");
+        std::fs::write(
+            &script,
+            "profile = \"human\"\n\
+             [[step]]\nregister = \"manifests/candidates/align-improved\"\n\
+             [[step]]\nwait = { prompt = \"align@1.1.0\", timeout_s = 20000 }\n",
+        )
+        .unwrap();
+        let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("console-episodes");
+        std::fs::create_dir_all(&cache).unwrap();
+        let words =
+            ["run", "--headless", "--script", script.to_str().unwrap(), "--cache", cache.to_str().unwrap()];
+        let output = home.run(&words);
+        assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+        home
+    });
+    home.path()
+}
+
+/// A copy of that store.
+fn asked() -> Home {
+    let home = Home::new();
+    copy(&waiting().join("data"), &home.data());
+    home
+}
+
+fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    std::fs::set_permissions(to, std::fs::metadata(from).unwrap().permissions()).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let kind = entry.file_type().unwrap();
+        if kind.is_dir() {
+            copy(&entry.path(), &to.join(entry.file_name()));
+        } else if kind.is_file() {
+            std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+        }
+    }
+}
+
+/// Opens the waiting question as somebody.
+fn at_the_prompt(home: &Home, name: &str) -> Console {
+    let words = ["run", "--profile", "human", "--as", name, "--no-tour", "--pace", "max"];
+    let mut console = home.console(&words, SIZE);
+    console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+    console.wait_for_text(name);
+    // The queue shows what waits; Enter opens it and nothing else.
+    console.keys("a");
+    console.wait_for_text("align@1.1.0");
+    console.keys("\r");
+    console.wait_for_text("Promote align@1.1.0");
+    console
+}
+
+/// The digits that must be typed, as the prompt itself says them.
+fn short_id(console: &Console) -> String {
+    let text = console.contents();
+    let (_, after) = text.split_once("Promote align@1.1.0 (").expect("the first line of the question");
+    after.chars().take_while(char::is_ascii_hexdigit).collect()
+}
+
+/// Fills the fields of the open question; Hold has the keys again afterwards.
+fn fill(console: &mut Console, id: &str, reason: &str) {
+    console.keys("\t");
+    console.keys(id);
+    console.keys("\t");
+    console.keys(reason);
+    console.wait_for_text(reason);
+    console.keys("\t");
+}
+
+/// Presses a key that decides until it counts: for the first moments it is refused.
+fn press_until_it_counts(console: &mut Console, key: &str) {
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.keys(key);
+    console.wait_for("the question is answered", |screen| !screen.contents().contains("Promote align@1.1.0"));
+}
+
+fn verified(home: &Home) {
+    home.must(&["audit", "verify"]);
+}
+
+fn state_of(home: &Home, version: &str) -> String {
+    let shown = home.must(&["registry", "show", version, "--json"]);
+    let value: serde_json::Value = serde_json::from_str(shown.lines().next().unwrap()).unwrap();
+    value["state"].as_str().unwrap_or_default().to_owned()
+}
+
+/// Ends the console as a person does.
+fn quit(console: &mut Console) -> u32 {
+    console.keys("q");
+    console.wait_for_text("End Holdpoint");
+    console.keys("y");
+    console.end().exit_code()
+}
+
+#[test]
+fn quitting_gives_the_terminal_back_and_says_how_things_were_left() {
+    let home = Home::new();
+    let mut console = fresh(&home, &[]);
+    assert!(!console.is_cooked(), "keys come one by one");
+    assert_eq!(quit(&mut console), 0, "{}", console.contents());
+    assert_restored(&console);
+    assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
+    verified(&home);
+}
+
+#[test]
+fn an_operator_approves() {
+    let home = asked();
+    let mut console = at_the_prompt(&home, "alice");
+    let id = short_id(&console);
+    assert_eq!(id.len(), 4, "{}", console.contents());
+    // Enter never approves: it holds, and the question stays open.
+    console.keys("\r");
+    console
+        .wait_for("Enter closed the question", |screen| !screen.contents().contains("Promote align@1.1.0"));
+    assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    console.keys("\r");
+    console.wait_for_text("Promote align@1.1.0");
+    fill(&mut console, &id, "evidence read");
+    press_until_it_counts(&mut console, "Y");
+    console.keys("1");
+    console.wait_for("the version is active", |screen| {
+        screen.contents().lines().any(|line| line.contains("align@1.1.0") && line.contains("active"))
+    });
+    assert_eq!(quit(&mut console), 0);
+    assert_eq!(state_of(&home, "align@1.1.0"), "active");
+    verified(&home);
+}
+
+#[test]
+fn another_operator_rejects_with_a_reason() {
+    let home = asked();
+    let mut console = at_the_prompt(&home, "bob");
+    // Without a reason the key that rejects leads to the field.
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.keys("N");
+    console.keys("night shift is alone");
+    console.wait_for_text("night shift is alone");
+    console.keys("\t");
+    press_until_it_counts(&mut console, "N");
+    console.keys("2");
+    console.wait_for("the version is rejected", |screen| {
+        screen.contents().lines().any(|line| line.contains("rejected"))
+    });
+    assert_eq!(quit(&mut console), 0);
+    assert_eq!(state_of(&home, "align@1.1.0"), "rejected");
+    verified(&home);
+}
+
+#[test]
+fn a_closed_window_approves_nothing_and_ends_in_time() {
+    let home = asked();
+    let mut console = at_the_prompt(&home, "alice");
+    let id = short_id(&console);
+    fill(&mut console, &id, "almost decided");
+    let (took, status) = console.hang_up();
+    assert!(took.as_secs_f64() < 5.0, "{took:?}");
+    assert_eq!(status.exit_code(), HELD, "{status:?}");
+    assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    verified(&home);
+}
+
+#[test]
+fn signals_to_end_hold_restore_and_say_so() {
+    for signal in [Signal::TERM, Signal::INT, Signal::HUP] {
+        let home = Home::new();
+        let mut console = fresh(&home, &[]);
+        console.signal(signal);
+        let status = console.end();
+        assert_eq!(status.exit_code(), HELD, "{signal:?}: {status:?}");
+        assert_restored(&console);
+        verified(&home);
+    }
+}
+
+#[test]
+fn a_fault_of_the_screen_gives_the_terminal_back() {
+    let home = Home::new();
+    let mut console = home.console_with(&FRESH, SIZE, &[("HOLDPOINT_TEST_PANIC", "ui")]);
+    let status = console.end();
+    assert_eq!(status.exit_code(), 70, "{status:?}");
+    assert_restored(&console);
+    assert!(console.contents().contains("HOLDPOINT_TEST_PANIC asked for it"), "{}", console.contents());
+    verified(&home);
+}
+
+#[test]
+fn a_fault_of_the_engine_leaves_the_screen_up_and_latches_an_alarm() {
+    let home = Home::new();
+    let mut console = fresh(&home, &[("HOLDPOINT_TEST_PANIC", "engine")]);
+    console.keys(":demo\r");
+    console.wait_for("the pipeline holds", |screen| screen.contents().contains("HOLDING"));
+    console.keys("5");
+    console.wait_for("the alarm", |screen| screen.contents().to_lowercase().contains("latched"));
+    // The terminal is still the console's, and its keys work.
+    assert!(!console.is_cooked());
+    assert!(!console.raw().contains(LEAVE[2]), "the screen was given back");
+    assert!(home.log().contains("a panic on purpose"), "{}", home.log());
+    console.keys("1");
+    quit(&mut console);
+    assert_restored(&console);
+    verified(&home);
+}
+
+#[test]
+fn without_colour_no_colour_is_sent() {
+    let home = Home::new();
+    let mut console = fresh(&home, &[("NO_COLOR", "1"), ("COLORTERM", "truecolor")]);
+    assert_eq!(quit(&mut console), 0);
+    let raw = console.raw();
+    let colours: Vec<&str> = raw
+        .split("\x1b[")
+        .skip(1)
+        .filter_map(|rest| rest.split_once('m').map(|(numbers, _)| numbers))
+        .filter(|numbers| numbers.chars().all(|sign| sign.is_ascii_digit() || sign == ';'))
+        .filter(|numbers| numbers.split(';').any(is_colour))
+        .collect();
+    assert!(colours.is_empty(), "{colours:?}");
+}
+
+/// Whether a number of a style sequence names a colour; 39 and 49 take one away.
+fn is_colour(number: &str) -> bool {
+    matches!(number.parse::<u16>(), Ok(30..=38 | 40..=48 | 90..=97 | 100..=107))
+}
+
+#[test]
+fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
+    let home = Home::new();
+    let mut console = fresh(&home, &[]);
+    for round in 0..40_u16 {
+        console.resize(1 + (round * 37) % 200, 1 + (round * 13) % 60);
+        console.keys("2");
+    }
+    console.resize(1, 1);
+    console.keys("1j");
+    console.resize(SIZE.0, SIZE.1);
+    console.wait_for("the whole screen is back", |screen| {
+        let text = screen.contents();
+        is_up(&text) && text.lines().count() > 10
+    });
+    assert_eq!(quit(&mut console), 0);
+    assert_restored(&console);
+}
+
+#[test]
+fn a_window_of_one_cell_starts_and_ends() {
+    let home = Home::new();
+    let mut console = home.console(&FRESH, (1, 1));
+    console.wait_for("a frame", |screen| screen.alternate_screen());
+    console.keys("qy");
+    assert_eq!(console.end().exit_code(), 0, "{}", home.log());
+    assert_restored(&console);
+}
+
+#[test]
+fn what_is_wrong_with_settings_is_said_before_the_screen_is_taken() {
+    for (file, text, line, word) in [
+        ("config.toml", "ascii = true\ntheem = \"x\"\n", 2, "theem"),
+        ("keys.toml", "[keys]\napprove = [\"enter\"]\n", 2, "never decide"),
+    ] {
+        let home = Home::new();
+        let folder = home.path().join("config/holdpoint");
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(file), text).unwrap();
+        let mut console = home.console(&FRESH, SIZE);
+        assert_eq!(console.end().exit_code(), 2);
+        let said = console.contents().replace('\n', "");
+        assert!(said.contains(&format!("{file}:{line}")) && said.contains(word), "{said}");
+        assert!(!console.raw().contains("\x1b[?1049h"), "the screen was taken");
+    }
+}

@@ -1,0 +1,280 @@
+//! The program on a terminal of its own: keys go in, bytes come out, and a parser says what a person would see.
+//!
+//! Everything waits for a condition, never for a time. The reading thread alone touches the parser's input.
+
+use std::ffi::OsStr;
+use std::io::{Read as _, Write};
+use std::num::NonZeroU16;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use portable_pty::{Child, CommandBuilder, ExitStatus, MasterPty, PtySize, native_pty_system};
+
+/// Longer than anything takes on two busy cores.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What came out so far.
+struct Seen {
+    parser: vt100::Parser,
+    raw: Vec<u8>,
+    chunks: u64,
+    closed: bool,
+}
+
+/// A running console.
+pub struct Console {
+    child: Box<dyn Child + Send + Sync>,
+    master: Option<Box<dyn MasterPty + Send>>,
+    writer: Option<Box<dyn Write + Send>>,
+    seen: Arc<(Mutex<Seen>, Condvar)>,
+    let_go: Arc<AtomicBool>,
+    reader: Option<JoinHandle<()>>,
+}
+
+/// A home and a store of their own.
+pub struct Home {
+    folder: tempfile::TempDir,
+}
+
+impl Home {
+    pub fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    pub fn data(&self) -> PathBuf {
+        self.folder.path().join("data")
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The log that fd 2 goes to.
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("state/holdpoint/holdpoint.log")).unwrap_or_default()
+    }
+
+    /// The variables of a program in this home.
+    fn variables(&self) -> Vec<(&'static str, PathBuf)> {
+        let inside = |name: &str| self.folder.path().join(name);
+        vec![
+            ("HOME", inside("home")),
+            ("XDG_STATE_HOME", inside("state")),
+            ("XDG_CONFIG_HOME", inside("config")),
+            ("XDG_DATA_HOME", inside("share")),
+        ]
+    }
+
+    /// Runs the program without a terminal.
+    pub fn run(&self, words: &[&str]) -> Output {
+        Command::new(program())
+            .args(words)
+            .arg("--data")
+            .arg(self.data())
+            .envs(self.variables())
+            .output()
+            .unwrap()
+    }
+
+    /// Runs the program without a terminal and takes nothing but success.
+    pub fn must(&self, words: &[&str]) -> String {
+        let output = self.run(words);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{words:?}: {said}");
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Opens the console on a terminal of so many columns and rows.
+    pub fn console(&self, words: &[&str], size: (u16, u16)) -> Console {
+        self.console_with(words, size, &[])
+    }
+
+    /// As [`Home::console`], with more variables.
+    pub fn console_with(&self, words: &[&str], size: (u16, u16), variables: &[(&str, &str)]) -> Console {
+        let mut command = CommandBuilder::new(program());
+        command.args(words.iter().map(OsStr::new));
+        command.arg("--data");
+        command.arg(self.data());
+        command.cwd(self.folder.path());
+        for variable in ["NO_COLOR", "COLORTERM", "HOLDPOINT_TEST_PANIC", "RUST_BACKTRACE"] {
+            command.env_remove(variable);
+        }
+        for (name, value) in self.variables() {
+            command.env(name, value);
+        }
+        command.env("TERM", "xterm-256color");
+        // The background is known, so that nobody waits for an answer that this terminal does not give.
+        command.env("COLORFGBG", "15;0");
+        for (name, value) in variables {
+            command.env(name, value);
+        }
+        Console::spawn(command, size)
+    }
+}
+
+impl Console {
+    fn spawn(command: CommandBuilder, (columns, rows): (u16, u16)) -> Self {
+        let pair = native_pty_system().openpty(pty_size(columns, rows)).unwrap();
+        let child = pair.slave.spawn_command(command).unwrap();
+        drop(pair.slave);
+        let mut output = pair.master.try_clone_reader().unwrap();
+        let writer = pair.master.take_writer().unwrap();
+        let parser = vt100::Parser::new(nonzero(rows), nonzero(columns), 0);
+        let seen = Seen { parser, raw: Vec::new(), chunks: 0, closed: false };
+        let seen = Arc::new((Mutex::new(seen), Condvar::new()));
+        let let_go = Arc::new(AtomicBool::new(false));
+        let (told, stops) = (Arc::clone(&seen), Arc::clone(&let_go));
+        let reader = std::thread::spawn(move || {
+            let mut bytes = [0; 16 * 1024];
+            loop {
+                let count = output.read(&mut bytes).unwrap_or(0);
+                let mut seen = told.0.lock().unwrap();
+                seen.parser.process(&bytes[..count]);
+                seen.raw.extend_from_slice(&bytes[..count]);
+                seen.chunks += 1;
+                seen.closed = count == 0;
+                told.1.notify_all();
+                if count == 0 || stops.load(Ordering::Acquire) {
+                    return;
+                }
+            }
+        });
+        Self { child, master: Some(pair.master), writer: Some(writer), seen, let_go, reader: Some(reader) }
+    }
+
+    /// Waits until what is seen is as it should be.
+    pub fn wait_for(&self, what: &str, is: impl Fn(&vt100::Screen) -> bool) {
+        self.wait_until(what, |seen| is(seen.parser.screen()));
+    }
+
+    /// Waits until a text is on the screen.
+    pub fn wait_for_text(&self, text: &str) {
+        self.wait_for(text, |screen| screen.contents().contains(text));
+    }
+
+    /// Waits until the bytes so far are as they should be.
+    pub fn wait_for_bytes(&self, what: &str, is: impl Fn(&[u8]) -> bool) {
+        self.wait_until(what, |seen| is(&seen.raw));
+    }
+
+    fn wait_until(&self, what: &str, is: impl Fn(&Seen) -> bool) {
+        let until = Instant::now() + PATIENCE;
+        let mut seen = self.seen.0.lock().unwrap();
+        while !is(&seen) {
+            let left = until.saturating_duration_since(Instant::now());
+            let screen = seen.parser.screen().contents();
+            let ended = if seen.closed { ", the program has ended" } else { "" };
+            assert!(
+                !left.is_zero() && !seen.closed,
+                "waited in vain for {what:?}{ended}; on the screen:\n{screen}"
+            );
+            seen = self.seen.1.wait_timeout(seen, left).unwrap().0;
+        }
+    }
+
+    /// What is on the screen.
+    pub fn contents(&self) -> String {
+        self.lock().parser.screen().contents()
+    }
+
+    /// Every byte so far.
+    pub fn raw(&self) -> String {
+        String::from_utf8_lossy(&self.lock().raw).into_owned()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Seen> {
+        self.seen.0.lock().unwrap()
+    }
+
+    /// Presses keys.
+    pub fn keys(&mut self, keys: &str) {
+        let writer = self.writer.as_mut().unwrap();
+        writer.write_all(keys.as_bytes()).unwrap();
+        writer.flush().unwrap();
+    }
+
+    /// Makes the terminal as large as this. What the program draws from now on is read at that size.
+    pub fn resize(&self, columns: u16, rows: u16) {
+        self.lock().parser.set_size(nonzero(rows), nonzero(columns));
+        self.master.as_ref().unwrap().resize(pty_size(columns, rows)).unwrap();
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: rustix::process::Signal) {
+        let id = i32::try_from(self.child.process_id().unwrap()).unwrap();
+        rustix::process::kill_process(rustix::process::Pid::from_raw(id).unwrap(), signal).unwrap();
+    }
+
+    /// The process.
+    pub fn id(&self) -> u32 {
+        self.child.process_id().unwrap()
+    }
+
+    /// Whether the terminal is as a shell wants it: lines, echo, signals.
+    pub fn is_cooked(&self) -> bool {
+        use rustix::termios::LocalModes;
+        let path = self.master.as_ref().unwrap().tty_name().unwrap();
+        let tty = std::fs::File::open(path).unwrap();
+        let modes = rustix::termios::tcgetattr(tty).unwrap().local_modes;
+        modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
+    }
+
+    /// Waits for the end of the program and of its output.
+    pub fn end(&mut self) -> ExitStatus {
+        let until = Instant::now() + PATIENCE;
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < until, "the program does not end; on the screen:\n{}", self.contents());
+            // Its end closes its side of the terminal, which wakes the reader; until then nothing is to be done.
+            let seen = self.lock();
+            drop(self.seen.1.wait_timeout(seen, Duration::from_millis(20)).unwrap());
+        };
+        if let Some(reader) = self.reader.take() {
+            reader.join().unwrap();
+        }
+        status
+    }
+
+    /// Closes this side of the terminal, as a window that is closed does. Answers how long the program took to end,
+    /// and how it did.
+    pub fn hang_up(&mut self) -> (Duration, ExitStatus) {
+        self.let_go.store(true, Ordering::Release);
+        // The next frame lets the reader go; there is one twice a second at least.
+        self.reader.take().unwrap().join().unwrap();
+        drop(self.writer.take());
+        let begun = Instant::now();
+        drop(self.master.take());
+        let status = self.child.wait().unwrap();
+        (begun.elapsed(), status)
+    }
+}
+
+impl Drop for Console {
+    fn drop(&mut self) {
+        // A test that failed leaves no program behind.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// The program that was built with this test, or lies beside the folder of this example.
+fn program() -> PathBuf {
+    match option_env!("CARGO_BIN_EXE_holdpoint") {
+        Some(path) => PathBuf::from(path),
+        None => std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("holdpoint"),
+    }
+}
+
+fn pty_size(columns: u16, rows: u16) -> PtySize {
+    PtySize { rows, cols: columns, pixel_width: 0, pixel_height: 0 }
+}
+
+fn nonzero(value: u16) -> NonZeroU16 {
+    NonZeroU16::new(value).unwrap()
+}
