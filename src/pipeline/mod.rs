@@ -4,6 +4,7 @@
 //! Decides nothing by itself; the rules are in `governance`.
 
 mod alarming;
+mod binding;
 pub mod cache;
 pub mod cell;
 mod descent;

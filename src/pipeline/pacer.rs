@@ -107,7 +107,7 @@ impl Pacer {
         let due = Duration::from_secs_f64(due_secs.clamp(0.0, 3600.0));
         let passed = self.from.elapsed();
         if due > passed + WAIT_LEAST {
-            std::thread::sleep(due - passed);
+            std::thread::sleep(due.saturating_sub(passed));
         } else if passed > due + LATE_MAX {
             self.rebase(tick);
         }

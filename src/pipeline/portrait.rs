@@ -46,7 +46,7 @@ pub fn body(world: &World, seen: &Telemetry) -> Body {
     let mut links = vec![[0.0; 3]];
     links.extend(frames.links.iter().take(frames.count).map(origin));
     links.push(point(&tool));
-    let hand = frames.links.iter().take(frames.count).last();
+    let hand = frames.count.checked_sub(1).and_then(|last| frames.links.get(last));
     let half_width_m = seen.gripper_width_m / 2.0;
     // Fingers slide along their own z axis, each its half of the width, from where the pads meet: the tool.
     let pad = |index: usize| {

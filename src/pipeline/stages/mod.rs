@@ -6,6 +6,7 @@ pub mod confirmation;
 pub mod monitoring;
 pub mod operations;
 pub mod questions;
+pub mod restart;
 pub mod resume;
 pub mod rollback;
 pub mod sandbox;

@@ -83,3 +83,6 @@ impl UpgradeManager {
         self.watches.values().map(view).collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

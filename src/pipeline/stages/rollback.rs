@@ -285,4 +285,4 @@ fn told(record: RollbackRecord) -> EventKind {
 }
 
 #[cfg(test)]
-mod tests;
+pub(in crate::pipeline) mod tests;

@@ -37,13 +37,13 @@ const GOOD: EpisodeValues = EpisodeValues {
     unsafe_continuation_ms: 0.0,
 };
 
-struct Bench {
+pub(in crate::pipeline) struct Bench {
     folder: TempDir,
-    manager: UpgradeManager,
+    pub(in crate::pipeline) manager: UpgradeManager,
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub(in crate::pipeline) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let settings = Settings {
@@ -61,7 +61,7 @@ impl Bench {
     }
 
     /// Makes a candidate active and watched without its evaluation: what is tested comes after that.
-    fn activate(&mut self, name: &str) -> CapabilityId {
+    pub(in crate::pipeline) fn activate(&mut self, name: &str) -> CapabilityId {
         let manager = &mut self.manager;
         let package = Package::read(&Path::new("manifests/candidates").join(name)).unwrap();
         let id = Capability::load(name, package.clone()).unwrap().id();
@@ -92,7 +92,7 @@ impl Bench {
         id
     }
 
-    fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
+    pub(in crate::pipeline) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
         let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
         let reply = self.manager.command(Command::Rollback(operation));
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");

@@ -1,0 +1,272 @@
+//! The engine on a thread of its own, for a front end in the same process.
+//!
+//! Requests go in through a bounded queue and are never waited for; what happened comes out through a bounded one,
+//! of which a slow reader loses events and is told how many, but never an answer. Snapshots and pictures are the
+//! newest ones only. The engine never waits for the front end, and a front end that is gone ends it: it approves
+//! nothing alone.
+//!
+//! A panic on the engine's thread does not end the process: the pipeline holds with a latched alarm, and the host
+//! goes on answering.
+
+mod outlet;
+mod serving;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, OnceLock};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use holdpoint_sim::robot::RobotModel;
+use tokio::sync::{mpsc, watch};
+
+use self::outlet::Outlet;
+use self::serving::{Serving, said};
+use super::command::{Command, Reply, Request};
+use super::door::Door;
+use super::event::Event;
+use super::picture::Picture;
+use super::snapshot::Snapshot;
+use super::{Config, Engine, service};
+use crate::governance::profile::ProfileName;
+use crate::pipeline::cache::EpisodeCache;
+use crate::pipeline::cell::Cell;
+use crate::pipeline::pacer::Switch;
+use crate::registry::Layout;
+
+/// The most requests that are on their way or not yet answered.
+pub const OUTSTANDING_MAX: usize = 64;
+
+/// The most updates that wait for the front end.
+pub const UPDATES_MAX: usize = 256;
+
+/// By how much evaluation stands back behind the front end's thread.
+const NICE: i32 = 5;
+
+/// What a host is started with.
+#[derive(Clone, Debug)]
+pub struct HostConfig {
+    /// The store's folder.
+    pub data: PathBuf,
+    /// The profile.
+    pub profile: ProfileName,
+    /// The run's seed.
+    pub seed: u64,
+    /// Workers for evaluation; 0 for one fewer than there are cores.
+    pub jobs: usize,
+    /// The robot's URDF file; absent for the built-in arm.
+    pub robot: Option<PathBuf>,
+    /// Simulated seconds of the live world in a second; absent for as fast as it computes.
+    pub pace: Option<f64>,
+}
+
+impl HostConfig {
+    /// Workers: what was asked for, else one fewer than there are cores, so that the front end stays quick.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        let spare = || std::thread::available_parallelism().map_or(1, usize::from).saturating_sub(1);
+        if self.jobs == 0 { spare().max(1) } else { self.jobs }
+    }
+}
+
+/// What the engine's thread tells.
+#[derive(Debug)]
+pub enum Update {
+    /// The engine is up.
+    Started,
+    /// What happened, in order.
+    Events(Vec<Event>),
+    /// The answer to a request.
+    Answer {
+        /// The request's id.
+        id: String,
+        /// What was answered.
+        reply: Reply,
+    },
+    /// The front end was too slow: so many events were not told.
+    Lagged {
+        /// How many.
+        missed: u64,
+    },
+    /// The engine has ended; nothing comes after it.
+    Ended(Result<(), String>),
+}
+
+/// A request that was not taken: too many are under way, or the engine has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the engine is busy: {OUTSTANDING_MAX} requests wait already, or it has ended")]
+pub struct Busy;
+
+/// An engine that did not end in time.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StopError {
+    /// It is still at work; it ends by itself later, and approves nothing.
+    #[error("the engine did not end within {0:?}")]
+    Late(Duration),
+    /// It ended with an error.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// A running engine. Dropping it ends the engine in an orderly way, without waiting for that.
+pub struct Host {
+    requests: SyncSender<Request>,
+    outstanding: Arc<AtomicUsize>,
+    switch: Arc<OnceLock<Arc<Switch>>>,
+    /// What happened; bounded, see [`UPDATES_MAX`].
+    pub updates: mpsc::Receiver<Update>,
+    /// How things stand; absent until the engine is up.
+    pub snapshots: watch::Receiver<Option<Arc<Snapshot>>>,
+    /// What the live cell looks like; absent until it has moved.
+    pub pictures: watch::Receiver<Option<Arc<Picture>>>,
+    layout: Layout,
+    thread: Option<JoinHandle<Result<(), String>>>,
+}
+
+impl Host {
+    /// Starts the thread and returns at once. Whether the engine came up is told by [`Update::Started`] or
+    /// [`Update::Ended`].
+    #[must_use]
+    pub fn start(config: HostConfig) -> Self {
+        let (requests, asked) = sync_channel(OUTSTANDING_MAX);
+        let (told, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshot, snapshots) = watch::channel(None);
+        let (picture, pictures) = watch::channel(None);
+        let outstanding = Arc::new(AtomicUsize::new(0));
+        let switch = Arc::new(OnceLock::new());
+        let layout = Layout::new(config.data.clone());
+        let outlet = Outlet::new(told, snapshot, Arc::clone(&outstanding));
+        let shared = Arc::clone(&switch);
+        let work = move || run(&config, &asked, outlet, picture, &shared);
+        let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
+        Self { requests, outstanding, switch, updates, snapshots, pictures, layout, thread }
+    }
+
+    /// Hands a request over. Its answer comes as [`Update::Answer`]. Never waits; an operator's abort stops the arm
+    /// here and now, before the engine has read it.
+    ///
+    /// # Errors
+    /// [`Busy`]; nothing was handed over then.
+    pub fn ask(&self, request: Request) -> Result<(), Busy> {
+        let stops = request.command.stops_the_arm();
+        let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
+        self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).map_err(|_| Busy)?;
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.requests.try_send(request) {
+            self.outstanding.fetch_sub(1, Ordering::AcqRel);
+            return Err(Busy);
+        }
+        if stops && let Some(switch) = self.switch.get() {
+            switch.stop();
+        }
+        Ok(())
+    }
+
+    /// The folder of the store's identities.
+    #[must_use]
+    pub fn identities(&self) -> PathBuf {
+        self.layout.identities()
+    }
+
+    /// Ends the engine in an orderly way: the arm is stopped, nothing is approved or activated.
+    ///
+    /// # Errors
+    /// [`StopError`] where it takes longer than `patience`, or ended with an error.
+    pub fn stop(mut self, patience: Duration) -> Result<(), StopError> {
+        let until = Instant::now() + patience;
+        // A queue that is full is closed below, which ends the engine as well.
+        let _ = self.ask(Request { id: "host-stop".to_owned(), command: Command::Shutdown });
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let (closed, _) = sync_channel(0);
+        drop(std::mem::replace(&mut self.requests, closed));
+        while !thread.is_finished() {
+            if Instant::now() >= until {
+                return Err(StopError::Late(patience));
+            }
+            // What still comes is not read by anybody.
+            while self.updates.try_recv().is_ok() {}
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        match thread.join() {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(text)) => Err(StopError::Failed(text)),
+            Err(_) => Err(StopError::Failed("the engine's thread failed".to_owned())),
+        }
+    }
+}
+
+/// The engine's thread.
+fn run(
+    config: &HostConfig,
+    asked: &Receiver<Request>,
+    mut outlet: Outlet,
+    picture: watch::Sender<Option<Arc<Picture>>>,
+    switch: &OnceLock<Arc<Switch>>,
+) -> Result<(), String> {
+    // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
+    let _ = rustix::process::nice(NICE);
+    let started = catch_unwind(AssertUnwindSafe(|| start(config, picture)));
+    let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
+    let ended = match started {
+        Ok((engine, door)) => {
+            if let Some(own) = engine.switch() {
+                // Set once, here.
+                drop(switch.set(own));
+            }
+            outlet.say(Update::Started);
+            Serving::new(engine, door, asked).run(&mut outlet);
+            Ok(())
+        }
+        Err(text) => Err(text),
+    };
+    outlet.flush();
+    outlet.say(Update::Ended(ended.clone()));
+    ended
+}
+
+fn start(
+    config: &HostConfig,
+    picture: watch::Sender<Option<Arc<Picture>>>,
+) -> Result<(Engine, Door), String> {
+    let model = match &config.robot {
+        None => RobotModel::builtin("arm7"),
+        Some(path) => RobotModel::load(path),
+    };
+    let mut engine = Engine::start(Config {
+        data: &config.data,
+        profile: config.profile,
+        seed: config.seed,
+        jobs: config.workers(),
+        scripted: false,
+        cell: model.and_then(Cell::new).map_err(|error| error.to_string())?,
+        cache: EpisodeCache::InStore,
+    })
+    .map_err(|error| error.to_string())?;
+    let easel = move |taken: Picture| {
+        picture.send_replace(Some(Arc::new(taken)));
+    };
+    engine.pace_live_world(config.pace, Arc::new(easel));
+    let door = service::open(&engine).map_err(|error| error.to_string())?;
+    Ok((engine, door))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jobs_leave_a_core() {
+        let config = |jobs| HostConfig {
+            data: PathBuf::new(),
+            profile: ProfileName::Sim,
+            seed: 1,
+            jobs,
+            robot: None,
+            pace: None,
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        assert_eq!(config(0).workers(), (cores - 1).max(1));
+        assert_eq!(config(3).workers(), 3);
+    }
+}

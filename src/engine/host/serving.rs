@@ -1,0 +1,185 @@
+//! The host's loop: requests from the front end and from the socket between slices, what happened to both.
+//!
+//! A panic in any of it makes the engine hold; the loop itself goes on.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::time::Duration;
+
+use super::OUTSTANDING_MAX;
+use super::outlet::Outlet;
+use crate::engine::command::{Command, Reply, Request};
+use crate::engine::door::Door;
+use crate::engine::event::{Event, EventKind};
+use crate::engine::{Engine, service};
+use crate::pipeline::manager::Progress;
+
+/// How long an idle engine waits for a request before it looks at its clock, its socket and the live world.
+const PAUSE_MAX: Duration = Duration::from_millis(15);
+
+/// How long it waits while the arm is being stopped.
+const PAUSE_STOPPING: Duration = Duration::from_millis(2);
+
+/// The loop: requests between slices, from the front end and from the socket.
+pub(super) struct Serving<'a> {
+    engine: Engine,
+    door: Door,
+    asked: &'a Receiver<Request>,
+    /// Requests whose answer comes after the sequence that runs.
+    waiting: Vec<String>,
+    trial: Trial,
+}
+
+impl<'a> Serving<'a> {
+    pub(super) fn new(engine: Engine, door: Door, asked: &'a Receiver<Request>) -> Self {
+        Self { engine, door, asked, waiting: Vec::new(), trial: Trial::new() }
+    }
+
+    /// Until the engine has ended.
+    pub(super) fn run(&mut self, outlet: &mut Outlet) {
+        let mut next = None;
+        loop {
+            let lost = self.requests(next.take(), outlet);
+            if (lost || outlet.is_lost()) && !self.engine.has_ended() {
+                self.guarded("an end", |serving| {
+                    serving
+                        .engine
+                        .submit(Request { id: "front-end-lost".to_owned(), command: Command::Shutdown });
+                });
+                if !self.engine.has_ended() {
+                    // Even the end failed: what is on disk is whole, and nothing more is begun.
+                    return;
+                }
+            }
+            let mut progress = Progress::Worked;
+            self.guarded("a slice", |serving| {
+                serving.trial.at_slice();
+                progress = serving.engine.advance();
+            });
+            let events = self.engine.drain_events();
+            self.trial.note(&events);
+            self.door.publish(&events);
+            outlet.tell(events);
+            self.answer_waiting(outlet);
+            outlet.flush();
+            if progress == Progress::Worked {
+                outlet.note_change();
+            }
+            self.guarded("a snapshot", |serving| outlet.publish(&serving.engine));
+            if self.engine.has_ended() {
+                return;
+            }
+            if progress != Progress::Worked {
+                next = self.wait();
+            }
+        }
+    }
+
+    /// Does something; a panic in it makes the engine hold, and the loop goes on.
+    fn guarded(&mut self, what: &str, work: impl FnOnce(&mut Self)) {
+        let done = catch_unwind(AssertUnwindSafe(|| work(self)));
+        if let Err(panic) = done {
+            let text = format!("the engine failed in {what}: {}", said(&*panic));
+            // Holding writes an alarm; where even that fails, the alarm is at least in the book or the fault is told.
+            drop(catch_unwind(AssertUnwindSafe(|| self.engine.fail(&text))));
+        }
+    }
+
+    /// Carries out what was asked meanwhile. Tells whether the front end is gone.
+    fn requests(&mut self, first: Option<Request>, outlet: &mut Outlet) -> bool {
+        let mut next = first;
+        for _ in 0..OUTSTANDING_MAX {
+            let request = match next.take() {
+                Some(request) => request,
+                None => match self.asked.try_recv() {
+                    Ok(request) => request,
+                    Err(TryRecvError::Empty) => break,
+                    Err(TryRecvError::Disconnected) => return true,
+                },
+            };
+            let id = request.id.clone();
+            let mut reply = None;
+            let mut done = false;
+            self.guarded("a request", |serving| {
+                reply = serving.engine.offer(request);
+                done = true;
+            });
+            match reply {
+                Some(reply) => outlet.answer(id, reply),
+                None if done => self.waiting.push(id),
+                None => outlet.answer(id, failed()),
+            }
+        }
+        self.guarded("a request", |serving| service::step_requests(&mut serving.engine, &mut serving.door));
+        false
+    }
+
+    fn answer_waiting(&mut self, outlet: &mut Outlet) {
+        for id in std::mem::take(&mut self.waiting) {
+            match self.engine.answer_of(&id) {
+                Some(reply) => outlet.answer(id, reply),
+                None => self.waiting.push(id),
+            }
+        }
+    }
+
+    /// Waits for a request, but not for long.
+    fn wait(&self) -> Option<Request> {
+        let pause = if self.waiting.is_empty() { PAUSE_MAX } else { PAUSE_STOPPING };
+        // The loop sees a front end that is gone by itself.
+        self.asked.recv_timeout(pause).ok()
+    }
+}
+
+fn failed() -> Reply {
+    Reply::Refused {
+        code: crate::engine::command::Refusal::Holding,
+        text: "the engine failed on it and holds".to_owned(),
+        hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
+    }
+}
+
+/// What a panic said.
+pub(super) fn said(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    crate::text::Untrusted::new(text.unwrap_or_else(|| "no message".to_owned())).line().into_string()
+}
+
+/// A panic on purpose, for tests of a build that checks itself: `HOLDPOINT_TEST_PANIC=engine` fails the first slice
+/// after a registration, once.
+struct Trial {
+    armed: bool,
+    due: bool,
+}
+
+impl Trial {
+    fn new() -> Self {
+        let asked = std::env::var_os("HOLDPOINT_TEST_PANIC").is_some_and(|value| value == "engine");
+        Self { armed: cfg!(debug_assertions) && asked, due: false }
+    }
+
+    fn note(&mut self, events: &[Event]) {
+        let registered = |event: &Event| {
+            // The first versions of the cell are registered at the start and are not meant.
+            matches!(&event.kind, EventKind::Registered { parent: Some(_), .. })
+        };
+        self.due |= self.armed && events.iter().any(registered);
+    }
+
+    fn at_slice(&mut self) {
+        if self.due {
+            (self.armed, self.due) = (false, false);
+            fall_over();
+        }
+    }
+}
+
+#[cfg(debug_assertions)]
+#[allow(clippy::panic, reason = "a panic is what is tried")]
+fn fall_over() {
+    std::panic::panic_any("a panic on purpose");
+}
+
+#[cfg(not(debug_assertions))]
+const fn fall_over() {}
