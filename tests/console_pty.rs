@@ -147,7 +147,8 @@ fn state_of(home: &Home, version: &str) -> String {
 
 /// Ends the console as a person does.
 fn quit(console: &mut Console) -> u32 {
-    console.keys("q");
+    // From another view the key leads back first.
+    console.keys("1q");
     console.wait_for_text("End Holdpoint");
     console.keys("y");
     console.end().exit_code()

@@ -48,13 +48,13 @@ pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Re
         ConsoleError::Failed => CliError::internal(error),
         ConsoleError::Theme(_) | ConsoleError::Terminal(_) => CliError::usage(error),
     })?;
-    // Somebody may have closed the terminal: then there is nobody to tell, and it is no error.
-    let told = out.line(&left.text).and_then(|()| out.flush());
-    match (left.cause, left.in_order) {
-        (Cause::Told, _) => Ok(Exit::Held),
-        (Cause::Asked, true) => told.map(|()| Exit::Confirmed),
-        (Cause::Asked, false) => Ok(Exit::Held),
+    if left.cause != Cause::Gone {
+        out.line(&left.text)?;
     }
+    Ok(match (left.cause, left.in_order) {
+        (Cause::Asked, true) => Exit::Confirmed,
+        (Cause::Asked, false) | (Cause::Told | Cause::Gone, _) => Exit::Held,
+    })
 }
 
 /// The keys: the defaults and what the operator's file adds.

@@ -65,6 +65,7 @@ pub struct Hands {
 
 impl Hands {
     /// Hands for an engine. `recordings` is where its recordings are, `exports` where exports go if not here.
+    #[must_use]
     pub fn new(host: Host, candidates: ReadCandidate, recordings: PathBuf, exports: Option<PathBuf>) -> Self {
         Self { host, candidates, recordings, exports, rung_ms: None }
     }
@@ -122,6 +123,7 @@ impl Hands {
     }
 
     /// Asks the engine; a full queue is an answer as well.
+    #[must_use]
     pub fn ask(&self, id: String, command: Command) -> Outcome {
         match self.host.ask(Request { id: id.clone(), command }) {
             Ok(()) => Outcome::Quiet,

@@ -45,8 +45,10 @@ pub struct Console {
 pub enum Cause {
     /// Somebody asked for it.
     Asked,
-    /// A signal, or the terminal is gone.
+    /// A signal.
     Told,
+    /// The terminal is gone: nothing can be said there.
+    Gone,
 }
 
 /// How the console left things.

@@ -29,7 +29,7 @@ use crate::engine::host::{Host, HostConfig, StopError, Update};
 const TICK: Duration = Duration::from_millis(500);
 
 /// How long the engine has to end in good order. Less than the guard's patience.
-const ENDING_MAX: Duration = Duration::from_millis(3_000);
+const ENDING_MAX: Duration = Duration::from_secs(3);
 
 /// What is left of it for the engine's thread, once its time is over.
 const STOP_MAX: Duration = Duration::from_millis(500);
@@ -223,8 +223,13 @@ impl Session {
 
     fn told_to_end(&mut self, gone: bool) {
         self.blind |= gone;
-        if self.cause == Cause::Asked {
+        let first = self.cause == Cause::Asked;
+        if gone {
+            self.cause = Cause::Gone;
+        } else if first {
             self.cause = Cause::Told;
+        }
+        if first {
             self.take(What::EndAsked, Want::Key);
         }
     }
@@ -271,7 +276,7 @@ impl Session {
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
             // A full queue is no reason to wait: the host is stopped in any case.
-            self.hands.ask("console-ends".to_owned(), Command::Shutdown);
+            drop(self.hands.ask("console-ends".to_owned(), Command::Shutdown));
         }
     }
 
@@ -317,6 +322,7 @@ async fn until(moment: Option<Instant>) {
 
 /// The test of the panic policy: a screen that fails while it is drawn. Not in a release.
 #[cfg(debug_assertions)]
+#[allow(clippy::panic, reason = "that is what is tested")]
 fn fail_if_asked(model: &Model) {
     let asked = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
     if asked && model.snapshot.is_some() {

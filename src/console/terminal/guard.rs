@@ -20,7 +20,7 @@ use super::modes;
 
 /// How long the loop has to end after it was asked to: hold, persist, restore. Less than the five seconds that are
 /// promised, so that they suffice for the rest.
-pub const PATIENCE: Duration = Duration::from_millis(4_000);
+pub const PATIENCE: Duration = Duration::from_secs(4);
 
 /// How long a terminal has to take the sequences that restore it, once the loop has failed to.
 const LAST_WRITE: Duration = Duration::from_millis(300);
