@@ -309,7 +309,7 @@ fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
 fn a_window_of_one_cell_starts_and_ends() {
     let home = Home::new();
     let mut console = home.console(&FRESH, (1, 1));
-    console.wait_for("a frame", |screen| screen.alternate_screen());
+    console.wait_for("a frame", vt100::Screen::alternate_screen);
     console.keys("qy");
     assert_eq!(console.end().exit_code(), 0, "{}", home.log());
     assert_restored(&console);
