@@ -18,11 +18,8 @@ pub mod palette;
 pub mod prompt;
 mod prompt_text;
 pub mod rows;
-<<<<<<< HEAD
 pub mod theme;
+pub mod update;
 pub mod views;
 pub mod widgets;
-=======
-pub mod update;
->>>>>>> main
 pub mod words;
