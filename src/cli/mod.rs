@@ -28,6 +28,7 @@ mod side;
 pub mod status;
 mod status_report;
 mod status_verb;
+pub mod theme;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -107,6 +108,8 @@ pub enum Verb {
     Experiment(experiment::ExperimentArgs),
     /// Tells whether this machine and terminal have what is needed.
     Doctor(doctor::DoctorArgs),
+    /// Shows the console's themes.
+    Theme(theme::ThemeArgs),
     /// Prints a completion script for a shell.
     Completions(completions::CompletionsArgs),
 }
@@ -224,6 +227,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
+        Some(Verb::Theme(args)) => theme::run(args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }
 }
