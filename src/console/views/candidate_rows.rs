@@ -18,7 +18,7 @@ const LINES_MAX: usize = 6;
 pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
     match item {
         CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
-        CandidateItem::Measure(measure) => measured(measure, look, width),
+        CandidateItem::Measure(measure) => vec![measured(measure, width)],
         CandidateItem::Reason(reason) => text(Role::Text, &reason_line(reason), width),
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
@@ -79,33 +79,34 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
         .cell(Role::Text, dimension_name(result.dimension), 10)
         .with(Role::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
-    let basis = if result.measured { "" } else { ", estimated" };
     let tail = Row::new()
         .cell(Role::Muted, &interval, 16)
-        .with(Role::Limit, &format!(" at least {:.2} ", result.threshold))
-        .with(role, &format!(" {}{basis}", result.outcome));
+        .with(Role::Limit, &format!(" limit {:.2} ", result.threshold))
+        .cell(role, &result.outcome, 13);
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
-    row = row.and(against_limit(look, result.kappa, result.threshold, bar));
-    row.and(tail)
+    row = row.and(against_limit(look, result.kappa, result.threshold, bar)).and(tail);
+    if !result.measured && row.width() + 10 <= width {
+        row.push(Role::Muted, " estimated");
+    }
+    row
 }
 
 /// A measure of the candidate against the active version's.
-fn measured(measure: &Measure, look: &Look, width: usize) -> Vec<Row> {
+fn measured(measure: &Measure, width: usize) -> Row {
     let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
-    let name_width = if width >= 70 { 22 } else { 14 };
+    let name_width = if width >= 90 { 22 } else { 14 };
     let mut row = Row::new()
         .cell(Role::Text, &measure.name, name_width)
         .cell_right(Role::Value, &number(measure.candidate), 8)
-        .with(Role::Muted, &format!(" {} ", look.glyph(Glyph::Arrow)))
-        .with(Role::Muted, &format!("active {}", number(measure.active)));
+        .with(Role::Muted, &format!(" against {}", number(measure.active)));
     if let Some([low, high]) = measure.interval {
-        row.push(Role::Muted, &format!("  [{low:.3}, {high:.3}]"));
+        row.push(Role::Muted, &format!(" [{low:.3}, {high:.3}]"));
     }
     if let Some(limit) = measure.limit {
-        row.push(Role::Limit, &format!("  limit {limit:.3}"));
+        row.push(Role::Limit, &format!(" limit {limit:.3}"));
     }
-    row.push(Role::Muted, &format!("  n {}", measure.n));
-    vec![row]
+    row.push(Role::Muted, &format!(" n {}", measure.n));
+    row
 }
 
 fn differs(difference: &DifferenceView, width: usize) -> Vec<Row> {

@@ -39,9 +39,9 @@ struct Columns {
 impl Columns {
     const fn of(fit: Fit) -> Self {
         match fit {
-            Fit::Full => Self { name: 22, state: 20, bar: 6 },
-            Fit::Two => Self { name: 16, state: 20, bar: 2 },
-            Fit::One | Fit::Tiny => Self { name: 12, state: 19, bar: 0 },
+            Fit::Full => Self { name: 20, state: 22, bar: 5 },
+            Fit::Two => Self { name: 17, state: 22, bar: 2 },
+            Fit::One | Fit::Tiny => Self { name: 10, state: 22, bar: 0 },
         }
     }
 }
@@ -89,14 +89,15 @@ fn header(columns: &Columns, look: &Look) -> Row {
         .cell(Role::Muted, "state", columns.state)
         .with(Role::Text, " ");
     for dimension in DIMENSIONS {
-        row = row.cell(Role::Muted, kappa_sign(dimension, look.ascii()), 4 + columns.bar + 1);
+        row = row.cell(Role::Muted, kappa_sign(dimension, look.ascii()), 5 + columns.bar + 1);
     }
     row.with(Role::Muted, " age")
 }
 
 fn version(row: &RegistryRow, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
     let mark = Mark::version(row.state, &row.flags);
-    let name = format!("  {}", row.version.version);
+    let baseline = if row.baseline { " baseline" } else { "" };
+    let name = format!("  {}{baseline}", row.version.version);
     let mut line = Row::new()
         .cell(Role::Text, &name, columns.name)
         .cell(mark.role, &look.words(mark), columns.state)
@@ -107,14 +108,19 @@ fn version(row: &RegistryRow, limits: [f64; 4], now_ms: u64, columns: &Columns, 
             Some(kappa) if kappa >= limit => (Role::Value, format!("{kappa:.2}")),
             Some(kappa) => (Role::Past, format!("{kappa:.2}")),
         };
-        line = line.cell(role, &text, 4).and(against_limit(look, kappa, limit, columns.bar));
+        line = line.cell(role, &text, 5).and(against_limit(look, kappa, limit, columns.bar));
         // Without a bar, a sign says that the limit is not reached.
         let below = kappa.is_some_and(|kappa| !(kappa >= limit));
         line = line.with(Role::Past, if below { look.glyph(Glyph::Down) } else { " " });
     }
-    let age = duration(now_ms.saturating_sub(row.changed_ms));
-    let line = line.with(Role::Muted, &format!(" {age}"));
-    if row.baseline { line.with(Role::Muted, "  baseline") } else { line }
+    // Minutes are enough here.
+    let age_ms = now_ms.saturating_sub(row.changed_ms);
+    let age = if (60_000..3_600_000).contains(&age_ms) {
+        format!("{} min", age_ms / 60_000)
+    } else {
+        duration(age_ms)
+    };
+    line.with(Role::Muted, &format!(" {age}"))
 }
 
 /// What the snapshot and the page know of the version under the cursor.
