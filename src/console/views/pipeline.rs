@@ -142,7 +142,8 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
 }
 
 /// The seven stages: signs and words, or signs with the word of the present stage where there is no room.
-fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
+#[must_use]
+pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let marks = STAGES.iter().enumerate().map(|(place, stage)| (stage_mark(candidate, place), *stage));
     for gap in ["  ", " "] {
         let mut row = Row::new();

@@ -44,11 +44,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
     // Side by side where there is room for both; the side view alone where not.
-    if views.width >= 50 || (views.height < 12 && views.width >= 30) {
+    if views.width >= 2 * views.height && views.width >= 30 {
         let (side, top) = pen.split(views, (views.width - 3) / 2);
         view(picture, scenery, pen, side, Plane::Side);
         view(picture, scenery, pen, top, Plane::Top);
-    } else if views.height >= 12 {
+    } else if views.height >= 10 {
         let (side, top) = cut(views, views.height / 2);
         view(picture, scenery, pen, side, Plane::Side);
         view(picture, scenery, pen, top, Plane::Top);
@@ -195,18 +195,25 @@ fn arm(dots: &mut Dots, scale: &Scale, body: &Body, ink: Ink, object: Ink) {
     dots.rectangle(scale.at(from), scale.at(to), object, body.held);
 }
 
-/// Names of what stands round the robot, each in the corner of its box, where it is in sight.
+/// Names of what stands round the robot, each in the right upper corner of its box, where that is in sight and
+/// no other name stands.
 fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
     let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);
     for region in named {
         let (left, top) = scale.at(region.min);
         let (right, other) = scale.at(region.max);
-        let (left, top) = (left.min(right) / 2, top.min(other) / 4);
-        let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let name = crate::text::Untrusted::from(region.name.as_str()).display(10);
         let width = u16::try_from(name.width()).unwrap_or(u16::MAX);
+        // What is flat has its name above it.
+        let flat = (top - other).abs() < 4;
+        let (left, top) = (left.max(right) / 2 - i64::from(width), top.min(other) / 4 - i64::from(flat));
+        let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let place = Rect { x: area.x.saturating_add(left), y: area.y.saturating_add(top), width, height: 1 };
-        if place.intersection(area) == place {
+        let named = (place.left()..place.right().saturating_add(1)).any(|x| {
+            let cell = pen.buf.cell((x, place.y));
+            cell.is_some_and(|cell| cell.symbol().chars().any(char::is_alphabetic))
+        });
+        if place.intersection(area) == place && !named {
             pen.row(place, 0, &Row::of(Role::Muted, name.as_str()));
         }
     }
