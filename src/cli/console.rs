@@ -89,7 +89,10 @@ fn config_file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unreadable(&error)),
         Ok(found) if found.len() > bytes_max as u64 => {
-            return Err(unreadable(&format!("it has {} bytes; at most {bytes_max} are allowed", found.len())));
+            return Err(unreadable(&format!(
+                "it has {} bytes; at most {bytes_max} are allowed",
+                found.len()
+            )));
         }
         Ok(_) => {}
     }
@@ -126,7 +129,9 @@ impl Candidates {
             is_new && !self.submitted.contains(name)
         };
         let Some(name) = embedded::names().find(is_open) else {
-            return Err("every demonstration candidate is registered. Hint: `:register DIR` takes others".into());
+            return Err(
+                "every demonstration candidate is registered. Hint: `:register DIR` takes others".into()
+            );
         };
         self.submitted.push(name);
         register(name)
@@ -156,7 +161,10 @@ mod tests {
         }
         assert_eq!(seen.len(), count);
         assert!(read(None, &[]).unwrap_err().contains(":register DIR"));
-        assert!(matches!(read(Some("manifests/candidates/grasp-improved"), &[]), Ok(Command::Register { .. })));
+        assert!(matches!(
+            read(Some("manifests/candidates/grasp-improved"), &[]),
+            Ok(Command::Register { .. })
+        ));
         assert!(read(Some("/nowhere/at/all"), &[]).is_err());
     }
 

@@ -161,6 +161,18 @@ impl Console {
         self.wait_until(what, |seen| is(&seen.raw));
     }
 
+    /// Waits until what was drawn since the screen was last cleared, on a screen of this size, is as it should be.
+    /// For a size that was changed: what was drawn for another one counts no more.
+    pub fn wait_for_repainted(&self, what: &str, size: (u16, u16), is: impl Fn(&vt100::Screen) -> bool) {
+        self.wait_until(what, |seen| {
+            let clear = b"\x1b[2J";
+            let cleared = seen.raw.windows(clear.len()).rposition(|bytes| bytes == clear).unwrap_or(0);
+            let mut parser = vt100::Parser::new(nonzero(size.1), nonzero(size.0), 0);
+            parser.process(&seen.raw[cleared..]);
+            is(parser.screen())
+        });
+    }
+
     fn wait_until(&self, what: &str, is: impl Fn(&Seen) -> bool) {
         let until = Instant::now() + PATIENCE;
         let mut seen = self.seen.0.lock().unwrap();

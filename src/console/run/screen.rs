@@ -16,6 +16,8 @@ use ratatui::crossterm::style::force_color_output;
 use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
 use ratatui::layout::Rect;
 
+use crate::console::terminal::modes;
+
 /// Bytes of a frame that are kept room for: a full screen of 200x60 with styles.
 const FRAME_BYTES: usize = 64 * 1024;
 
@@ -34,6 +36,11 @@ impl Write for Writer {
 
     fn flush(&mut self) -> io::Result<()> {
         if self.held.get() {
+            return Ok(());
+        }
+        if !modes::is_on() {
+            // The terminal was given back: what is left of a frame, and of the library's own tidying, is not for it.
+            self.frame.clear();
             return Ok(());
         }
         let written = self.tty.write_all(&self.frame);

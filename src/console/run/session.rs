@@ -293,13 +293,14 @@ impl Session {
 
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
-        let Self { model, hands, terminal, guard, ended, cause, .. } = self;
+        let Self { model, hands, screen, terminal, guard, ended, cause, .. } = self;
         let stopped = match hands.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
             Err(StopError::Late(_)) => None,
         };
         let ended = ended.or(stopped);
+        drop(screen);
         drop(terminal);
         drop(guard);
         farewell::left(cause, ended, model.snapshot.as_deref())
