@@ -161,6 +161,8 @@ fn every_occasion_at_two_sizes() {
 #[test]
 fn the_whole_decision_is_readable() {
     for tier in 0..=2 {
+        let whole = shown(&prompted(tier), (80, 24));
+        assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
         let mut model = prompted(tier);
         let mut seen = String::new();
         for page in 0..20 {

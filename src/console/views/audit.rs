@@ -24,8 +24,9 @@ const CONTENT_CHARS: usize = 200;
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.audit_rows();
+    let cursor = model.cursor().min(rows.len().saturating_sub(1));
     let mut at = 0;
-    let inside = pen.pane(area, "Audit", true, &place(rows.len(), model.row()));
+    let inside = pen.pane(area, "Audit", true, &place(rows.len(), cursor));
     pen.row(inside, at, &verified(model, pen));
     at += 1;
     if rows.is_empty() {
@@ -50,10 +51,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let room = inside.height.saturating_sub(at);
     let detail = (room / 3).clamp(room.min(4), 10);
     let (list, foot) = cut(below(inside, at), room.saturating_sub(detail));
-    pen.list(list, rows.len(), Some(model.row()), |index, _| {
+    pen.list(list, rows.len(), Some(cursor), |index, _| {
         rows.get(index).map_or_else(Row::new, |row| line(row, subject))
     });
-    if let Some(row) = rows.get(model.row()) {
+    if let Some(row) = rows.get(cursor) {
         record(row, pen, foot);
     }
 }

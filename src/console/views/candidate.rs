@@ -99,7 +99,7 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
             &format!(
                 "digest {}  evidence {}  made from {}  registered {}",
                 detail.digest.short(),
-                detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short().to_string()),
+                detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
                 short(parent, 24),
                 seconds(detail.registered_ms)
             ),

@@ -77,9 +77,9 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let lines = [
         (Role::Title, "No candidate yet. To see one judged:".to_owned()),
         (Role::Text, String::new()),
-        (Role::Text, "  :demo          submits a demonstration candidate".to_owned()),
-        (Role::Text, "  :register DIR  submits the candidate in a folder".to_owned()),
-        (Role::Text, format!("  {keys:<14} shows the keys of this view")),
+        (Role::Text, "  :demo          a demonstration candidate".to_owned()),
+        (Role::Text, "  :register DIR  the candidate in a folder".to_owned()),
+        (Role::Text, format!("  {keys:<14} the keys of this view")),
     ];
     let mut at = 0;
     for (role, line) in lines {

@@ -41,7 +41,7 @@ impl Columns {
         match fit {
             Fit::Full => Self { name: 20, state: 22, bar: 5 },
             Fit::Two => Self { name: 17, state: 22, bar: 2 },
-            Fit::One | Fit::Tiny => Self { name: 10, state: 22, bar: 0 },
+            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0 },
         }
     }
 }
@@ -49,11 +49,13 @@ impl Columns {
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.registry_rows();
+    // The rows are many: they are made once.
+    let cursor = model.cursor().min(items.len().saturating_sub(1));
     let total = model.registry.page.total;
     let shown = model.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
     let head = tabs::panes(model);
-    let place = format!("{}  {right}", place(items.len(), model.row()));
+    let place = format!("{}  {right}", place(items.len(), cursor));
     let place = Row::of(Role::Muted, place.trim_end());
     let width = usize::from(area.width);
     pen.row(area, 0, &head.to_column(width.saturating_sub(place.width())).and(place));
@@ -70,7 +72,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
     let now_ms = model.engine_ms();
     let limits = model.registry.page.thresholds;
-    pen.list(list, items.len(), Some(model.row()), |index, _| match items.get(index) {
+    pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
             Row::of(Role::Title, &format!("{glyph} {family}"))
@@ -79,7 +81,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Some(RegistryItem::Version(row)) => version(row, limits, now_ms, &columns, look),
         None => Row::new(),
     });
-    detail(model, items.get(model.row()), pen, foot);
+    detail(model, items.get(cursor), pen, foot);
 }
 
 fn header(columns: &Columns, look: &Look) -> Row {
@@ -96,7 +98,7 @@ fn header(columns: &Columns, look: &Look) -> Row {
 
 fn version(row: &RegistryRow, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
     let mark = Mark::version(row.state, &row.flags);
-    let baseline = if row.baseline { " baseline" } else { "" };
+    let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     let name = format!("  {}{baseline}", row.version.version);
     let mut line = Row::new()
         .cell(Role::Text, &name, columns.name)

@@ -44,9 +44,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             pen.row(area, 0, &tabs::panes(model));
             let area = below(area, 1);
             if model.pane() == CHARTS {
-                charts(model, shadow, pen, area)
+                charts(model, shadow, pen, area);
             } else {
-                list(model, pen, area, true)
+                list(model, pen, area, true);
             }
         }
         Fit::Two | Fit::Full => {

@@ -16,7 +16,7 @@ use crate::console::widgets::row::Row;
 use crate::engine::snapshot::{AlarmView, Snapshot};
 
 /// Columns kept for the text of an alarm before counts are left off.
-const TEXT_MIN: usize = 30;
+const TEXT_MIN: usize = 26;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
@@ -117,25 +117,24 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
     if summary.flood {
         say(1, Role::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
     }
-    if wording != Wording::Full {
+    if wording == Wording::Full {
+        say(critical, Role::Critical, format!("{critical} crit"));
+        say(high, Role::High, format!("{high} high"));
+        say(low, Role::Low, format!("{low} low"));
+    } else {
         let glyph = |name: &str| look.glyph(Mark::priority(name).glyph);
         say(critical, Role::Critical, format!("{}{critical}", glyph("critical")));
         say(high, Role::High, format!("{}{high}", glyph("high")));
         say(low, Role::Low, format!("{}{low}", glyph("low")));
-        let words =
-            if wording == Wording::Short { ["ack ", "latched ", "shelved "] } else { ["a", "l", "s"] };
-        let [acknowledged, latched, shelved] = words;
-        say(summary.acknowledged, Role::Quiet, format!("{acknowledged}{}", summary.acknowledged));
-        say(summary.latched, Role::Warning, format!("{latched}{}", summary.latched));
-        say(summary.shelved, Role::Quiet, format!("{shelved}{}", summary.shelved));
-    } else {
-        say(critical, Role::Critical, format!("{critical} crit"));
-        say(high, Role::High, format!("{high} high"));
-        say(low, Role::Low, format!("{low} low"));
-        say(summary.acknowledged, Role::Quiet, format!("{} acknowledged", summary.acknowledged));
-        say(summary.latched, Role::Warning, format!("{} latched", summary.latched));
-        say(summary.shelved, Role::Quiet, format!("shelved {}", summary.shelved));
     }
+    let [acknowledged, latched, shelved] = match wording {
+        Wording::Full => ["acknowledged ", "latched ", "shelved "],
+        Wording::Short => ["ack ", "latched ", "shelved "],
+        Wording::Signs => ["a", "l", "s"],
+    };
+    say(summary.acknowledged, Role::Quiet, format!("{acknowledged}{}", summary.acknowledged));
+    say(summary.latched, Role::Warning, format!("{latched}{}", summary.latched));
+    say(summary.shelved, Role::Quiet, format!("{shelved}{}", summary.shelved));
     row
 }
 
