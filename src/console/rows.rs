@@ -9,6 +9,7 @@ use crate::engine::snapshot::{AlarmView, CandidateView, Disagreement, PromptView
 use crate::governance::composition::Condition;
 use crate::governance::decision::Reason;
 use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::lifecycle::State;
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +169,7 @@ impl Model {
         questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
     }
 
-    /// Candidates in the pipeline: what is under way first, then what is done, each the newest first.
+    /// Candidates in the pipeline: what is under way first, then what is settled, each the last registered first.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.snapshot else { return Vec::new() };
@@ -179,7 +180,12 @@ impl Model {
             .rev()
             .filter(|row| matches(filter, &[&row.version, &row.author]))
             .collect();
-        rows.sort_by_key(|candidate| candidate.state.is_terminal());
+        let settled = |candidate: &&CandidateView| {
+            let flags = candidate.flags;
+            let unsettled = flags.provisional || flags.restricted || flags.rollback_pending;
+            candidate.state.is_terminal() || (candidate.state == State::Active && !unsettled)
+        };
+        rows.sort_by_key(settled);
         rows
     }
 
