@@ -169,7 +169,7 @@ impl Model {
         questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
     }
 
-    /// Candidates in the pipeline: what is under way first, then what is settled, each the last registered first.
+    /// Candidates in the pipeline: what is under way first, then what is settled, each the last of its family first.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.snapshot else { return Vec::new() };
