@@ -132,7 +132,8 @@ impl Console {
             let mut bytes = [0; 16 * 1024];
             loop {
                 let count = output.read(&mut bytes).unwrap_or(0);
-                let mut seen = told.0.lock().unwrap();
+                // A test that failed has said so already.
+                let Ok(mut seen) = told.0.lock() else { return };
                 seen.parser.process(&bytes[..count]);
                 seen.raw.extend_from_slice(&bytes[..count]);
                 seen.chunks += 1;

@@ -130,7 +130,8 @@ impl UpgradeManager {
         let row_version = member.row_version;
         let now_ms = self.clock.now_ms();
         let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
-        let prompt_id = format!("{}-{}-{row_version}-{}", id.family, id.version, evidence.short());
+        // An engine that comes up again asks the same question anew, with another deadline: another request.
+        let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
         let replaces = self.active_of(&id.family).map(|active| active.id());
         let shown = serde_json::to_string(self.dossier(id))?;
         let question = ApprovalRequest {
