@@ -19,7 +19,7 @@ use crate::console::theme::{Mark, escape, names};
 Examples:
   holdpoint theme list
   holdpoint theme preview deuteranopia
-  holdpoint theme preview --all --color always | less -R")]
+  holdpoint theme preview --all --color always")]
 pub struct ThemeArgs {
     /// What to do.
     #[command(subcommand)]

@@ -15,6 +15,7 @@ use unicode_width::UnicodeWidthStr as _;
 
 use super::form::button;
 use super::hints::field;
+use crate::approvals::ApprovalDecision;
 use crate::console::action::Action;
 use crate::console::look::{Glyph, Role};
 use crate::console::model::Model;
@@ -22,7 +23,6 @@ use crate::console::prompt::{Block, Focus, Prompt};
 use crate::console::widgets::pen::{Pen, cut};
 use crate::console::widgets::row::{Row, wrap};
 use crate::console::words::seconds;
-use crate::registry::names::ApprovalDecision;
 
 /// Draws it over all of `area`.
 pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
