@@ -76,7 +76,9 @@ impl WaitingItem<'_> {
 pub enum CandidateItem<'a> {
     /// A dimension.
     Dimension(&'a DimensionResult),
-    /// A component of the behavioural comparison.
+    /// A component of the behavioural comparison: where its worsening lies, against what is tolerated.
+    Worsening(&'a Measure),
+    /// A measured value with its own interval.
     Measure(&'a Measure),
     /// A reason.
     Reason(&'a Reason),
@@ -210,7 +212,7 @@ impl Model {
         match pane {
             0 => {
                 let reasons = detail.reasons.iter().map(CandidateItem::Reason);
-                let rest = detail.behavior.iter().map(CandidateItem::Measure);
+                let rest = detail.behavior.iter().map(CandidateItem::Worsening);
                 let conditions = detail.conditions.iter().map(CandidateItem::Condition);
                 let untested = detail.untested.iter().map(|text| CandidateItem::Untested(text));
                 let dimensions = detail.dimensions.iter().map(CandidateItem::Dimension);

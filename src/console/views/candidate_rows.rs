@@ -18,6 +18,7 @@ const LINES_MAX: usize = 6;
 pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
     match item {
         CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
+        CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
         CandidateItem::Reason(reason) => text(Role::Text, &reason_line(reason), width),
         CandidateItem::Condition(condition) => {
@@ -91,22 +92,48 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     row
 }
 
-/// A measure of the candidate against the active version's.
+/// A component: both values, and how much worse the candidate may be against what is tolerated.
+fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
+    let mut row = values(measure, width);
+    let Some([low, high]) = measure.interval else {
+        row.push(Role::Muted, "  not compared");
+        return row;
+    };
+    row.push(Role::Muted, &format!("  worse by {low:+.3} to {high:+.3}"));
+    if let Some(limit) = measure.limit {
+        // The rules judge; what may lie beyond the limit is only pointed at.
+        if high > limit {
+            row.push(Role::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
+        }
+        row.push(Role::Limit, &format!(" at most {limit:.3}"));
+    }
+    row
+}
+
+/// A measured value of the candidate, with its interval, beside the active version's.
 fn measured(measure: &Measure, width: usize) -> Row {
-    let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
-    let name_width = if width >= 90 { 22 } else { 14 };
-    let mut row = Row::new()
-        .cell(Role::Text, &measure.name, name_width)
-        .cell_right(Role::Value, &number(measure.candidate), 8)
-        .with(Role::Muted, &format!(" against {}", number(measure.active)));
+    let mut row = values(measure, width);
     if let Some([low, high]) = measure.interval {
         row.push(Role::Muted, &format!(" [{low:.3}, {high:.3}]"));
     }
-    if let Some(limit) = measure.limit {
-        row.push(Role::Limit, &format!(" limit {limit:.3}"));
-    }
     row.push(Role::Muted, &format!(" n {}", measure.n));
     row
+}
+
+fn values(measure: &Measure, width: usize) -> Row {
+    let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
+    let name_width = if width >= 60 { 38 } else { 14 };
+    // The rules' own names are short; those of tails say what they are the tail of.
+    let name_width = if measure.limit.is_some() { 12 } else { name_width };
+    let row = Row::new().cell(Role::Text, &measure.name, name_width).cell_right(
+        Role::Value,
+        &number(measure.candidate),
+        8,
+    );
+    match measure.active {
+        Some(active) => row.with(Role::Muted, &format!(" against {active:.3}")),
+        None => row,
+    }
 }
 
 fn differs(difference: &DifferenceView, width: usize) -> Vec<Row> {

@@ -17,10 +17,13 @@ use crate::console::theme::Mark;
 use crate::console::widgets::bar::progress;
 use crate::console::widgets::list::GUTTER;
 use crate::console::widgets::pen::{Pen, below};
-use crate::console::widgets::row::Row;
+use crate::console::widgets::row::{Row, wrap};
 use crate::console::words::{STAGES, duration, reason_line, stage_place, stages_done};
 use crate::engine::snapshot::{CandidateView, ProgressView};
 use crate::governance::lifecycle::State;
+
+/// Rows for what would end a stage early.
+const EARLY_ROWS_MAX: usize = 3;
 
 /// Draws the candidates round the cursor.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
@@ -113,9 +116,6 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
     {
         rows.push(Row::of(Role::Muted, &super::short(&reason_line(reason), width)));
     }
-    if !chosen && candidate.state.is_terminal() {
-        rows.truncate(1);
-    }
     rows
 }
 
@@ -186,7 +186,8 @@ fn running(view: &ProgressView, now_ms: u64, look: &Look, width: usize, chosen: 
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
-        rows.push(Row::of(Role::Muted, &super::short(&format!("ends early: {}", view.early), width)));
+        let early = wrap(&format!("ends early: {}", view.early), width, EARLY_ROWS_MAX);
+        rows.extend(early.iter().map(|line| Row::of(Role::Muted, line)));
     }
     rows
 }
