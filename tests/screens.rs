@@ -118,7 +118,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let mut doubtful = support::at(View::Shadow);
     let mut held = support::snapshot();
     held.holding = Some("paused by grace: lens is being cleaned".to_owned());
-    held.profile = "real".to_owned();
+    "real".clone_into(&mut held.profile);
     doubtful.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
     doubtful.snapshot = Some(Arc::new(held));
     doubtful.snapshot_ms = 48_000;

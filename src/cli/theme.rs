@@ -30,8 +30,15 @@ pub struct ThemeArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum ThemeVerb {
     /// Lists the themes that come with the program.
+    #[command(after_help = "\
+Example:
+  holdpoint theme list")]
     List,
     /// Prints every role and every state with sample, word and sign.
+    #[command(after_help = "\
+Examples:
+  holdpoint theme preview high-contrast
+  holdpoint theme preview --all --color always")]
     Preview {
         /// Which theme [default: the one that fits this terminal].
         name: Option<String>,
