@@ -3,12 +3,15 @@
 
 use std::path::Path;
 
+use holdpoint::approvals::{Approval, Identity, Nonce, Role};
 use holdpoint::engine::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::engine::detail::{Group, PAGE_MAX};
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::pipeline::cache::EpisodeCache;
 use holdpoint::pipeline::cell::Cell;
+use holdpoint::pipeline::stages::asking::SHOWN_BYTES_MAX;
+use holdpoint::registry::names::ApprovalDecision;
 use holdpoint::runtime::capability::Package;
 
 struct Bench {
@@ -126,6 +129,42 @@ fn an_alarm_is_told_in_full() {
     assert!(matches!(seen, Reply::Accepted { .. }), "{seen:?}");
     let shown = alarm(&bench, key).unwrap();
     assert_eq!((shown.state.as_str(), shown.acknowledged_by.as_deref()), ("acknowledged", Some("ada")));
+}
+
+#[test]
+fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
+    let mut bench = Bench::new();
+    bench.register("align-improved");
+    let snapshot = bench.engine.snapshot();
+    let candidate = snapshot.candidates.first().unwrap();
+    let folder = bench.engine.layout().identities();
+    let identity = Identity::create(&folder, "ada", Role::new("engineer").unwrap()).unwrap();
+    let mut decide = |bytes: usize| {
+        let signed = identity.sign(Approval {
+            who: String::new(),
+            role: identity.info().role.clone(),
+            decision: ApprovalDecision::Approve,
+            reason: text("a test"),
+            version: candidate.version.clone(),
+            candidate_digest: candidate.digest,
+            row_version: candidate.row_version,
+            evidence_digest: candidate.digest,
+            policy_digest: snapshot.policy,
+            profile: snapshot.profile.clone(),
+            store_id: text("another"),
+            nonce: Nonce::random().unwrap(),
+            not_after_ms: u64::MAX,
+        });
+        let reply = bench.ask(Command::Decide { signed: Box::new(signed), shown: Some("x".repeat(bytes)) });
+        let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };
+        code
+    };
+    assert_eq!(decide(SHOWN_BYTES_MAX + 1), Refusal::BadInput);
+    // Nothing waits for a decision, so there is nothing to keep.
+    assert_eq!(decide(SHOWN_BYTES_MAX), Refusal::NotFound);
+    let audit = bench.ask(Command::Audit { before: None, subject: String::new(), limit: 100 });
+    let Reply::Audit { page } = audit else { panic!("no page") };
+    assert!(page.rows.iter().all(|row| row.kind != "shown"));
 }
 
 #[test]

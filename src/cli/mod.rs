@@ -30,6 +30,7 @@ mod side;
 pub mod status;
 mod status_report;
 mod status_verb;
+pub mod theme;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -111,6 +112,8 @@ pub enum Verb {
     Doctor(doctor::DoctorArgs),
     /// Prints the console's keys.
     Keys(keys::KeysArgs),
+    /// Shows the console's themes.
+    Theme(theme::ThemeArgs),
     /// Prints a completion script for a shell.
     Completions(completions::CompletionsArgs),
 }
@@ -229,6 +232,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
         Some(Verb::Keys(args)) => keys::run(args, out),
+        Some(Verb::Theme(args)) => theme::run(args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }
 }

@@ -16,7 +16,10 @@ use super::look::{Look, Role};
 use super::model::{Model, Overlay, View};
 use super::views;
 use super::widgets::pen::{Fit, Pen, above, below};
-use super::widgets::row::Row;
+use super::widgets::row::{Row, wrap};
+
+/// The most lines of the tour's sentence.
+const TOUR_ROWS: usize = 3;
 
 /// Draws everything into `area`, which may have any size.
 pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
@@ -58,11 +61,11 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let mut body = below(area, 1);
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
-        let row = Row::of(Role::Key, &format!("{key} "))
-            .with(Role::Muted, "dismisses  ")
-            .with(Role::Text, sentence);
-        pen.row(body, 0, &row);
-        body = below(body, 1);
+        let text = format!("Tour: {sentence} ({key} dismisses)");
+        let lines = wrap(&text, usize::from(body.width), TOUR_ROWS);
+        let rows: Vec<Row> = lines.iter().map(|line| Row::of(Role::Notice, line)).collect();
+        let taken = pen.rows(body, 0, &rows);
+        body = below(body, taken);
     }
     match model.view {
         View::Overview => views::overview::draw(model, pen, body),

@@ -59,7 +59,7 @@ glyphs! {
     // Profiles.
     Sim = "◇" or "%";
     Real = "◈" or "$";
-    Human = "☺" or "&";
+    Human = "▣" or "&";
     // Lines and places.
     Horizontal = "─" or "-";
     Vertical = "│" or "|";

@@ -4,7 +4,12 @@
 
 use super::prompt::Prompt;
 use super::words::{kappa_line, reason_line, seconds};
+use crate::explain::is_in_favour;
+use crate::governance::decision::ReasonCode;
 use crate::text::Untrusted;
+
+/// Reasons against it that are shown.
+const REASONS_MAX: usize = 4;
 
 /// The longest line, columns; the screen wraps them.
 const WIDTH_MAX: usize = 400;
@@ -64,9 +69,11 @@ impl Prompt {
                 shadow.n, shadow.output, shadow.governance, shadow.envelope
             ));
         }
-        lines.extend(
-            evidence.reasons.iter().take(4).map(|reason| format!("Asked because: {}", reason_line(reason))),
-        );
+        // What speaks for it is said above, with its numbers; that nobody has answered yet is why this is open.
+        let open = evidence.reasons.iter().filter(|reason| {
+            !is_in_favour(reason.code.as_str()) && reason.code != ReasonCode::ApprovalPending
+        });
+        lines.extend(open.take(REASONS_MAX).map(|reason| format!("Asked because: {}", reason_line(reason))));
         lines.push(format!("Evidence digest {}", self.seen.evidence.short()));
     }
 }

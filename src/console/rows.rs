@@ -9,6 +9,7 @@ use crate::engine::snapshot::{AlarmView, CandidateView, Disagreement, PromptView
 use crate::governance::composition::Condition;
 use crate::governance::decision::Reason;
 use crate::governance::ids::{CapabilityId, Family};
+use crate::governance::lifecycle::State;
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +76,9 @@ impl WaitingItem<'_> {
 pub enum CandidateItem<'a> {
     /// A dimension.
     Dimension(&'a DimensionResult),
-    /// A component of the behavioural comparison.
+    /// A component of the behavioural comparison: where its worsening lies, against what is tolerated.
+    Worsening(&'a Measure),
+    /// A measured value with its own interval.
     Measure(&'a Measure),
     /// A reason.
     Reason(&'a Reason),
@@ -168,7 +171,7 @@ impl Model {
         questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
     }
 
-    /// Candidates in the pipeline: what is under way first, then what is done, each the newest first.
+    /// Candidates in the pipeline: what is under way first, then what is settled, each the last of its family first.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.snapshot else { return Vec::new() };
@@ -179,7 +182,12 @@ impl Model {
             .rev()
             .filter(|row| matches(filter, &[&row.version, &row.author]))
             .collect();
-        rows.sort_by_key(|candidate| candidate.state.is_terminal());
+        let settled = |candidate: &&CandidateView| {
+            let flags = candidate.flags;
+            let unsettled = flags.provisional || flags.restricted || flags.rollback_pending;
+            candidate.state.is_terminal() || (candidate.state == State::Active && !unsettled)
+        };
+        rows.sort_by_key(settled);
         rows
     }
 
@@ -204,7 +212,7 @@ impl Model {
         match pane {
             0 => {
                 let reasons = detail.reasons.iter().map(CandidateItem::Reason);
-                let rest = detail.behavior.iter().map(CandidateItem::Measure);
+                let rest = detail.behavior.iter().map(CandidateItem::Worsening);
                 let conditions = detail.conditions.iter().map(CandidateItem::Condition);
                 let untested = detail.untested.iter().map(|text| CandidateItem::Untested(text));
                 let dimensions = detail.dimensions.iter().map(CandidateItem::Dimension);

@@ -216,7 +216,8 @@ pub struct Detail {
     pub conditions: Vec<Condition>,
     /// Manifest against the active version's, field by field.
     pub differences: Vec<DifferenceView>,
-    /// The components of the behavioural comparison.
+    /// The components of the behavioural comparison; interval and limit are of the worsening, candidate against
+    /// active version (paired), not of the candidate's own value.
     pub behavior: Vec<Measure>,
     /// Sandbox, mode by mode.
     pub modes: Vec<ModeView>,

@@ -12,6 +12,7 @@ use holdpoint_sim::io::TaskKind;
 
 use super::manager::{Fault, Progress, UpgradeManager, Work};
 use super::pacer::{Easel, Onlooker, Pace, Switch};
+use super::sentry::Questions;
 use super::sequence::{Begun, Shadowed, Stopped, Worked};
 use super::shadow::Shadow;
 use crate::engine::command::Command;
@@ -38,6 +39,7 @@ pub(super) struct PacedWorld {
     easel: Easel,
     switch: Arc<Switch>,
     pace: Arc<Pace>,
+    questions: Questions,
     number: u64,
     running: Option<JoinHandle<Worked>>,
     not_before: Option<Instant>,
@@ -51,11 +53,12 @@ impl PacedWorld {
 
     fn set_off(
         &mut self,
-        begun: Begun,
+        mut begun: Begun,
         shadow: Option<Shadow>,
         clock: crate::engine::clock::Clock,
     ) -> Result<(), Fault> {
         self.number += 1;
+        begun.tell_at_once(Arc::clone(&self.questions));
         let workers: Vec<(TaskKind, CapabilityId)> = TaskKind::SEQUENCE
             .into_iter()
             .filter_map(|task| Some((task, begun.actives().at_work(task)?)))
@@ -99,6 +102,7 @@ impl UpgradeManager {
             easel,
             switch: Arc::new(Switch::default()),
             pace,
+            questions: Questions::default(),
             number: 0,
             running: None,
             not_before: None,
@@ -131,11 +135,14 @@ impl UpgradeManager {
             {
                 Timing::Stop
             }
-            Command::Drift { .. } | Command::LiveFault { .. } | Command::Continue(_) => Timing::Between,
+            // The deadline of a question does not wait for the end of a sequence, so the answer does not either.
+            Command::Continue(operation) if self.has_question(&operation.version) => Timing::Stop,
+            Command::Drift { .. } | Command::LiveFault { .. } => Timing::Between,
             Command::Rollback(_)
             | Command::Restrict(_)
             | Command::Rearm(_)
             | Command::Shutdown
+            | Command::Continue(_)
             | Command::Register { .. }
             | Command::Decide { .. }
             | Command::Demote { .. }
@@ -204,7 +211,7 @@ impl UpgradeManager {
                 self.land(landed?)?;
                 return Ok(Progress::Worked);
             }
-            if self.look_at_prompts()? {
+            if self.look_at_questions()? || self.look_at_prompts()? {
                 return Ok(Progress::Worked);
             }
         } else {
@@ -300,6 +307,7 @@ impl UpgradeManager {
         if let Some(paced) = &mut self.paced {
             paced.not_before = nothing.then(|| Instant::now() + NOTHING_PAUSE);
         }
+        self.look_at_questions()?;
         let report = self.end_sequence(worked)?;
         self.look_at_resumptions(&report)?;
         if let Some(Shadowed { id, trace, fork }) = shadowed {
@@ -310,6 +318,23 @@ impl UpgradeManager {
             }
         }
         Ok(())
+    }
+
+    /// Tells what monitors ask while their sequence still runs. Tells whether there was anything.
+    fn look_at_questions(&mut self) -> Result<bool, Fault> {
+        let Some(paced) = &self.paced else { return Ok(false) };
+        let Ok(mut waiting) = paced.questions.lock() else { return Ok(false) };
+        let questions = std::mem::take(&mut *waiting);
+        drop(waiting);
+        for (watch, decision) in &questions {
+            let own = self.watches.get_mut(&watch.id.family).filter(|own| own.id == watch.id);
+            if let Some(own) = own {
+                // The engine's copy shows the question; the monitor itself goes on in the sequence.
+                own.monitor.clone_from(&watch.monitor);
+                self.act_on(&watch.id, decision, None)?;
+            }
+        }
+        Ok(!questions.is_empty())
     }
 
     /// How the last sequence was stopped, where it was.

@@ -5,6 +5,7 @@
 //! after the task, when the arm stands.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
 
 use super::stages::monitoring::{Watch, tick_of};
 use crate::engine::clock::Clock;
@@ -39,6 +40,9 @@ pub struct Raised {
     pub trip: Option<Trip>,
 }
 
+/// Questions of monitors that are told while the sequence still runs, each with its monitor.
+pub(super) type Questions = Arc<Mutex<Vec<(Watch, MonitorDecision)>>>;
+
 /// Watches one sequence for every monitor there is.
 pub struct Sentry {
     watches: BTreeMap<Family, Watch>,
@@ -46,6 +50,7 @@ pub struct Sentry {
     from_tick: u64,
     link_up: bool,
     raised: Vec<Raised>,
+    questions: Option<Questions>,
 }
 
 impl Sentry {
@@ -58,7 +63,12 @@ impl Sentry {
                 watch.monitor.telemetry(from_tick);
             }
         }
-        Self { watches, clock, from_tick, link_up, raised: Vec::new() }
+        Self { watches, clock, from_tick, link_up, raised: Vec::new(), questions: None }
+    }
+
+    /// Questions are told at once: people must not wait for the end of a sequence to learn of a deadline.
+    pub(super) fn tell_at_once(&mut self, questions: Questions) {
+        self.questions = Some(questions);
     }
 
     /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
@@ -80,6 +90,12 @@ impl Sentry {
             return Supervision::Continue;
         }
         watch.told = decision.action;
+        if decision.action == MonitorAction::Escalate
+            && let Some(Ok(mut told)) = self.questions.as_ref().map(|questions| questions.lock())
+        {
+            told.push((watch.clone(), decision));
+            return Supervision::Continue;
+        }
         let stops = decision.action >= MonitorAction::Restrict;
         let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
         self.raised.push(Raised { id: id.clone(), decision, trip });

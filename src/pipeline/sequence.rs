@@ -12,7 +12,7 @@ use holdpoint_sim::world::World;
 use super::live::{Listener, Outing, SequenceReport};
 use super::manager::{Fault, UpgradeManager};
 use super::seeds::{Purpose, episode_seed};
-use super::sentry::Sentry;
+use super::sentry::{Questions, Sentry};
 use super::shadow::ShadowTrace;
 use crate::governance::ids::{CapabilityId, Family};
 use crate::runtime::agent::ActiveView;
@@ -90,6 +90,11 @@ impl Begun {
     /// The versions that are active in it.
     pub(super) const fn actives(&self) -> &Actives {
         &self.actives
+    }
+
+    /// Questions of its monitors are told while it runs.
+    pub(super) fn tell_at_once(&mut self, questions: Questions) {
+        self.sentry.tell_at_once(questions);
     }
 
     /// Works it.

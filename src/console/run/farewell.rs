@@ -27,10 +27,9 @@ fn on_the_way(snapshot: &Snapshot) -> Vec<String> {
         let here = count(&|one| one.flags.running == Some(stage) && !one.flags.awaiting_approval);
         if here > 0 {
             parts.push(format!(
-                "{} paused in {} and {} on at the next start",
+                "{} in {}: that stage is run again at the next start",
                 candidates(here),
-                stage.name(),
-                if here == 1 { "goes" } else { "go" }
+                stage.name()
             ));
         }
     }

@@ -13,7 +13,7 @@ use ratatui::style::Style;
 
 pub use file::{FILE_BYTES_MAX, ThemeError};
 pub use mark::Mark;
-pub use paint::{Colour, Paint};
+pub use paint::{Colour, Paint, escape};
 pub use role::Role;
 
 /// How many colours a terminal shows.

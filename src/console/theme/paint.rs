@@ -159,6 +159,32 @@ impl Paint {
     }
 }
 
+/// The escape sequence that turns a style on, for printing outside the screen; it replaces what was on before.
+#[must_use]
+pub fn escape(style: Style) -> String {
+    let mut codes = vec!["0".to_owned()];
+    let modifiers =
+        [(Modifier::BOLD, "1"), (Modifier::DIM, "2"), (Modifier::UNDERLINED, "4"), (Modifier::REVERSED, "7")];
+    let on = modifiers.into_iter().filter(|(modifier, _)| style.add_modifier.contains(*modifier));
+    codes.extend(on.map(|(_, code)| code.to_owned()));
+    codes.extend(style.fg.and_then(|colour| code(colour, 30)));
+    codes.extend(style.bg.and_then(|colour| code(colour, 40)));
+    format!("\u{1b}[{}m", codes.join(";"))
+}
+
+/// A colour's code; `base` is 30 for letters and 40 for what is behind them.
+fn code(colour: Color, base: u8) -> Option<String> {
+    match colour {
+        Color::Rgb(red, green, blue) => Some(format!("{};2;{red};{green};{blue}", base + 8)),
+        Color::Indexed(at) => Some(format!("{};5;{at}", base + 8)),
+        _ => {
+            let at = (0..16u8).find(|at| sixteen(*at) == colour)?;
+            // The bright eight have codes of their own.
+            Some(if at < 8 { base + at } else { base + 52 + at }.to_string())
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,6 +208,22 @@ mod tests {
         }
         for text in ["", "reddish", "256", "#12345", "#12345g", "-1", "#é2345"] {
             assert_eq!(Colour::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn escapes_name_colours_and_modifiers() {
+        let table = [
+            ("red", Depth::Ansi16, "\u{1b}[0;1;31m"),
+            ("bright-red", Depth::Ansi16, "\u{1b}[0;1;91m"),
+            ("#010203", Depth::True, "\u{1b}[0;1;38;2;1;2;3m"),
+            ("77", Depth::Indexed256, "\u{1b}[0;1;38;5;77m"),
+            ("red", Depth::Mono, "\u{1b}[0;1m"),
+        ];
+        for (colour, depth, expected) in table {
+            let paint =
+                Paint { foreground: Colour::parse(colour), background: None, modifiers: Modifier::BOLD };
+            assert_eq!(escape(paint.style(depth)), expected);
         }
     }
 

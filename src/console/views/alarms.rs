@@ -1,9 +1,121 @@
-//! View.
+//! View 5: every alarm that is not normal, in the order of attention, and the one under the cursor in full.
+//!
+//! ```text
+//!   priority  state            since     times  what
+//! ▸ 1▲ CRIT   ⚠ unacknowledged 00:12:29  1      grasp@1.0.0: the monitor has had no samples
+//!   3● LOW    ‖ shelved        00:06:40  7 ⚠    frames arrive late · until 00:27:41 by grace
+//! ── monitor:grasp@1.0.0 ─────────────────────────────────────────────
+//! the monitor has had no samples for 3 s and holds the arm
+//! ```
 
 use ratatui::layout::Rect;
 
+use super::status::priority_words;
+use crate::console::look::{Glyph, Look, Role};
 use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use crate::console::rows::AlarmItem;
+use crate::console::theme::Mark;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::console::words::{duration, seconds};
+use crate::engine::snapshot::AlarmView;
+
+/// Lines for the alarm under the cursor.
+const DETAIL_ROWS: u16 = 7;
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let items = model.alarm_rows();
+    let flood = model.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
+    let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
+    let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
+    if items.is_empty() {
+        pen.text(inside, 0, Role::Muted, "No alarm: everything is normal");
+        return;
+    }
+    let look = pen.look;
+    let header = Row::new()
+        .to_column(2)
+        .cell(Role::Muted, "priority", 9)
+        .cell(Role::Muted, "state", 17)
+        .cell(Role::Muted, "since", 10)
+        .cell(Role::Muted, "times", 7)
+        .with(Role::Muted, "what");
+    pen.row(inside, 0, &header);
+    let detail_rows = DETAIL_ROWS.min(inside.height / 2);
+    let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_rows));
+    pen.list(list, items.len(), Some(model.row()), |index, _| {
+        items.get(index).map_or_else(Row::new, |item| row(*item, look))
+    });
+    if let Some(item) = items.get(model.row()) {
+        let inside = pen.pane(detail, &super::short(&item.alarm().alarm, 80), false, "");
+        let rows = words(*item, model.engine_ms(), look, usize::from(inside.width));
+        pen.rows(inside, 0, &rows);
+    }
+}
+
+fn row(item: AlarmItem<'_>, look: &Look) -> Row {
+    let alarm = item.alarm();
+    let priority = Mark::priority(&alarm.priority);
+    let state = Mark::alarm_state(&alarm.state);
+    // What somebody knows of calls no more: its priority is told in words alone.
+    let quiet = matches!(alarm.state.as_str(), "acknowledged" | "shelved");
+    let role = if quiet { Role::Quiet } else { priority.role };
+    let times = if alarm.chattering {
+        format!("{} {}", alarm.raises, look.glyph(Glyph::Warning))
+    } else {
+        alarm.raises.to_string()
+    };
+    let mut text = format!("{}: {}", alarm.subject, alarm.text);
+    if let AlarmItem::Group { count, .. } = item {
+        text = format!("{count} alarms, the first: {text}");
+    }
+    Row::new()
+        .with(role, &priority_words(look, &alarm.priority))
+        .to_column(9)
+        .cell(state.role, &look.words(state), 16)
+        .with(Role::Text, " ")
+        .cell(Role::Muted, &seconds(alarm.since_ms), 10)
+        .cell(if alarm.chattering { Role::Warning } else { Role::Text }, &times, 7)
+        .with(if quiet { Role::Quiet } else { Role::Text }, &text)
+}
+
+/// Everything about an alarm, in sentences.
+fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
+    let alarm = item.alarm();
+    let text = crate::console::widgets::row::wrap(&alarm.text, width, 2);
+    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(Role::Text, line)).collect();
+    let since = duration(now_ms.saturating_sub(alarm.since_ms));
+    let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };
+    let chatter = if alarm.chattering { ", chattering: shown as one" } else { "" };
+    rows.push(Row::of(
+        Role::Muted,
+        &format!("about {}, for {since}, raised {times}{chatter}", alarm.subject),
+    ));
+    rows.push(Row::of(Role::Text, &attention(alarm)));
+    if let Some((by, why, until_ms)) = &alarm.shelf {
+        let back = seconds(*until_ms);
+        let below = Mark::alarm_state(&alarm.state_below).word;
+        rows.push(Row::of(Role::Text, &format!("shelved by {by} until {back}, then {below} again: {why}")));
+    }
+    if alarm.latching {
+        let latched = look.glyph(Glyph::Latched);
+        rows.push(Row::of(Role::Muted, &format!("{latched} stays until it is reset with a reason")));
+    }
+    if let AlarmItem::Group { count, .. } = item {
+        let more = format!("stands for {count} alarms of {} that came in this flood", alarm.subject);
+        rows.push(Row::of(Role::Warning, &more));
+    }
+    rows
+}
+
+fn attention(alarm: &AlarmView) -> String {
+    match (&alarm.acknowledged_by, alarm.state.as_str()) {
+        (Some(by), _) => format!("acknowledged by {by}; acknowledging resumes nothing"),
+        (None, "returned-unacknowledged") => {
+            "the condition is gone, and nobody has acknowledged it".to_owned()
+        }
+        (None, _) => "nobody has acknowledged it".to_owned(),
+    }
+}

@@ -1,9 +1,89 @@
-//! View.
+//! View 6: what waits for people, monitors' questions first, and the one under the cursor in short. The whole
+//! decision is in the prompt that Enter opens.
+//!
+//! ```text
+//! ▸ ◷ question grasp@1.0.0  rolled back in 43 s
+//!   ◷ approval align@2.0.0  1 of 2  held in 29 min 2 s
+//! ── align@2.0.0 ─────────────────────────────
+//! replaces align@1.0.0 …
+//! ```
 
 use ratatui::layout::Rect;
 
+use super::overview::{left, waiting_row};
+use crate::console::action::Action;
+use crate::console::look::Role;
 use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use crate::console::prompt::Prompt;
+use crate::console::rows::WaitingItem;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Pen, cut};
+use crate::console::widgets::row::{Row, wrap};
+use crate::console::words::reason_line;
+use crate::engine::snapshot::QuestionView;
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let items = model.waiting_rows();
+    let height = u16::try_from(items.len() + 2).unwrap_or(u16::MAX).clamp(3, (area.height / 2).max(3));
+    let (upper, lower) = cut(area, height);
+    let inside = pen.pane(upper, "Waits for people", true, &place(items.len(), model.row()));
+    if items.is_empty() {
+        pen.text(inside, 0, Role::Muted, "Nothing waits for a person");
+        return;
+    }
+    let now_ms = model.engine_ms();
+    let rows: Vec<Row> = items.iter().map(|item| waiting_row(item, now_ms, pen)).collect();
+    pen.list(inside, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
+    let Some(item) = items.get(model.row()) else { return };
+    let inside = pen.pane(lower, &item.version().to_string(), false, "");
+    let width = usize::from(inside.width);
+    let lines = match item {
+        WaitingItem::Question(question) => asked(model, question),
+        WaitingItem::Prompt(question) => {
+            let key = model.keymap.key(Action::Open);
+            let open = model.snapshot.as_deref().and_then(|now| Prompt::open(question, now, model.now_ms));
+            let mut lines =
+                vec![(Role::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
+            let text = open.map(|prompt| prompt.text()).unwrap_or_default();
+            lines.extend(text.into_iter().map(|line| (Role::Text, line)));
+            lines
+        }
+    };
+    let rows: Vec<Row> = lines
+        .iter()
+        .flat_map(|(role, line)| {
+            wrap(line, width, 6).into_iter().map(|line| Row::of(*role, &line)).collect::<Vec<_>>()
+        })
+        .collect();
+    let hidden = rows.len().saturating_sub(usize::from(inside.height));
+    pen.rows(inside, 0, &rows);
+    if hidden > 0 && inside.height > 0 {
+        let last = inside.height - 1;
+        let more = format!("{} more lines in the prompt", hidden + 1);
+        pen.clear(Rect { y: inside.y + last, height: 1, ..inside });
+        pen.row(inside, last, &Row::of(Role::Muted, &more));
+    }
+}
+
+/// A monitor's question in sentences.
+fn asked(model: &Model, question: &QuestionView) -> Vec<(Role, String)> {
+    let key = |action| model.keymap.key(action);
+    let mut lines = vec![(
+        Role::Waiting,
+        format!("The monitor of {} cannot decide by itself and asks a person", question.version),
+    )];
+    lines.extend(question.reasons.iter().map(|reason| (Role::Text, reason_line(reason))));
+    let left = left(question.deadline_ms, model.engine_ms());
+    lines.push((Role::Warning, format!("Nobody answers within {left}: it is rolled back")));
+    lines.push((
+        Role::Text,
+        format!(
+            "{} lets it go on, {} rolls it back, {} tightens its envelope; each asks for a reason",
+            key(Action::Continue),
+            key(Action::Rollback),
+            key(Action::Restrict)
+        ),
+    ));
+    lines
+}

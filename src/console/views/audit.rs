@@ -1,9 +1,110 @@
-//! View.
+//! View 7: the log, the newest first, whether its chain has been checked, and the record under the cursor in full.
+//!
+//! ```text
+//! ▸ Audit ─────────── ✔ chain holds, 391 records checked · 1 of 4 ─
+//!   number  time      kind      subject      content
+//! ▸ 391     00:12:22  approval  align@2.0.0  {"by":"grace", …
+//! ── Record 391 ─────────────────────────────────────────────
+//! ```
 
 use ratatui::layout::Rect;
 
+use crate::console::action::Action;
+use crate::console::look::{Glyph, Role};
 use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Fit, Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::console::words::seconds;
+use crate::engine::detail::AuditRow;
+
+/// Characters of a record's content that a list's row looks at.
+const CONTENT_CHARS: usize = 200;
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let rows = model.audit_rows();
+    let cursor = model.cursor().min(rows.len().saturating_sub(1));
+    let mut at = 0;
+    let inside = pen.pane(area, "Audit", true, &place(rows.len(), cursor));
+    pen.row(inside, at, &verified(model, pen));
+    at += 1;
+    if rows.is_empty() {
+        let text = if model.filter().is_empty() {
+            "No record has been read yet"
+        } else {
+            "No record fits the filter"
+        };
+        pen.text(below(inside, at), 0, Role::Muted, text);
+        return;
+    }
+    let subject = if pen.fit >= Fit::Full { 24 } else { 14 };
+    let header = Row::new()
+        .to_column(2)
+        .cell(Role::Muted, "number", 8)
+        .cell(Role::Muted, "time", 10)
+        .cell(Role::Muted, "kind", 16)
+        .cell(Role::Muted, "subject", subject + 1)
+        .with(Role::Muted, "content");
+    pen.row(inside, at, &header);
+    at += 1;
+    let room = inside.height.saturating_sub(at);
+    let detail = (room / 3).clamp(room.min(4), 10);
+    let (list, foot) = cut(below(inside, at), room.saturating_sub(detail));
+    pen.list(list, rows.len(), Some(cursor), |index, _| {
+        rows.get(index).map_or_else(Row::new, |row| line(row, subject))
+    });
+    if let Some(row) = rows.get(cursor) {
+        record(row, pen, foot);
+    }
+}
+
+fn line(row: &AuditRow, subject: usize) -> Row {
+    let content: String = row.body.chars().take(CONTENT_CHARS).collect();
+    Row::new()
+        .cell(Role::Muted, &row.seq.to_string(), 8)
+        .cell(Role::Muted, &seconds(row.at_ms), 10)
+        .cell(Role::Text, &row.kind, 15)
+        .with(Role::Text, " ")
+        .cell(Role::Text, &row.subject, subject)
+        .with(Role::Text, " ")
+        .with(Role::Muted, &content)
+}
+
+/// What the last check came to.
+fn verified(model: &Model, pen: &Pen<'_>) -> Row {
+    let key = model.keymap.key(Action::Verify);
+    match &model.verified {
+        None => {
+            Row::of(Role::Unknown, &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)))
+                .with(Role::Key, &key)
+                .with(Role::Text, " checks it")
+        }
+        Some(verified) if verified.holds => Row::of(
+            Role::Good,
+            &format!(
+                "{} chain holds, {} records checked: {}",
+                pen.look.glyph(Glyph::Good),
+                verified.records,
+                verified.text
+            ),
+        ),
+        Some(verified) => Row::of(
+            Role::Bad,
+            &format!(
+                "{} CHAIN BROKEN after {} records: {}",
+                pen.look.glyph(Glyph::Bad),
+                verified.records,
+                verified.text
+            ),
+        ),
+    }
+}
+
+fn record(row: &AuditRow, pen: &mut Pen<'_>, area: Rect) {
+    let hash = format!("hash {}", row.hash.short());
+    let inside = pen.pane(area, &format!("Record {}", row.seq), false, &hash);
+    let head = format!("{} {} {}", seconds(row.at_ms), row.kind, row.subject);
+    let at = pen.text(inside, 0, Role::Title, &head);
+    pen.text(inside, at, Role::Text, &row.body);
+}

@@ -16,7 +16,7 @@ use crate::console::words::{duration, seconds};
 /// Draws it. What was not known to be well stands first and is never cut off before what merely helps.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let mut row = profile(model, pen).and(doubts(model, pen));
+    let mut row = profile(model, pen).and(doubts(model, pen, width));
     let identity = identity(model);
     let clock = Row::of(Role::Muted, &format!(" {}", seconds(model.engine_ms())));
     for piece in identity {
@@ -36,10 +36,11 @@ fn profile(model: &Model, pen: &Pen<'_>) -> Row {
     };
     let mark = Mark::profile(&snapshot.profile);
     Row::of(mark.role, &format!(" {} ", pen.look.words(mark)))
+        .with(Role::Title, &format!(" {} ", super::short(&snapshot.robot, 24)))
 }
 
 /// Whatever makes the screen less than it seems.
-fn doubts(model: &Model, pen: &Pen<'_>) -> Row {
+fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let mut row = Row::new();
     let mut say = |role: Role, text: &str| {
         row.push(Role::Text, " ");
@@ -58,7 +59,7 @@ fn doubts(model: &Model, pen: &Pen<'_>) -> Row {
         say(Role::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }
     if let Some(why) = model.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
-        let why = super::short(why, 48);
+        let why = super::short(why, width / 4);
         say(Role::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
     }
     if let Some(frozen) = &model.frozen {
@@ -69,7 +70,7 @@ fn doubts(model: &Model, pen: &Pen<'_>) -> Row {
     row
 }
 
-/// Robot, operator and seed, the weightiest first.
+/// Operator and seed, the weightiest first.
 fn identity(model: &Model) -> Vec<Row> {
     let who = match &model.operator {
         Some(who) => Row::of(
@@ -78,10 +79,8 @@ fn identity(model: &Model) -> Vec<Row> {
         ),
         None => Row::of(Role::Warning, "  nobody: `:as NAME`"),
     };
-    let Some(snapshot) = &model.snapshot else { return vec![who] };
-    vec![
-        Row::of(Role::Title, &format!("  {}", super::short(&snapshot.robot, 24))),
-        who,
-        Row::of(Role::Muted, &format!("  seed {}", snapshot.seed)),
-    ]
+    match &model.snapshot {
+        Some(snapshot) => vec![who, Row::of(Role::Muted, &format!("  seed {}", snapshot.seed))],
+        None => vec![who],
+    }
 }

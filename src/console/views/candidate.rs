@@ -1,9 +1,163 @@
-//! View.
+//! View 3: why a version stands where it stands: checks, difference, sandbox, drills, timeline, audit.
+//!
+//! ```text
+//! align@2.0.0 against align@1.0.0  ◷ awaiting approval  ada, refined, risk medium
+//! [Checks]  Difference  Sandbox  Drills  Timeline  Audit             1 of 9
+//! ▸ ✔ κI interface  1.000 ██████┃                at least 0.90  compatible
+//!   ⚠ κR recovery   0.821 █████░┃ [0.790, 0.845] at least 0.85  suspicious
+//!   recovery-conditional: recovery is above the floor …
+//! ```
 
 use ratatui::layout::Rect;
 
-use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use super::candidate_rows::item;
+use super::{pipeline, tabs};
+use crate::console::look::{Glyph, Look, Role};
+use crate::console::model::{Model, View};
+use crate::console::rows::CandidateItem;
+use crate::console::theme::Mark;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Fit, Pen, below, cut};
+use crate::console::widgets::row::{Row, wrap};
+use crate::console::words::seconds;
+use crate::engine::detail::Detail;
+
+/// The pane of the decisions, which stands beside the checks where there is room.
+const TIMELINE: usize = 4;
+
+/// Columns from which the timeline stands beside the checks.
+const BESIDE_WIDTH: u16 = 110;
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let Some(subject) = model.subject() else {
+        pen.text(
+            area,
+            0,
+            Role::Muted,
+            "No candidate yet: choose a version in the registry, or submit one (`:demo`)",
+        );
+        return;
+    };
+    let Some(detail) = model.subject_detail() else {
+        let glyph = pen.look.glyph(Glyph::Running);
+        pen.text(area, 0, Role::Muted, &format!("{glyph} Asking the engine about {subject}"));
+        return;
+    };
+    let head = heading(model, detail, pen.look, usize::from(area.width), pen.fit);
+    let at = pen.rows(area, 0, &head);
+    let area = below(area, at);
+    let pane = model.pane();
+    let rows = model.candidate_rows(pane);
+    let cursor = if model.view == View::Candidate { model.row() } else { 0 };
+    let place = Row::of(Role::Muted, &place(rows.len(), cursor));
+    let width = usize::from(area.width);
+    pen.row(area, 0, &tabs::panes(model).to_column(width.saturating_sub(place.width())).and(place));
+    let area = below(area, 1);
+    if pane == 0 && area.width >= BESIDE_WIDTH {
+        let (left, right) = pen.split(area, area.width * 3 / 5);
+        items(&rows, cursor, pen, left);
+        let inside = pen.pane(right, "Timeline", false, "");
+        let decisions = model.candidate_rows(TIMELINE);
+        timeline(&decisions, pen, inside);
+    } else {
+        items(&rows, cursor, pen, area);
+    }
+}
+
+/// What and against what, where it stands, what its author says.
+fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
+    let mut first = Row::of(Role::Title, &detail.version.to_string());
+    if let Some(against) = &detail.against {
+        first.push(Role::Muted, &format!(" against {against}"));
+    }
+    let candidate = model.candidate(&detail.version);
+    if let Some(candidate) = candidate {
+        let mark = Mark::version(candidate.state, &candidate.flags);
+        first.push(mark.role, &format!("  {}", look.words(mark)));
+    }
+    let short = super::short;
+    first.push(
+        Role::Muted,
+        &format!(
+            "  {}, {}, risk {}",
+            short(&detail.author, 20),
+            short(&detail.provenance, 16),
+            short(&detail.risk, 10)
+        ),
+    );
+    let mut rows = vec![first];
+    let lines = if fit >= Fit::Two { 2 } else { 1 };
+    rows.extend(wrap(&detail.summary, width, lines).iter().map(|line| Row::of(Role::Text, line)));
+    if fit >= Fit::Two {
+        if let Some(candidate) = candidate {
+            rows.push(pipeline::strip(candidate, look, width));
+        }
+        let parent = detail.parent.as_deref().unwrap_or("nothing");
+        rows.push(Row::of(
+            Role::Muted,
+            &format!(
+                "digest {}  evidence {}  made from {}  registered {}",
+                detail.digest.short(),
+                detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
+                short(parent, 24),
+                seconds(detail.registered_ms)
+            ),
+        ));
+    }
+    if let Some(composite) = detail.composite {
+        rows.push(Row::of(Role::Muted, &format!("composite {composite:.3}, reported and never decisive")));
+    }
+    rows
+}
+
+/// Rows of differing height, scrolled so that the one under the cursor is in sight.
+fn items(rows: &[CandidateItem<'_>], cursor: usize, pen: &mut Pen<'_>, area: Rect) {
+    if rows.is_empty() {
+        pen.text(area, 0, Role::Muted, "Nothing here yet: this stage has not been reached");
+        return;
+    }
+    let look = pen.look;
+    let width = usize::from(area.width.saturating_sub(2));
+    let height = usize::from(area.height);
+    let (marks, inner) = (Rect { width: area.width.min(1), ..area }, super::indented(area));
+    // Up from the cursor for half the height, never making more than can be seen.
+    let mut first = cursor;
+    let mut above = 0;
+    while let Some(row) = first.checked_sub(1).and_then(|before| rows.get(before)) {
+        above += item(row, look, width).len();
+        if above > height / 2 {
+            break;
+        }
+        first -= 1;
+    }
+    let mut at = 0u16;
+    for (index, row) in rows.iter().enumerate().skip(first) {
+        if at >= area.height {
+            break;
+        }
+        let taken = pen.rows(inner, at, &item(row, look, width));
+        if index == cursor {
+            pen.row(marks, at, &Row::of(Role::Text, look.glyph(Glyph::Here)));
+            pen.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+        }
+        at = at.saturating_add(taken);
+    }
+}
+
+fn timeline(rows: &[CandidateItem<'_>], pen: &mut Pen<'_>, area: Rect) {
+    let look = pen.look;
+    let width = usize::from(area.width);
+    let mut rest = area;
+    for row in rows {
+        let lines = item(row, look, width);
+        let taken = pen.rows(rest, 0, &lines);
+        (_, rest) = cut(rest, taken);
+        if rest.is_empty() {
+            return;
+        }
+    }
+    if rows.is_empty() {
+        pen.text(area, 0, Role::Muted, "No decision yet");
+    }
+}

@@ -13,7 +13,7 @@ use crate::console::widgets::bar::outcomes;
 use crate::console::widgets::pen::Pen;
 use crate::console::widgets::row::Row;
 use crate::engine::snapshot::{FamilyView, LiveView};
-use crate::governance::lifecycle::{Flags, State};
+use crate::governance::lifecycle::State;
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
@@ -43,7 +43,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
 }
 
 fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize) -> Row {
-    let flags = family.flags.unwrap_or(Flags::default());
+    let flags = family.flags.unwrap_or_default();
     let mark = match &family.active {
         _ if family.safe_stopped => Mark::SAFE_STOPPED,
         None => Mark::UNKNOWN,

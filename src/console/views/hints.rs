@@ -59,6 +59,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
+        (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
         (None, View::Registry) => &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Rearm],
@@ -110,6 +111,8 @@ fn hint(model: &Model, action: Action) -> Row {
 fn label(model: &Model, action: Action) -> String {
     match (action, &model.overlay, model.view) {
         (Action::NextPane, Some(_), _) => "next field",
+        (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
+        (Action::Open, Some(_), _) => "presses the button",
         (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
         (Action::PageDown, _, _) => "more",

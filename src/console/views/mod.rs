@@ -5,6 +5,7 @@ pub mod approvals;
 pub mod audit;
 pub mod banner;
 pub mod candidate;
+mod candidate_rows;
 pub mod families;
 pub mod form;
 pub mod hints;
@@ -24,6 +25,7 @@ pub mod tour;
 use ratatui::layout::Rect;
 
 use super::look::{Glyph, Role};
+use super::widgets::list::GUTTER;
 use super::widgets::pen::Pen;
 use super::widgets::row::{Row, safe};
 
@@ -31,6 +33,12 @@ use super::widgets::row::{Row, safe};
 #[must_use]
 pub fn short(text: &str, width: usize) -> String {
     safe(text, width)
+}
+
+/// An area without the columns that the mark of the cursor takes.
+const fn indented(area: Rect) -> Rect {
+    let taken = if area.width < GUTTER { area.width } else { GUTTER };
+    Rect { x: area.x + taken, width: area.width - taken, ..area }
 }
 
 /// A window over a view: frame and title; tells where its inside is. No larger than `area`.

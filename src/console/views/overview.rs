@@ -25,6 +25,9 @@ const PIPELINE: usize = 0;
 const ROBOT: usize = 1;
 const STORY: usize = 2;
 
+/// Columns in which the seven stages have their words.
+const STRIP_WIDTH: u16 = 62;
+
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     match pen.fit {
@@ -57,7 +60,7 @@ fn two(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn full(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let story = (area.height / 4).max(6);
     let (upper, lower) = cut(area, area.height - story);
-    let (left, right) = pen.split(upper, upper.width * 3 / 5);
+    let (left, right) = pen.split(upper, (upper.width * 3 / 5).max(STRIP_WIDTH));
     work(model, pen, left);
     let waiting = waiting_height(model).min(right.height / 3);
     let (robot, waits) = cut(right, right.height - waiting);

@@ -17,10 +17,13 @@ use crate::console::theme::Mark;
 use crate::console::widgets::bar::progress;
 use crate::console::widgets::list::GUTTER;
 use crate::console::widgets::pen::{Pen, below};
-use crate::console::widgets::row::Row;
+use crate::console::widgets::row::{Row, wrap};
 use crate::console::words::{STAGES, duration, reason_line, stage_place, stages_done};
 use crate::engine::snapshot::{CandidateView, ProgressView};
 use crate::governance::lifecycle::State;
+
+/// Rows for what would end a stage early.
+const EARLY_ROWS_MAX: usize = 3;
 
 /// Draws the candidates round the cursor.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
@@ -77,9 +80,9 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let lines = [
         (Role::Title, "No candidate yet. To see one judged:".to_owned()),
         (Role::Text, String::new()),
-        (Role::Text, "  :demo          submits a demonstration candidate".to_owned()),
-        (Role::Text, "  :register DIR  submits the candidate in a folder".to_owned()),
-        (Role::Text, format!("  {keys:<14} shows the keys of this view")),
+        (Role::Text, "  :demo          a demonstration candidate".to_owned()),
+        (Role::Text, "  :register DIR  the candidate in a folder".to_owned()),
+        (Role::Text, format!("  {keys:<14} the keys of this view")),
     ];
     let mut at = 0;
     for (role, line) in lines {
@@ -113,9 +116,6 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
     {
         rows.push(Row::of(Role::Muted, &super::short(&reason_line(reason), width)));
     }
-    if !chosen && candidate.state.is_terminal() {
-        rows.truncate(1);
-    }
     rows
 }
 
@@ -142,7 +142,8 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
 }
 
 /// The seven stages: signs and words, or signs with the word of the present stage where there is no room.
-fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
+#[must_use]
+pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let marks = STAGES.iter().enumerate().map(|(place, stage)| (stage_mark(candidate, place), *stage));
     for gap in ["  ", " "] {
         let mut row = Row::new();
@@ -185,7 +186,8 @@ fn running(view: &ProgressView, now_ms: u64, look: &Look, width: usize, chosen: 
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
-        rows.push(Row::of(Role::Muted, &super::short(&format!("ends early: {}", view.early), width)));
+        let early = wrap(&format!("ends early: {}", view.early), width, EARLY_ROWS_MAX);
+        rows.extend(early.iter().map(|line| Row::of(Role::Muted, line)));
     }
     rows
 }

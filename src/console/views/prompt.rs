@@ -5,16 +5,17 @@
 //! Promote place@1.1.0 (9f3c) to active on arm-1, profile human?
 //! Replaces place@1.0.0, which stays pinned as the way back
 //! …
-//! ────────────────────────────────────────────────────────────────
 //! ▸[Hold]   short id ____ (type 9f3c)   reason ____
-//! Approve: type the short id (tab) · give a reason (tab)
+//! First: give a reason (tab), to promote: type the short id (tab)
 //! Y Promote   N Reject   Enter or Esc Hold: decide later
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::form::button;
 use super::hints::field;
+use crate::approvals::ApprovalDecision;
 use crate::console::action::Action;
 use crate::console::look::{Glyph, Role};
 use crate::console::model::Model;
@@ -22,17 +23,16 @@ use crate::console::prompt::{Block, Focus, Prompt};
 use crate::console::widgets::pen::{Pen, cut};
 use crate::console::widgets::row::{Row, wrap};
 use crate::console::words::seconds;
-use crate::registry::names::ApprovalDecision;
 
 /// Draws it over all of `area`.
 pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
     let width = usize::from(area.width);
-    let text = lines(prompt, width);
     let foot = foot(model, prompt, pen, width);
     let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
     let (upper, lower) = cut(area, area.height - foot_height);
     let room = usize::from(upper.height.saturating_sub(1));
+    let text = lines(prompt, width, room, if pen.look.ascii() { " | " } else { " · " });
     let first = usize::from(prompt.scroll).min(text.len().saturating_sub(room));
     let title = format!("Decide on {}", prompt.seen.version);
     let inside = pen.pane(upper, &title, true, &extent(model, first, room, text.len()));
@@ -44,16 +44,31 @@ pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(lower, 0, &foot);
 }
 
-/// Every line of the decision, wrapped; what goes on from the line before stands further in.
+/// Every line of the decision, wrapped; what goes on from the line before stands further in. Where that is more
+/// than `room` rows, short lines share one.
 #[must_use]
-pub fn lines(prompt: &Prompt, width: usize) -> Vec<String> {
-    let mut lines = Vec::new();
-    for text in prompt.text() {
-        let mut pieces = wrap(&text, width.saturating_sub(2), 40).into_iter();
-        lines.extend(pieces.next());
-        lines.extend(pieces.map(|piece| format!("  {piece}")));
+pub fn lines(prompt: &Prompt, width: usize, room: usize, between: &str) -> Vec<String> {
+    let text = prompt.text();
+    let wrapped: Vec<String> = text.iter().flat_map(|line| hanging(line, width)).collect();
+    if wrapped.len() <= room {
+        return wrapped;
     }
-    lines
+    let mut packed: Vec<String> = Vec::new();
+    for line in text {
+        match packed.last_mut() {
+            Some(last) if last.width() + between.width() + line.width() <= width => {
+                last.push_str(between);
+                last.push_str(&line);
+            }
+            _ => packed.push(line),
+        }
+    }
+    packed.iter().flat_map(|line| hanging(line, width)).collect()
+}
+
+fn hanging(line: &str, width: usize) -> Vec<String> {
+    let options = textwrap::Options::new(width.max(4)).subsequent_indent("  ");
+    textwrap::wrap(line, options).into_iter().map(std::borrow::Cow::into_owned).collect()
 }
 
 /// How much of it can be seen.
@@ -69,7 +84,7 @@ fn extent(model: &Model, first: usize, room: usize, count: usize) -> String {
 }
 
 fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row> {
-    let mut rows = vec![Row::of(Role::Rule, &pen.look.glyph(Glyph::Horizontal).repeat(width))];
+    let mut rows = Vec::new();
     if let Some(stale) = &prompt.stale {
         let key = model.keymap.key(Action::Reread);
         let text = format!(
@@ -83,9 +98,9 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
     rows.push(fields(prompt, pen, width));
     rows.extend(missing(model, prompt, width));
     let key = |action| model.keymap.key(action);
-    let off = |decision| !blocks(model, prompt, decision).is_empty();
-    let approve = off(ApprovalDecision::Approve);
-    let reject = off(ApprovalDecision::Reject);
+    let approve = !blocks(model, prompt, ApprovalDecision::Approve).is_empty();
+    // Without a reason the key that rejects leads to its field.
+    let reject = blocks(model, prompt, ApprovalDecision::Reject).iter().any(|block| *block != Block::Reason);
     let role = |off: bool| if off { Role::KeyOff } else { Role::Key };
     let named = |off: bool, key: String, word: &str| {
         if off {
@@ -131,16 +146,14 @@ fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
     let hints = |blocks: &[Block]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
     let both: Vec<Block> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
     let rest = |all: &[Block]| all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>();
-    let said = [
-        ("Before either", both.clone()),
-        ("Before you promote", rest(&approve)),
-        ("Before you reject", rest(&reject)),
-    ];
-    let mut rows = Vec::new();
-    for (head, blocks) in said.iter().filter(|(_, blocks)| !blocks.is_empty()) {
-        let text = format!("{head}: {}", hints(blocks));
-        rows.extend(wrap(&text, width, 2).iter().map(|line| Row::of(Role::Warning, line)));
-    }
+    let said = [("First", both.clone()), ("to promote", rest(&approve)), ("to reject", rest(&reject))];
+    let said: Vec<String> = said
+        .iter()
+        .filter(|(_, blocks)| !blocks.is_empty())
+        .map(|(head, blocks)| format!("{head}: {}", hints(blocks)))
+        .collect();
+    let text = wrap(&said.join(", "), width, 4);
+    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(Role::Warning, line)).collect();
     if let Some(block) = prompt.refused {
         rows.push(Row::of(Role::Problem, &format!("That key did nothing: {}", block.hint())));
     }

@@ -1,9 +1,156 @@
-//! View.
+//! View 2: families and versions as a tree, each with its state, its four kappas against their limits, and its age.
+//!
+//! ```text
+//! [All]  Active  Candidates  History                            3 of 8
+//!   version        state                κI ░░░░┃ κP ░░░░┃ κB ░░░░┃ κR ░░░░┃  age
+//! ▾ grasp (3)
+//! ▸  1.1.0         ◌ running            1.00 ███┃ 0.97 ███┃ 0.91 …          7 min
+//! reason: behavior-established-worse: …
+//! ```
 
 use ratatui::layout::Rect;
 
+use super::tabs;
+use crate::console::look::{Glyph, Look, Role};
 use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use crate::console::rows::RegistryItem;
+use crate::console::theme::Mark;
+use crate::console::widgets::bar::against_limit;
+use crate::console::widgets::list::{GUTTER, place};
+use crate::console::widgets::pen::{Fit, Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::console::words::{duration, kappa_sign, reason_line};
+use crate::engine::detail::RegistryRow;
+use crate::governance::decision::Dimension;
+
+/// Lines for what is said of the version under the cursor.
+const DETAIL_ROWS: u16 = 4;
+
+const DIMENSIONS: [Dimension; 4] =
+    [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+
+/// Widths of the columns: name, state, bar of each kappa.
+struct Columns {
+    name: usize,
+    state: usize,
+    bar: usize,
+}
+
+impl Columns {
+    const fn of(fit: Fit) -> Self {
+        match fit {
+            Fit::Full => Self { name: 20, state: 22, bar: 5 },
+            Fit::Two => Self { name: 17, state: 22, bar: 2 },
+            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0 },
+        }
+    }
+}
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let items = model.registry_rows();
+    // The rows are many: they are made once.
+    let cursor = model.cursor().min(items.len().saturating_sub(1));
+    let total = model.registry.page.total;
+    let shown = model.registry.page.rows.len() as u64;
+    let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
+    let head = tabs::panes(model);
+    let place = format!("{}  {right}", place(items.len(), cursor));
+    let place = Row::of(Role::Muted, place.trim_end());
+    let width = usize::from(area.width);
+    pen.row(area, 0, &head.to_column(width.saturating_sub(place.width())).and(place));
+    let area = below(area, 1);
+    if items.is_empty() {
+        let text =
+            if model.filter().is_empty() { "No version of this kind" } else { "No version fits the filter" };
+        pen.text(area, 0, Role::Muted, text);
+        return;
+    }
+    let columns = Columns::of(pen.fit);
+    let look = pen.look;
+    pen.row(area, 0, &header(&columns, look));
+    let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
+    let now_ms = model.engine_ms();
+    let limits = model.registry.page.thresholds;
+    pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
+        Some(RegistryItem::Family { family, versions, open }) => {
+            let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
+            Row::of(Role::Title, &format!("{glyph} {family}"))
+                .with(Role::Muted, &format!("  {versions} versions"))
+        }
+        Some(RegistryItem::Version(row)) => version(row, limits, now_ms, &columns, look),
+        None => Row::new(),
+    });
+    detail(model, items.get(cursor), pen, foot);
+}
+
+fn header(columns: &Columns, look: &Look) -> Row {
+    let mut row = Row::new()
+        .to_column(usize::from(GUTTER))
+        .cell(Role::Muted, "version", columns.name)
+        .cell(Role::Muted, "state", columns.state)
+        .with(Role::Text, " ");
+    for dimension in DIMENSIONS {
+        row = row.cell(Role::Muted, kappa_sign(dimension, look.ascii()), 5 + columns.bar + 1);
+    }
+    row.with(Role::Muted, " age")
+}
+
+fn version(row: &RegistryRow, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
+    let mark = Mark::version(row.state, &row.flags);
+    let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
+    let name = format!("  {}{baseline}", row.version.version);
+    let mut line = Row::new()
+        .cell(Role::Text, &name, columns.name)
+        .cell(mark.role, &look.words(mark), columns.state)
+        .with(Role::Text, " ");
+    for (kappa, limit) in row.kappas.into_iter().zip(limits) {
+        let (role, text) = match kappa {
+            None => (Role::Unknown, "?".to_owned()),
+            Some(kappa) if kappa >= limit => (Role::Value, format!("{kappa:.2}")),
+            Some(kappa) => (Role::Past, format!("{kappa:.2}")),
+        };
+        line = line.cell(role, &text, 5).and(against_limit(look, kappa, limit, columns.bar));
+        // Without a bar, a sign says that the limit is not reached.
+        let below = kappa.is_some_and(|kappa| !(kappa >= limit));
+        line = line.with(Role::Past, if below { look.glyph(Glyph::Down) } else { " " });
+    }
+    // Minutes are enough here.
+    let age_ms = now_ms.saturating_sub(row.changed_ms);
+    let age = if (60_000..3_600_000).contains(&age_ms) {
+        format!("{} min", age_ms / 60_000)
+    } else {
+        duration(age_ms)
+    };
+    line.with(Role::Muted, &format!(" {age}"))
+}
+
+/// What the snapshot and the page know of the version under the cursor.
+fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, area: Rect) {
+    let Some(RegistryItem::Version(row)) = item else {
+        pen.pane(area, "Family", false, "");
+        let text = "l opens the branch, h closes it; the family stands for its active version";
+        pen.text(below(area, 1), 0, Role::Muted, text);
+        return;
+    };
+    let inside = pen.pane(area, &row.version.to_string(), false, "");
+    let limits = model.registry.page.thresholds;
+    let mut sentence = Row::of(
+        Role::Text,
+        &format!(
+            "by {}, {}, risk {}",
+            super::short(&row.author, 24),
+            super::short(&row.provenance, 20),
+            super::short(&row.risk, 12)
+        ),
+    );
+    for (dimension, limit) in DIMENSIONS.into_iter().zip(limits) {
+        let sign = kappa_sign(dimension, pen.look.ascii());
+        sentence.push(Role::Muted, &format!("  {sign} at least {limit:.2}"));
+    }
+    pen.row(inside, 0, &sentence);
+    let Some(candidate) = model.candidate(&row.version) else { return };
+    let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
+    let reason = candidate.reasons.first().map(reason_line).unwrap_or_default();
+    pen.text(below(inside, 1), 0, Role::Text, &format!("{composite}{reason}"));
+}

@@ -6,7 +6,7 @@
 //!   ╭──o──╮               ┌ ─ ─ ─ ─ ┐
 //!   │     ╎ ■             │ o──o─■  │
 //!  ━┷━━━━━━━━━━           └ ─ ─ ─ ─ ┘
-//!  grasp  grasp@1.0.0  0.21 m/s  4.1 N  held
+//!  grasp@1.0.0  0.21 m/s  4.1 N  object held
 //!  twin (dashed) grasp@1.1.0 drives nothing
 //! ```
 
@@ -30,6 +30,15 @@ const CONTACT: Ink = Ink { role: Role::Contact, ascii: "!", dashed: false };
 /// The metre grid that a view's bounds are rounded to, m: a moving arm does not change the scale all the time.
 const STEP_M: f32 = 0.2;
 
+/// Room round what must be in sight, m.
+const MARGIN_M: f32 = 0.05;
+
+/// Columns that two views beside each other need.
+const BESIDE_COLUMNS_MIN: u16 = 30;
+
+/// Rows that two views below each other need.
+const BELOW_ROWS_MIN: u16 = 10;
+
 /// Draws the robot pane's inside.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let Some(picture) = model.pictured() else {
@@ -43,18 +52,22 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
-    // Side by side where there is room for both; the side view alone where not.
-    if views.width >= 50 || (views.height < 12 && views.width >= 30) {
-        let (side, top) = pen.split(views, (views.width - 3) / 2);
-        view(picture, scenery, pen, side, Plane::Side);
-        view(picture, scenery, pen, top, Plane::Top);
-    } else if views.height >= 12 {
-        let (side, top) = cut(views, views.height / 2);
-        view(picture, scenery, pen, side, Plane::Side);
-        view(picture, scenery, pen, top, Plane::Top);
-    } else {
-        view(picture, scenery, pen, views, Plane::Side);
-    }
+    // Beside or below each other, as the arm is larger; the side view alone where there is no room for both.
+    let beside =
+        (views.width >= BESIDE_COLUMNS_MIN).then_some(Rect { width: (views.width - 3) / 2, ..views });
+    let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });
+    let dots_per_m = |area: Option<Rect>| {
+        let size = area.map_or((0, 0), |area| Dots::new(area).size());
+        Scale::fitting(picture, scenery, Plane::Side, size).dots_per_m
+    };
+    let (side, top) = match (beside, below) {
+        (None, None) => return view(picture, scenery, pen, views, Plane::Side),
+        (Some(one), None) => pen.split(views, one.width),
+        (Some(one), Some(_)) if dots_per_m(beside) > dots_per_m(below) => pen.split(views, one.width),
+        (_, Some(one)) => cut(views, one.height),
+    };
+    view(picture, scenery, pen, side, Plane::Side);
+    view(picture, scenery, pen, top, Plane::Top);
 }
 
 /// What is said about the picture, the gravest first.
@@ -76,8 +89,8 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
     let held = if picture.body.held { "object held" } else { "nothing held" };
     rows.push(
-        Row::of(Role::Title, task)
-            .with(Role::Text, &format!("  {version}"))
+        // A version's name begins with its task.
+        Row::of(Role::Title, if version.is_empty() { task } else { &version })
             .with(Role::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
             .with(if picture.body.held { Role::Object } else { Role::Muted }, held),
     );
@@ -116,10 +129,11 @@ impl Scale {
         (across.round() as i64, down.round() as i64)
     }
 
-    /// The scale at which everything that stands and moves can be seen.
+    /// The scale at which the workspace and everything that moves can be seen. What stands round them may be cut.
     fn fitting(picture: &Picture, scenery: &Scenery, plane: Plane, size: (usize, usize)) -> Self {
-        let regions = scenery.fixtures.iter().chain(&scenery.keep_outs).chain(&scenery.workspace);
-        let corners = regions.flat_map(|region| [region.min, region.max]);
+        let corners = scenery.workspace.iter().flat_map(|region| {
+            [region.min.map(|value| value - MARGIN_M), region.max.map(|value| value + MARGIN_M)]
+        });
         let arms = std::iter::once(&picture.body).chain(picture.twin.as_ref().map(|twin| &twin.body));
         let joints = arms.flat_map(|body| body.links.iter().copied().chain([body.object]));
         let mut bounds = [[0.0f32; 2]; 2];
@@ -195,18 +209,31 @@ fn arm(dots: &mut Dots, scale: &Scale, body: &Body, ink: Ink, object: Ink) {
     dots.rectangle(scale.at(from), scale.at(to), object, body.held);
 }
 
-/// Names of what stands round the robot, each in the corner of its box, where it is in sight.
+/// Names of what stands round the robot, each in the upper edge of its box or, where that is out of sight, at the
+/// edge of the picture; where another name stands already there is none.
 fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
     let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);
     for region in named {
         let (left, top) = scale.at(region.min);
         let (right, other) = scale.at(region.max);
-        let (left, top) = (left.min(right) / 2, top.min(other) / 4);
-        let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let name = crate::text::Untrusted::from(region.name.as_str()).display(10);
         let width = u16::try_from(name.width()).unwrap_or(u16::MAX);
+        // What is flat has its name above it.
+        let flat = (top - other).abs() < 4;
+        let (across, down) = (i64::from(area.width) * 2, i64::from(area.height) * 4);
+        if left.max(right) < 0 || left.min(right) >= across || top.max(other) < 0 || top.min(other) >= down {
+            continue;
+        }
+        let (left, top) = (left.max(right) / 2 - i64::from(width), top.min(other) / 4 - i64::from(flat));
+        let most = |room: u16, taken: u16| i64::from(room.saturating_sub(taken));
+        let (left, top) = (left.clamp(0, most(area.width, width)), top.clamp(0, most(area.height, 1)));
+        let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let place = Rect { x: area.x.saturating_add(left), y: area.y.saturating_add(top), width, height: 1 };
-        if place.intersection(area) == place {
+        let named = (place.left()..place.right().saturating_add(1)).any(|x| {
+            let cell = pen.buf.cell((x, place.y));
+            cell.is_some_and(|cell| cell.symbol().chars().any(char::is_alphabetic))
+        });
+        if place.intersection(area) == place && !named {
             pen.row(place, 0, &Row::of(Role::Muted, name.as_str()));
         }
     }

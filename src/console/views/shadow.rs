@@ -1,9 +1,183 @@
-//! View.
+//! View 4: the twin against the live world: three distances, each against its limit; monitors; disagreements.
+//!
+//! ```text
+//! place@1.1.0  14 sequences, all of them shown
+//! ▸ Output ───────────── mean 0.112, at most 0.30 ─ │ ── Monitors ───
+//!  0.30 ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ limit 0.30          │ place@1.0.0
+//!       ⡠⠤⠒⠒⠤⣀⡠⠤⠒                                  │ success ███░░┃
+//! ── Disagreements ─────────────────────────────────────────────
+//!  9  live: place done; twin: place missed the tray
+//! ```
 
 use ratatui::layout::Rect;
 
+use super::tabs;
+use crate::console::look::{Glyph, Role};
 use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
+use crate::console::widgets::bar::against_limit;
+use crate::console::widgets::chart::Chart;
+use crate::console::widgets::list::place;
+use crate::console::widgets::pen::{Fit, Pen, below, cut};
+use crate::console::widgets::row::Row;
+use crate::engine::snapshot::{CandidateView, MonitorView, ShadowView};
+
+const CHARTS: usize = 0;
+
+const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
 
 /// Draws it.
-pub fn draw(_model: &Model, _pen: &mut Pen<'_>, _area: Rect) {}
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let subject = model.subject();
+    let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
+    let candidate = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
+    let Some(subject) = &subject else {
+        pen.text(area, 0, Role::Muted, "No candidate yet, and so no twin");
+        return;
+    };
+    let shadow = candidate.and_then(|candidate| candidate.shadow.as_ref());
+    let mut head = Row::of(Role::Title, &subject.to_string());
+    head.push(Role::Text, &extent(model, candidate, shadow));
+    pen.row(area, 0, &head);
+    let area = below(area, 1);
+    match pen.fit {
+        Fit::Tiny | Fit::One => {
+            pen.row(area, 0, &tabs::panes(model));
+            let area = below(area, 1);
+            if model.pane() == CHARTS {
+                charts(model, shadow, pen, area);
+            } else {
+                list(model, pen, area, true);
+            }
+        }
+        Fit::Two | Fit::Full => {
+            let lower = if model.pane() == CHARTS { area.height / 4 } else { area.height / 2 };
+            let (upper, lower) = cut(area, area.height - lower.max(4));
+            if pen.fit == Fit::Full && !monitors(model).is_empty() {
+                let (left, right) = pen.split(upper, upper.width * 2 / 3);
+                charts(model, shadow, pen, left);
+                let inside = pen.pane(right, "Monitors of active versions", false, "");
+                monitor_rows(model, pen, inside);
+            } else {
+                charts(model, shadow, pen, upper);
+            }
+            let rows = model.disagreement_rows().len();
+            let focused = model.pane() != CHARTS;
+            let inside = pen.pane(
+                lower,
+                "Disagreements, newest first",
+                focused,
+                &place(rows, if focused { model.row() } else { 0 }),
+            );
+            list(model, pen, inside, focused);
+        }
+    }
+}
+
+/// How much of the series is shown, in words.
+fn extent(model: &Model, candidate: Option<&CandidateView>, shadow: Option<&ShadowView>) -> String {
+    let Some(shadow) = shadow else { return String::new() };
+    let shown = zoomed(&shadow.series, model.zoom).len();
+    let range = if shown == shadow.series.len() {
+        "all shown".to_owned()
+    } else {
+        format!("the last {shown} shown, zoom {}", 1u64 << model.zoom.min(32))
+    };
+    let budget = candidate
+        .and_then(|candidate| candidate.progress.as_ref())
+        .map_or_else(String::new, |progress| format!(" of {}", progress.budget));
+    format!("  {}{budget} sequences, {range}", shadow.n)
+}
+
+/// The last part of a series: half of it with every step of zoom, and at least two values.
+fn zoomed<T>(series: &[T], zoom: u8) -> &[T] {
+    let shown = series.len().checked_shr(u32::from(zoom)).unwrap_or(0).max(2).min(series.len());
+    series.get(series.len() - shown..).unwrap_or(series)
+}
+
+fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: Rect) {
+    let Some(shadow) = shadow.filter(|shadow| !shadow.series.is_empty()) else {
+        pen.text(area, 0, Role::Muted, "No sequence has been shadowed yet");
+        return;
+    };
+    let means = [shadow.output, shadow.governance, shadow.envelope];
+    let series = zoomed(&shadow.series, model.zoom);
+    let mut rest = area;
+    for (place, ((name, mean), limit)) in NAMES.iter().zip(means).zip(shadow.limits).enumerate() {
+        let left = u16::try_from(NAMES.len() - place).unwrap_or(1);
+        let (part, below_it) = cut(rest, rest.height / left);
+        rest = below_it;
+        let past = limit.is_some_and(|limit| mean > limit);
+        let sign = if past { format!("{} ", pen.look.glyph(Glyph::Warning)) } else { String::new() };
+        let bound = limit
+            .map_or_else(|| "decides nothing by itself".to_owned(), |limit| format!("at most {limit:.2}"));
+        let right = format!("{sign}mean {mean:.3}, {bound}");
+        let inside = pen.pane(part, name, place == 0 && model.pane() == CHARTS, &right);
+        let values: Vec<f32> = series.iter().filter_map(|three| three.get(place).copied()).collect();
+        Chart { values: &values, limit }.draw(pen, inside);
+    }
+}
+
+fn monitors(model: &Model) -> &[MonitorView] {
+    model.charted().map_or(&[][..], |snapshot| &snapshot.live.monitors)
+}
+
+/// Each monitor's charts: how much of the way to the limit is gone.
+fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let look = pen.look;
+    let width = usize::from(area.width);
+    let mut rows = Vec::new();
+    for monitor in monitors(model) {
+        let restricted = if monitor.restricted { ", restricted" } else { "" };
+        rows.push(
+            Row::of(Role::Title, &monitor.version.to_string())
+                .with(Role::Muted, &format!("  {} of {}{restricted}", monitor.episodes, monitor.needed)),
+        );
+        for (name, value, limit) in &monitor.charts {
+            let past = value >= limit;
+            let role = if past { Role::Past } else { Role::Text };
+            let sign = if past { look.glyph(Glyph::Warning) } else { " " };
+            let numbers = format!(" {value:.2} of {limit:.2}");
+            let row = Row::of(role, sign).with(role, " ").cell(role, name, 11);
+            let bar = width.saturating_sub(row.width() + numbers.len()).min(20);
+            let share = if *limit > 0.0 { value / limit } else { 0.0 };
+            // The limit stands at four fifths of the bar, so that what is past it can be seen.
+            rows.push(row.and(toward(look, share * 0.8, bar, past)).with(role, &numbers));
+        }
+    }
+    pen.rows(area, 0, &rows);
+}
+
+fn toward(look: &crate::console::look::Look, share: f64, width: usize, past: bool) -> Row {
+    let bar = against_limit(look, Some(share), 0.8, width);
+    // Here to reach the limit is bad: the roles are turned round.
+    let mut row = Row::new();
+    for (text, role) in bar.parts() {
+        let role = match role {
+            Role::Value | Role::Past => {
+                if past {
+                    Role::Past
+                } else {
+                    Role::Value
+                }
+            }
+            other => other,
+        };
+        row.push(role, text);
+    }
+    row
+}
+
+fn list(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+    let rows = model.disagreement_rows();
+    if rows.is_empty() {
+        pen.text(area, 0, Role::Muted, "Twin and live world have agreed so far");
+        return;
+    }
+    pen.list(area, rows.len(), focused.then(|| model.row()), |index, _| {
+        rows.get(index).map_or_else(Row::new, |row| {
+            Row::of(Role::Muted, &format!("sequence {} seed {}  ", row.index, row.seed))
+                .with(Role::Value, &format!("{:.2}  ", row.output))
+                .with(Role::Text, &row.text)
+        })
+    });
+}

@@ -16,7 +16,7 @@ use crate::console::widgets::row::Row;
 use crate::engine::snapshot::{AlarmView, Snapshot};
 
 /// Columns kept for the text of an alarm before counts are left off.
-const TEXT_MIN: usize = 16;
+const TEXT_MIN: usize = 26;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
@@ -33,9 +33,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     };
     let head = head(snapshot, pen.look);
     let room = width.saturating_sub(waits.width() + 1);
-    let fits = |row: &Row| head.width() + TEXT_MIN.min(head_text(snapshot).len()) + row.width() <= room;
-    let counts = counts(&snapshot.alarm_summary, pen.look, false);
-    let counts = if fits(&counts) { counts } else { self::counts(&snapshot.alarm_summary, pen.look, true) };
+    // Words give way to the alarm's own text.
+    let wanted = head_text(snapshot).len().min(TEXT_MIN);
+    let fits = |row: &Row| head.width() + wanted + row.width() <= room;
+    let wordings = [Wording::Full, Wording::Short, Wording::Signs];
+    let said = |wording| counts(&snapshot.alarm_summary, pen.look, wording);
+    let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(Wording::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
     let role = if highest(snapshot).is_some() { Role::Text } else { Role::Muted };
@@ -88,38 +91,50 @@ fn head_text(snapshot: &Snapshot) -> String {
     )
 }
 
+/// How much is said with a count.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wording {
+    Full,
+    Short,
+    Signs,
+}
+
 /// How many alarms there are in each state; what there is none of is left out, but never what is unacknowledged.
-fn counts(summary: &AlarmSummary, look: &Look, brief: bool) -> Row {
+fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
     let [critical, high, low] = summary.unacknowledged;
     let mut row = Row::new();
+    let between = match (wording, look.ascii()) {
+        (Wording::Full, false) => " · ",
+        (Wording::Full, true) => " | ",
+        (Wording::Short | Wording::Signs, _) => " ",
+    };
     let mut say = |count: u32, role: Role, text: String| {
         if count > 0 {
-            row.push(
-                Role::Muted,
-                if brief { " " } else { " · " }.replace('·', if look.ascii() { "|" } else { "·" }).as_str(),
-            );
+            row.push(Role::Muted, between);
             row.push(role, &text);
         }
     };
     if summary.flood {
         say(1, Role::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
     }
-    if brief {
+    if wording == Wording::Full {
+        say(critical, Role::Critical, format!("{critical} crit"));
+        say(high, Role::High, format!("{high} high"));
+        say(low, Role::Low, format!("{low} low"));
+    } else {
         let glyph = |name: &str| look.glyph(Mark::priority(name).glyph);
         say(critical, Role::Critical, format!("{}{critical}", glyph("critical")));
         say(high, Role::High, format!("{}{high}", glyph("high")));
         say(low, Role::Low, format!("{}{low}", glyph("low")));
-        say(summary.acknowledged, Role::Quiet, format!("a{}", summary.acknowledged));
-        say(summary.latched, Role::Warning, format!("l{}", summary.latched));
-        say(summary.shelved, Role::Quiet, format!("s{}", summary.shelved));
-    } else {
-        say(critical, Role::Critical, format!("{critical} crit"));
-        say(high, Role::High, format!("{high} high"));
-        say(low, Role::Low, format!("{low} low"));
-        say(summary.acknowledged, Role::Quiet, format!("{} acknowledged", summary.acknowledged));
-        say(summary.latched, Role::Warning, format!("{} latched", summary.latched));
-        say(summary.shelved, Role::Quiet, format!("shelved {}", summary.shelved));
     }
+    let [acknowledged, latched, shelved] = match wording {
+        Wording::Full => ["acknowledged ", "latched ", "shelved "],
+        Wording::Short => ["ack ", "latched ", "shelved "],
+        Wording::Signs => ["a", "l", "s"],
+    };
+    say(summary.acknowledged, Role::Quiet, format!("{acknowledged}{}", summary.acknowledged));
+    say(summary.latched, Role::Warning, format!("{latched}{}", summary.latched));
+    say(summary.shelved, Role::Quiet, format!("{shelved}{}", summary.shelved));
     row
 }
 

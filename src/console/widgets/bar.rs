@@ -6,8 +6,13 @@ use crate::console::look::{Glyph, Look, Role};
 /// A share of 0 to 1 as a bar of `width` columns with a limit that is to be reached.
 #[must_use]
 pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) -> Row {
-    let filled = value.map_or(0, |value| columns(value, width));
     let limit_at = columns(limit, width).min(width.saturating_sub(1));
+    let filled = match value {
+        None => 0,
+        // However near, what does not reach its limit leaves a gap before it, and what reaches it leaves none.
+        Some(value) if !(value >= limit) => columns(value, width).min(limit_at.saturating_sub(1)),
+        Some(value) => columns(value, width).max(limit_at),
+    };
     let role = match value {
         None => Role::Unknown,
         Some(value) if value >= limit => Role::Value,

@@ -65,11 +65,11 @@ impl Chart<'_> {
             |value: f64| (bottom - (value - low) / (high - low) * bottom).round().clamp(0.0, bottom) as i64;
         self.scale(pen, area, plot, (low, high), &y);
         let mut dots = Dots::new(plot);
-        let across = (plot.width as usize * ACROSS) as i64;
         // Few values stand apart, so that each can be counted.
-        let step = (across / columns.len().max(1) as i64).clamp(1, 4);
+        let across = usize::from(plot.width) * ACROSS;
+        let step = (across / columns.len().max(1)).clamp(1, 4);
         let mut before: Option<(i64, i64)> = None;
-        for (x, (least, most)) in (0i64..).step_by(step as usize).zip(&columns) {
+        for (x, (least, most)) in (0i64..).step_by(step).zip(&columns) {
             let past = self.limit.is_some_and(|limit| f64::from(*most) > limit);
             let ink = Ink {
                 role: if past { Role::Past } else { Role::Value },
@@ -102,7 +102,8 @@ impl Chart<'_> {
             pen.row(area, area.height - 1, &Row::new().cell_right(Role::Muted, &number(low), width));
         }
         let Some(limit) = self.limit.filter(|limit| limit.is_finite()) else { return };
-        let at = u16::try_from(y(limit) / DOWN as i64).unwrap_or(0).min(area.height - 1);
+        let at = usize::try_from(y(limit)).map_or(0, |dot| dot / DOWN);
+        let at = u16::try_from(at).unwrap_or(0).min(area.height - 1);
         let line = if pen.look.ascii() { "-" } else { "╌" };
         for x in plot.left()..plot.right() {
             pen.cell(x, area.y + at, line, Role::Limit);

@@ -58,7 +58,14 @@ impl Pen<'_> {
             if left == 0 {
                 break;
             }
-            (x, _) = self.buf.set_stringn(x, y, text, usize::from(left), self.look.style(role));
+            let style = self.look.style(role);
+            (x, _) = if self.look.ascii() && text.contains('…') {
+                // The sanitiser's mark of what was cut.
+                let text = text.replace('…', self.look.glyph(Glyph::Ellipsis));
+                self.buf.set_stringn(x, y, text, usize::from(left), style)
+            } else {
+                self.buf.set_stringn(x, y, text, usize::from(left), style)
+            };
         }
         if row.width() > usize::from(area.width) {
             self.buf.set_stringn(

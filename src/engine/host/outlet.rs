@@ -18,6 +18,9 @@ use crate::engine::snapshot::Snapshot;
 /// Least time between two snapshots, but for those after an answer.
 const SNAPSHOT_EVERY: Duration = Duration::from_millis(50);
 
+/// Most time between two snapshots: deadlines are counted down from their time.
+const SNAPSHOT_AT_LEAST: Duration = Duration::from_secs(1);
+
 /// The engine's side of the channels.
 pub(super) struct Outlet {
     updates: mpsc::Sender<Update>,
@@ -100,10 +103,11 @@ impl Outlet {
         self.tell_missed();
     }
 
-    /// Publishes a snapshot where something changed, at most some twenty a second.
+    /// Publishes a snapshot where something changed, at most some twenty a second and at least one.
     pub(super) fn publish(&mut self, engine: &Engine) {
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
-        if self.changed && due {
+        let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);
+        if old || (self.changed && due) {
             self.snapshot.send_replace(Some(Arc::new(engine.snapshot())));
             self.changed = false;
             self.published = Some(Instant::now());

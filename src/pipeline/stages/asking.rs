@@ -56,14 +56,13 @@ impl UpgradeManager {
     fn on_drift(&self, prompt: &Prompt) -> String {
         let (monitor, window) = (&self.profile.monitor, self.profile.activation.provisional_episodes);
         let back = prompt.replaces.as_ref().map_or_else(
-            || "stops the family, for there is no version to go back to".to_owned(),
-            |id| format!("makes {id} active again"),
+            || "it is taken off and the family stops, for there is no way back".to_owned(),
+            |id| format!("{id} takes over again"),
         );
         let share = 100.0 * monitor.restrict_factor;
         format!(
-            "A safety event or a rate that is established as worse takes it off by itself and {back}; a rate that \
-             drifts lowers speed and force to {share:.0} % and asks people, and without an answer in {:.0} s it is \
-             taken off; it is confirmed after {window} live tasks",
+            "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force to \
+             {share:.0} % and asks people, for {:.0} s; confirmed after {window} live tasks",
             monitor.escalation_deadline_s
         )
     }

@@ -78,7 +78,13 @@ impl UpgradeManager {
         for (family, watch) in watches {
             // A version that was taken off or replaced meanwhile has no monitor any more.
             if let Some(own) = self.watches.get_mut(&family).filter(|own| own.id == watch.id) {
+                // A question that was told meanwhile is still the same question.
+                let (asked, question) = (own.asked, std::mem::take(&mut own.question));
                 *own = watch;
+                own.asked = own.asked.or(asked);
+                if own.question.is_empty() {
+                    own.question = question;
+                }
             }
         }
         self.clock.advance(report.duration_ms);
@@ -207,7 +213,7 @@ impl UpgradeManager {
     }
 
     /// Does what a monitor asks for. `trip` is the task it stopped, where it did.
-    fn act_on(
+    pub(in crate::pipeline) fn act_on(
         &mut self,
         id: &CapabilityId,
         decision: &MonitorDecision,

@@ -7,6 +7,7 @@ use crate::alarms::AlarmEvent;
 use crate::engine::command::{Operation, Refusal, Reply};
 use crate::engine::event::EventKind;
 use crate::engine::snapshot::{MonitorView, QuestionView};
+use crate::governance::ids::CapabilityId;
 use crate::governance::monitor::{MonitorAction, normal_rates};
 use crate::pipeline::manager::{Fault, UpgradeManager};
 use crate::pipeline::stages::monitoring::ms_of;
@@ -49,6 +50,12 @@ impl UpgradeManager {
         });
         self.alarm_event(&AlarmEvent::Clear { key: format!("escalated:{id}") });
         Ok(Reply::Accepted { text: format!("{id} goes on"), version: Some(id) })
+    }
+
+    /// Whether a monitor asks about a version.
+    pub(in crate::pipeline) fn has_question(&self, id: &CapabilityId) -> bool {
+        let watch = self.watches.get(&id.family).filter(|watch| watch.id == *id);
+        watch.is_some_and(|watch| watch.monitor.escalation().is_some())
     }
 
     /// Questions that wait for an answer.

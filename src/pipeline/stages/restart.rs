@@ -7,7 +7,8 @@ use crate::governance::lifecycle::{Event, Leave, Stage, State};
 use crate::governance::rollback::TriggerKind;
 use crate::pipeline::ledger::Note;
 use crate::pipeline::manager::{Fault, UpgradeManager};
-use crate::registry::Interrupted;
+use crate::registry::names::RequestState;
+use crate::registry::{ApprovalRequest, Change, Interrupted};
 
 impl UpgradeManager {
     /// Finishes or undoes what an interrupted engine left, and says so.
@@ -86,11 +87,22 @@ impl UpgradeManager {
             let Some(id) = self.ledger.family(&family)?.members.get(index).map(|m| m.capability.id()) else {
                 continue;
             };
-            let note = Note::because("the engine came up again: people are asked anew");
+            let note = Note {
+                before: self.void_requests(&id)?,
+                ..Note::because("the engine came up again: people are asked anew")
+            };
             self.transition(&family, Event::ApprovalExpired { version }, note)?;
             self.say_recovered(&id, "people had been asked; they are asked anew");
         }
         Ok(())
+    }
+
+    /// What was asked before about a version is no open question any more.
+    fn void_requests(&self, id: &CapabilityId) -> Result<Vec<Change>, Fault> {
+        let open = self.ledger.store().views()?.open_requests()?;
+        let ours = open.into_iter().filter(|request| request.version == *id);
+        let void = ours.map(|request| ApprovalRequest { state: RequestState::Void, ..request });
+        Ok(void.map(|request| Change::PutApprovalRequest(Box::new(request))).collect())
     }
 
     fn say_recovered(&mut self, version: &CapabilityId, text: &str) {

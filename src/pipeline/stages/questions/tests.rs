@@ -1,11 +1,15 @@
 //! A question is answered and asked again; an alarm is closed once what it was raised for is over.
 
+use crate::alarms::AlarmState;
+use crate::engine::clock::Clock;
 use crate::engine::command::{Command, Operation, Refusal, Reply};
 use crate::engine::event::EventKind;
 use crate::governance::ids::CapabilityId;
 use crate::governance::monitor::MonitorAction;
+use crate::governance::profile::AlarmPriority;
 use crate::pipeline::live::LiveFault;
 use crate::pipeline::manager::UpgradeManager;
+use crate::pipeline::paced::Timing;
 use crate::pipeline::stages::rollback::tests::Bench;
 use crate::registry::AuditFilter;
 
@@ -95,4 +99,53 @@ fn an_alarm_is_closed_once_it_is_over() {
     assert_eq!(records(manager, "alarm-reset"), 1);
     assert!(matches!(manager.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
     assert_eq!(manager.holding(), None);
+}
+
+#[test]
+fn an_alarm_is_set_aside_for_a_time() {
+    let mut bench = Bench::new();
+    let manager = &mut bench.manager;
+    manager.raise("test", "test", AlarmPriority::Low, false, "a test");
+    let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
+        alarm: "test".to_owned(),
+        by: "ada".to_owned(),
+        for_ms,
+        reason: reason.to_owned(),
+    };
+    for bad in [shelve(0, "known"), shelve(9 * 3_600_000, "known"), shelve(60_000, " ")] {
+        let reply = manager.command(bad.clone());
+        assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{bad:?}: {reply:?}");
+    }
+    assert!(matches!(manager.command(shelve(60_000, "known")), Reply::Accepted { .. }));
+    let state = |manager: &UpgradeManager| manager.alarm_book().get("test").unwrap().state();
+    assert_eq!(state(manager), AlarmState::Shelved);
+    let unshelve = Command::UnshelveAlarm { alarm: "test".to_owned(), by: "ada".to_owned() };
+    assert!(matches!(manager.command(unshelve.clone()), Reply::Accepted { .. }));
+    assert_eq!(state(manager), AlarmState::Unacknowledged);
+    assert!(matches!(manager.command(unshelve), Reply::Refused { code: Refusal::NotNow, .. }));
+    assert_eq!(manager.holding(), None);
+}
+
+#[test]
+fn a_question_is_told_while_its_sequence_still_runs() {
+    let mut bench = Bench::new();
+    let id = bench.activate("grasp-improved");
+    let manager = &mut bench.manager;
+    manager.clock = Clock::real(0);
+    manager.live.set_fault(Some(LiveFault::TelemetryLost));
+    // A watch that was never read is silent from the start, so its first task raises the question.
+    manager.pace_live_world(Some(1.0), std::sync::Arc::new(|_| {}));
+    let until = std::time::Instant::now() + std::time::Duration::from_mins(1);
+    while manager.questions().is_empty() && !manager.watches.is_empty() {
+        assert!(std::time::Instant::now() < until, "nobody asks");
+        manager.advance();
+        std::thread::yield_now();
+    }
+    assert!(manager.has_question(&id));
+    let out = manager.is_out();
+    let told = manager.drain_events();
+    assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
+    assert_eq!(manager.timing(&go_on(&id)), if out { Timing::Stop } else { Timing::Now });
+    manager.end();
+    assert!(!manager.is_out());
 }

@@ -1,0 +1,201 @@
+//! `holdpoint theme list | preview`: the built-in themes, role by role and state by state.
+//!
+//! Needs no terminal. Styles are written where colours are asked for or the answer goes to a terminal; without
+//! them every state still has its sign and its word.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal as _;
+
+use clap::{Args, Subcommand, ValueEnum};
+use serde::Serialize;
+
+use super::{CliError, Exit, Output};
+use crate::console::look::{ColorChoice, Depth, Look, LookOptions, Role};
+use crate::console::theme::{Mark, escape, names};
+
+/// The arguments of `theme`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint theme list
+  holdpoint theme preview deuteranopia
+  holdpoint theme preview --all --color always")]
+pub struct ThemeArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: ThemeVerb,
+}
+
+/// What can be done with themes.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum ThemeVerb {
+    /// Lists the themes that come with the program.
+    #[command(after_help = "\
+Example:
+  holdpoint theme list")]
+    List,
+    /// Prints every role and every state with sample, word and sign.
+    #[command(after_help = "\
+Examples:
+  holdpoint theme preview high-contrast
+  holdpoint theme preview --all --color always")]
+    Preview {
+        /// Which theme [default: the one that fits this terminal].
+        name: Option<String>,
+        /// Every theme.
+        #[arg(long, conflicts_with = "name")]
+        all: bool,
+        /// Whether to use colours.
+        #[arg(long, value_enum, default_value_t = Color::Auto)]
+        color: Color,
+        /// Uses ASCII signs alone.
+        #[arg(long)]
+        ascii: bool,
+    },
+}
+
+/// Whether to use colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Color {
+    /// As the terminal and `NO_COLOR` say.
+    Auto,
+    /// In any case.
+    Always,
+    /// Not at all.
+    Never,
+}
+
+#[derive(Serialize)]
+struct Listed {
+    name: &'static str,
+    default: bool,
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`] with exit 2 for a theme that does not exist.
+pub fn run(args: &ThemeArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    match &args.verb {
+        ThemeVerb::List => list(out)?,
+        ThemeVerb::Preview { name, all, color, ascii } => {
+            let chosen: Vec<Option<String>> = if *all {
+                names().into_iter().map(|name| Some(name.to_owned())).collect()
+            } else {
+                vec![name.clone()]
+            };
+            for theme in chosen {
+                let look = look(theme, *color, *ascii)?;
+                preview(&look, out)?;
+            }
+        }
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn list(out: &mut Output<'_>) -> Result<(), CliError> {
+    for (place, name) in names().into_iter().enumerate() {
+        let default = place == 0;
+        out.answer(&Listed { name, default }, |out| {
+            out.line(&if default { format!("{name} (default)") } else { name.to_owned() })
+        })?;
+    }
+    Ok(())
+}
+
+fn look(theme: Option<String>, color: Color, ascii: bool) -> Result<Look, CliError> {
+    let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let options = LookOptions {
+        theme,
+        color: match color {
+            Color::Auto if !std::io::stdout().is_terminal() => ColorChoice::Never,
+            Color::Auto => ColorChoice::Auto,
+            Color::Always => ColorChoice::Always,
+            Color::Never => ColorChoice::Never,
+        },
+        ascii,
+        no_color: set("NO_COLOR").is_some(),
+        term: set("TERM"),
+        colorterm: set("COLORTERM"),
+        light_background: None,
+    };
+    Look::detect(&options).map_err(|error| CliError::usage(error.to_string()))
+}
+
+fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
+    if out.is_json() {
+        let roles: Vec<_> = Role::ALL.iter().map(|role| (role.word(), role.help())).collect();
+        return out.json(&serde_json::json!({ "theme": look.theme().name(), "roles": roles }));
+    }
+    let mut text = format!("{} ({})\n", look.theme().name(), look.depth().word());
+    let plain = look.depth() == Depth::Mono && !std::io::stdout().is_terminal();
+    let sample = |role: Role, words: &str| {
+        if plain { words.to_owned() } else { format!("{}{words}\u{1b}[0m", escape(look.style(role))) }
+    };
+    for role in Role::ALL {
+        let padded = format!("{:<14}", role.word());
+        // Writing into a text cannot fail.
+        let _ = writeln!(text, "  {}  {}", sample(*role, &padded), role.help());
+    }
+    for (kind, mark) in Mark::samples() {
+        let _ = writeln!(text, "  {kind:<12} {}", sample(mark.role, &look.words(mark)));
+    }
+    text.push('\n');
+    Ok(out.sink().write_all(text.as_bytes())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(verb: ThemeVerb) -> String {
+        let mut bytes = Vec::new();
+        run(&ThemeArgs { verb }, &mut Output::to(&mut bytes, false)).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn preview_of(all: bool, color: Color) -> String {
+        printed(ThemeVerb::Preview { name: None, all, color, ascii: false })
+    }
+
+    #[test]
+    fn every_theme_role_and_state_is_shown() {
+        let list = printed(ThemeVerb::List);
+        assert_eq!(list.lines().count(), names().len());
+        let text = preview_of(true, Color::Never);
+        for name in names() {
+            assert!(text.contains(&format!("{name} (mono)")), "{name}");
+        }
+        for role in Role::ALL {
+            assert!(text.contains(role.word()) && text.contains(role.help()), "{role:?}");
+        }
+        for (_, mark) in Mark::samples() {
+            assert!(text.contains(mark.word), "{mark:?}");
+        }
+    }
+
+    #[test]
+    fn colours_are_written_where_they_are_asked_for_alone() {
+        assert!(preview_of(false, Color::Always).contains("\u{1b}["));
+        let never = printed(ThemeVerb::Preview {
+            name: Some("high-contrast".to_owned()),
+            all: false,
+            color: Color::Never,
+            ascii: true,
+        });
+        assert!(never.is_ascii() && !never.contains("\u{1b}[3"), "{never}");
+    }
+
+    #[test]
+    fn an_unknown_theme_is_a_usage_error() {
+        let verb = ThemeVerb::Preview {
+            name: Some("loud".to_owned()),
+            all: false,
+            color: Color::Auto,
+            ascii: false,
+        };
+        let error = run(&ThemeArgs { verb }, &mut Output::to(Vec::new(), false)).unwrap_err();
+        assert_eq!(error.exit(), Exit::Usage);
+        assert!(error.to_string().contains("\"loud\"; allowed are calm-dark"), "{error}");
+    }
+}

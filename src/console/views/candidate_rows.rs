@@ -1,0 +1,196 @@
+//! The rows of the candidate view: each kind of fact in one to a few lines.
+
+use crate::console::look::{Glyph, Look, Role};
+use crate::console::rows::CandidateItem;
+use crate::console::theme::Mark;
+use crate::console::widgets::bar::against_limit;
+use crate::console::widgets::row::{Row, wrap};
+use crate::console::words::{dimension_name, kappa_sign, reason_line, seconds};
+use crate::engine::detail::{DifferenceView, DrillView, ExplainedView, Measure};
+use crate::engine::event::DimensionResult;
+use crate::governance::composition::Condition;
+
+/// Lines of one wrapped text.
+const LINES_MAX: usize = 6;
+
+/// The lines of a row, at most `width` columns wide.
+#[must_use]
+pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
+    match item {
+        CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
+        CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
+        CandidateItem::Measure(measure) => vec![measured(measure, width)],
+        CandidateItem::Reason(reason) => text(Role::Text, &reason_line(reason), width),
+        CandidateItem::Condition(condition) => {
+            let glyph = look.glyph(Glyph::Warning);
+            text(Role::Warning, &format!("{glyph} condition: {}", condition_words(condition)), width)
+        }
+        CandidateItem::Untested(what) => {
+            let glyph = look.glyph(Glyph::Unknown);
+            text(Role::Unknown, &format!("{glyph} not tested: {what}"), width)
+        }
+        CandidateItem::Difference(difference) => differs(difference, width),
+        CandidateItem::Mode(mode) => {
+            vec![Row::of(Role::Title, &format!("mode {}", super::short(mode, width)))]
+        }
+        CandidateItem::Drill(drill) => vec![drilled(drill, look, width)],
+        CandidateItem::Decision(decision) => decided(decision, look, width),
+        CandidateItem::Record(record) => vec![
+            Row::new()
+                .cell(Role::Muted, &record.seq.to_string(), 7)
+                .cell(Role::Muted, &seconds(record.at_ms), 10)
+                .cell(Role::Text, &record.kind, 15)
+                .with(Role::Muted, " ")
+                .with(Role::Text, &super::short(&record.body, 400)),
+        ],
+    }
+}
+
+/// A condition of use in a sentence.
+fn condition_words(condition: &Condition) -> String {
+    match condition {
+        Condition::SimulationOnly => "in simulation alone".to_owned(),
+        Condition::TighterEnvelope { speed_max_m_s, force_max_n } => {
+            format!("at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
+        }
+        Condition::StricterThresholds { factor } => format!("the monitor's limits times {factor}"),
+        Condition::ShadowFirst { sequences } => format!("{sequences} sequences in shadow first"),
+        Condition::ApprovalRequired { quorum } => format!("approval by {quorum} distinct people"),
+        Condition::InterfaceAdapter { fields } => {
+            format!("callers go through an adapter that fills in {}", fields.join(", "))
+        }
+        Condition::RollbackCoupled => {
+            "its predecessor stays loaded and takes over at the first trip".to_owned()
+        }
+    }
+}
+
+fn text(role: Role, text: &str, width: usize) -> Vec<Row> {
+    let mut lines = wrap(text, width.saturating_sub(2), LINES_MAX).into_iter();
+    let first = lines.next().map(|line| Row::of(role, &line));
+    let rest = lines.map(|line| Row::of(role, &format!("  {line}")));
+    first.into_iter().chain(rest).collect()
+}
+
+fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
+    let (glyph, role) = Mark::outcome(&result.outcome);
+    let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
+    let sign = kappa_sign(result.dimension, look.ascii());
+    let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
+        .cell(Role::Text, dimension_name(result.dimension), 10)
+        .with(Role::Value, &format!("{value} "));
+    let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+    let tail = Row::new()
+        .cell(Role::Muted, &interval, 16)
+        .with(Role::Limit, &format!(" limit {:.2} ", result.threshold))
+        .cell(role, &result.outcome, 13);
+    let bar = width.saturating_sub(row.width() + tail.width()).min(24);
+    row = row.and(against_limit(look, result.kappa, result.threshold, bar)).and(tail);
+    if !result.measured && row.width() + 10 <= width {
+        row.push(Role::Muted, " estimated");
+    }
+    row
+}
+
+/// A component: both values, and how much worse the candidate may be against what is tolerated.
+fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
+    let mut row = values(measure, width);
+    let Some([low, high]) = measure.interval else {
+        row.push(Role::Muted, "  not compared");
+        return row;
+    };
+    row.push(Role::Muted, &format!("  worse by {low:+.3} to {high:+.3}"));
+    if let Some(limit) = measure.limit {
+        // The rules judge; what may lie beyond the limit is only pointed at.
+        if high > limit {
+            row.push(Role::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
+        }
+        row.push(Role::Limit, &format!(" at most {limit:.3}"));
+    }
+    row
+}
+
+/// A measured value of the candidate, with its interval, beside the active version's.
+fn measured(measure: &Measure, width: usize) -> Row {
+    let mut row = values(measure, width);
+    if let Some([low, high]) = measure.interval {
+        row.push(Role::Muted, &format!(" [{low:.3}, {high:.3}]"));
+    }
+    row.push(Role::Muted, &format!(" n {}", measure.n));
+    row
+}
+
+fn values(measure: &Measure, width: usize) -> Row {
+    let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
+    let name_width = if width >= 60 { 38 } else { 14 };
+    // The rules' own names are short; those of tails say what they are the tail of.
+    let name_width = if measure.limit.is_some() { 12 } else { name_width };
+    let row = Row::new().cell(Role::Text, &measure.name, name_width).cell_right(
+        Role::Value,
+        &number(measure.candidate),
+        8,
+    );
+    match measure.active {
+        Some(active) => row.with(Role::Muted, &format!(" against {active:.3}")),
+        None => row,
+    }
+}
+
+fn differs(difference: &DifferenceView, width: usize) -> Vec<Row> {
+    let mut rows = vec![Row::of(Role::Title, &super::short(&difference.field, width))];
+    let mut line = |sign: &'static str, role: Role, value: &str| {
+        let lines = wrap(value, width.saturating_sub(4), LINES_MAX);
+        rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {sign} {line}"))));
+    };
+    line("-", Role::Removed, difference.active.as_deref().unwrap_or("(not there)"));
+    line("+", Role::Added, difference.candidate.as_deref().unwrap_or("(gone)"));
+    rows
+}
+
+fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
+    let share = |[passed, all]: [u64; 2]| (all > 0).then(|| passed as f64 / all as f64);
+    let ([passed, all], [active_passed, active_all]) = (drill.candidate, drill.active);
+    let limit = share(drill.active).unwrap_or(0.0);
+    let worse = share(drill.candidate).is_some_and(|share| share < limit);
+    let (glyph, role) = match share(drill.candidate) {
+        None => (Glyph::Unknown, Role::Unknown),
+        Some(_) if worse => (Glyph::Warning, Role::Warning),
+        Some(_) => (Glyph::Good, Role::Good),
+    };
+    let row = Row::of(role, look.glyph(glyph))
+        .with(Role::Text, " ")
+        .cell(Role::Text, &drill.kind, 12)
+        .cell_right(Role::Value, &format!("{passed} of {all}"), 12)
+        .with(Role::Text, " ");
+    let tail = Row::of(Role::Muted, &format!(" active {active_passed} of {active_all} (the line)"));
+    let bar = width.saturating_sub(row.width() + tail.width()).min(24);
+    row.and(against_limit(look, share(drill.candidate), limit, bar)).and(tail)
+}
+
+/// A decision with its rule, its reasons, what would change it and what came of it.
+fn decided(decision: &ExplainedView, look: &Look, width: usize) -> Vec<Row> {
+    let (glyph, role) = Mark::outcome(&decision.outcome);
+    let [rule, place] = &decision.rule;
+    let mut rows = vec![
+        Row::of(Role::Muted, &format!("{} ", seconds(decision.at_ms)))
+            .with(Role::Title, &format!("{} ", super::short(&decision.stage, 16)))
+            .with(role, &format!("{} {}", look.glyph(glyph), super::short(&decision.outcome, 40))),
+    ];
+    let mut say = |role: Role, line: &str| {
+        let lines = wrap(line, width.saturating_sub(4), LINES_MAX);
+        rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {line}"))));
+    };
+    say(Role::Muted, &format!("rule {rule} ({place}), record {}", decision.record));
+    for reason in &decision.reasons {
+        let sign = if reason.in_favour { "+" } else { "-" };
+        let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
+        say(Role::Text, &format!("{sign} {}: {}{measured}", reason.code, reason.text));
+    }
+    for change in &decision.change {
+        say(Role::Text, &format!("would change it: {change}"));
+    }
+    for then in &decision.then {
+        say(Role::Muted, &format!("then: {then}"));
+    }
+    rows
+}
