@@ -1,5 +1,7 @@
 //! What each list shows, row by row: the reducer moves over these rows and the views draw them.
 
+use std::fmt::Write as _;
+
 use super::model::{Model, View};
 use crate::engine::detail::{
     AuditRow, Detail, DifferenceView, DrillView, ExplainedView, Measure, RegistryRow,
@@ -102,14 +104,9 @@ impl Model {
     /// The registry's tree under its filter and pane.
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
-        let filter = if self.view == View::Registry { self.filter() } else { "" };
-        let rows: Vec<&RegistryRow> = self
-            .registry
-            .page
-            .rows
-            .iter()
-            .filter(|row| matches(filter, &[&row.version, &row.author]))
-            .collect();
+        let mut sieve = Sieve::new(if self.view == View::Registry { self.filter() } else { "" });
+        let rows: Vec<&RegistryRow> =
+            self.registry.page.rows.iter().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
             let Some(first) = versions.first() else { continue };
@@ -175,13 +172,9 @@ impl Model {
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.snapshot else { return Vec::new() };
-        let filter = if self.view == View::Overview { self.filter() } else { "" };
-        let mut rows: Vec<&CandidateView> = snapshot
-            .candidates
-            .iter()
-            .rev()
-            .filter(|row| matches(filter, &[&row.version, &row.author]))
-            .collect();
+        let mut sieve = Sieve::new(if self.view == View::Overview { self.filter() } else { "" });
+        let mut rows: Vec<&CandidateView> =
+            snapshot.candidates.iter().rev().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
         let settled = |candidate: &&CandidateView| {
             let flags = candidate.flags;
             let unsettled = flags.provisional || flags.restricted || flags.rollback_pending;
@@ -194,8 +187,8 @@ impl Model {
     /// The log under its filter, the newest first.
     #[must_use]
     pub fn audit_rows(&self) -> Vec<&AuditRow> {
-        let filter = if self.view == View::Audit { self.filter() } else { "" };
-        self.audit.rows.iter().filter(|row| matches(filter, &[&row.kind, &row.subject, &row.body])).collect()
+        let mut sieve = Sieve::new(if self.view == View::Audit { self.filter() } else { "" });
+        self.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
     }
 
     /// Everything about the subject, where the engine's answer is about it.
@@ -289,11 +282,31 @@ impl Model {
     }
 }
 
-/// Whether one of the texts contains the filter, letters' case aside. An empty filter fits everything.
-fn matches(filter: &str, texts: &[&dyn std::fmt::Display]) -> bool {
-    if filter.is_empty() {
-        return true;
+/// A filter: letters' case aside, what a text must contain. An empty one fits everything.
+struct Sieve {
+    wanted: String,
+    /// Written anew for each text: lists are long and are drawn often.
+    buffer: String,
+}
+
+impl Sieve {
+    fn new(filter: &str) -> Self {
+        Self { wanted: filter.to_lowercase(), buffer: String::new() }
     }
-    let filter = filter.to_lowercase();
-    texts.iter().any(|text| text.to_string().to_lowercase().contains(&filter))
+
+    /// Whether one of the texts contains what is wanted.
+    fn fits(&mut self, texts: &[&dyn std::fmt::Display]) -> bool {
+        self.wanted.is_empty()
+            || texts.iter().any(|text| {
+                self.buffer.clear();
+                // Writing into a string cannot fail.
+                let _ = write!(self.buffer, "{text}");
+                if self.buffer.is_ascii() {
+                    self.buffer.make_ascii_lowercase();
+                    self.buffer.contains(&self.wanted)
+                } else {
+                    self.buffer.to_lowercase().contains(&self.wanted)
+                }
+            })
+    }
 }
