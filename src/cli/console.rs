@@ -3,10 +3,11 @@
 //! Must not draw or read keys; what is wrong with a file is said before the terminal is touched.
 
 use std::io::IsTerminal as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use super::run::{Pace, RunArgs};
+use super::settings::{file, themes};
 use super::{CliError, Context, Exit, Output};
 use crate::console::keymap::{self, Keymap};
 use crate::console::options::{self, File, Options};
@@ -43,7 +44,13 @@ pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Re
         robot: args.robot.clone(),
         pace: args.pace.unwrap_or(PACE_DEFAULT).times(),
     };
-    let console = Console { host, options, keymap, candidates: Box::new(Candidates::default().reader()) };
+    let console = Console {
+        host,
+        options,
+        keymap,
+        themes: themes()?,
+        candidates: Box::new(Candidates::default().reader()),
+    };
     let left = crate::console::run::run(console).map_err(|error| match &error {
         ConsoleError::Failed => CliError::internal(error),
         ConsoleError::Theme(_) | ConsoleError::Terminal(_) => CliError::usage(error),
@@ -62,7 +69,7 @@ pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Re
 /// # Errors
 /// Every problem of the file.
 pub(super) fn keymap() -> Result<Keymap, CliError> {
-    let Some((name, text)) = config_file("keys.toml", keymap::FILE_BYTES_MAX)? else {
+    let Some((name, text)) = file("keys.toml", keymap::FILE_BYTES_MAX)? else {
         return Ok(Keymap::default());
     };
     Keymap::with_file(&name, &text).map_err(|problems| {
@@ -72,39 +79,10 @@ pub(super) fn keymap() -> Result<Keymap, CliError> {
 }
 
 fn settings() -> Result<File, CliError> {
-    match config_file("config.toml", options::FILE_BYTES_MAX)? {
+    match file("config.toml", options::FILE_BYTES_MAX)? {
         Some((name, text)) => Ok(File::parse(&name, &text)?),
         None => Ok(File::default()),
     }
-}
-
-/// A file of the operator's settings: its path for messages, and its text. Absent where there is none.
-fn config_file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
-    let variable = |name| std::env::var_os(name).map(PathBuf::from);
-    let Some(folder) = config_folder(variable("XDG_CONFIG_HOME"), variable("HOME")) else { return Ok(None) };
-    let path = folder.join(name);
-    let shown = Untrusted::new(path.display().to_string()).line().into_string();
-    let unreadable = |error: &dyn std::fmt::Display| CliError::usage(format!("cannot read {shown}: {error}"));
-    match std::fs::metadata(&path) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(unreadable(&error)),
-        Ok(found) if found.len() > bytes_max as u64 => {
-            return Err(unreadable(&format!(
-                "it has {} bytes; at most {bytes_max} are allowed",
-                found.len()
-            )));
-        }
-        Ok(_) => {}
-    }
-    let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&error))?;
-    Ok(Some((shown, text)))
-}
-
-/// `$XDG_CONFIG_HOME/holdpoint`, else `~/.config/holdpoint`. Relative paths in the environment do not count.
-fn config_folder(xdg: Option<PathBuf>, home: Option<PathBuf>) -> Option<PathBuf> {
-    let absolute = |path: Option<PathBuf>| path.filter(|path| path.is_absolute());
-    let base = absolute(xdg).or_else(|| absolute(home).map(|home| home.join(".config")))?;
-    Some(base.join("holdpoint"))
 }
 
 /// Candidates for the console's `register`: folders, and the demonstration's in their order.
@@ -175,17 +153,5 @@ mod tests {
         let mut read = Candidates::default().reader();
         let Ok(Command::Register { name, .. }) = read(None, &[id]) else { panic!("others are left") };
         assert_ne!(name, first);
-    }
-
-    #[test]
-    fn settings_are_where_the_environment_says() {
-        for (xdg, home, expected) in [
-            (Some("/x"), Some("/h"), Some("/x/holdpoint")),
-            (Some("x"), Some("/h"), Some("/h/.config/holdpoint")),
-            (None, None, None),
-        ] {
-            let got = config_folder(xdg.map(Into::into), home.map(Into::into));
-            assert_eq!(got, expected.map(PathBuf::from), "{xdg:?} {home:?}");
-        }
     }
 }

@@ -26,6 +26,7 @@ pub mod profile;
 pub mod refine;
 pub mod registry;
 pub mod run;
+mod settings;
 mod side;
 pub mod status;
 mod status_report;

@@ -1,4 +1,4 @@
-//! `holdpoint theme list | preview`: the built-in themes, role by role and state by state.
+//! `holdpoint theme list | preview`: the themes there are, role by role and state by state.
 //!
 //! Needs no terminal. Styles are written where colours are asked for or the answer goes to a terminal; without
 //! them every state still has its sign and its word.
@@ -9,9 +9,10 @@ use std::io::IsTerminal as _;
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 
+use super::settings::themes;
 use super::{CliError, Exit, Output};
 use crate::console::look::{ColorChoice, Depth, Look, LookOptions, Role};
-use crate::console::theme::{Mark, escape, names};
+use crate::console::theme::{Mark, Themes, escape};
 
 /// The arguments of `theme`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -29,7 +30,7 @@ pub struct ThemeArgs {
 /// What can be done with themes.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum ThemeVerb {
-    /// Lists the themes that come with the program.
+    /// Lists the themes: those that come with the program, and your own.
     #[command(after_help = "\
 Example:
   holdpoint theme list")]
@@ -67,7 +68,7 @@ pub enum Color {
 
 #[derive(Serialize)]
 struct Listed {
-    name: &'static str,
+    name: String,
     default: bool,
 }
 
@@ -76,16 +77,14 @@ struct Listed {
 /// # Errors
 /// [`CliError`] with exit 2 for a theme that does not exist.
 pub fn run(args: &ThemeArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let themes = themes()?;
     match &args.verb {
-        ThemeVerb::List => list(out)?,
+        ThemeVerb::List => list(&themes, out)?,
         ThemeVerb::Preview { name, all, color, ascii } => {
-            let chosen: Vec<Option<String>> = if *all {
-                names().into_iter().map(|name| Some(name.to_owned())).collect()
-            } else {
-                vec![name.clone()]
-            };
+            let chosen: Vec<Option<String>> =
+                if *all { themes.names().into_iter().map(Some).collect() } else { vec![name.clone()] };
             for theme in chosen {
-                let look = look(theme, *color, *ascii)?;
+                let look = look(theme, &themes, *color, *ascii)?;
                 preview(&look, out)?;
             }
         }
@@ -93,20 +92,22 @@ pub fn run(args: &ThemeArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn list(out: &mut Output<'_>) -> Result<(), CliError> {
-    for (place, name) in names().into_iter().enumerate() {
+fn list(themes: &Themes, out: &mut Output<'_>) -> Result<(), CliError> {
+    for (place, name) in themes.names().into_iter().enumerate() {
         let default = place == 0;
-        out.answer(&Listed { name, default }, |out| {
+        out.answer(&Listed { name: name.clone(), default }, |out| {
             out.line(&if default { format!("{name} (default)") } else { name.to_owned() })
         })?;
     }
     Ok(())
 }
 
-fn look(theme: Option<String>, color: Color, ascii: bool) -> Result<Look, CliError> {
+fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Result<Look, CliError> {
     let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let chosen = theme.map(|name| themes.get(&name)).transpose();
+    let chosen = chosen.map_err(|error| CliError::usage(error.to_string()))?;
     let options = LookOptions {
-        theme,
+        theme: None,
         color: match color {
             Color::Auto if !std::io::stdout().is_terminal() => ColorChoice::Never,
             Color::Auto => ColorChoice::Auto,
@@ -119,7 +120,8 @@ fn look(theme: Option<String>, color: Color, ascii: bool) -> Result<Look, CliErr
         colorterm: set("COLORTERM"),
         light_background: None,
     };
-    Look::detect(&options).map_err(|error| CliError::usage(error.to_string()))
+    let look = Look::detect(&options).map_err(|error| CliError::usage(error.to_string()))?;
+    Ok(chosen.map_or(look.clone(), |theme| look.with_theme(theme)))
 }
 
 fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
@@ -147,6 +149,7 @@ fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::console::theme::names;
 
     fn printed(verb: ThemeVerb) -> String {
         let mut bytes = Vec::new();

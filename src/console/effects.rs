@@ -17,7 +17,7 @@ use super::model::Model;
 use super::msg::What;
 use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
-use super::theme::Theme;
+use super::theme::Themes;
 use crate::engine::command::{Command, Refusal, Reply, Request};
 use crate::engine::host::Host;
 use crate::governance::ids::CapabilityId;
@@ -58,6 +58,7 @@ pub struct Hands {
     /// The engine.
     pub host: Host,
     candidates: ReadCandidate,
+    themes: Themes,
     recordings: PathBuf,
     exports: Option<PathBuf>,
     rung_ms: Option<u64>,
@@ -66,8 +67,14 @@ pub struct Hands {
 impl Hands {
     /// Hands for an engine. `recordings` is where its recordings are, `exports` where exports go if not here.
     #[must_use]
-    pub fn new(host: Host, candidates: ReadCandidate, recordings: PathBuf, exports: Option<PathBuf>) -> Self {
-        Self { host, candidates, recordings, exports, rung_ms: None }
+    pub fn new(
+        host: Host,
+        candidates: ReadCandidate,
+        themes: Themes,
+        recordings: PathBuf,
+        exports: Option<PathBuf>,
+    ) -> Self {
+        Self { host, candidates, themes, recordings, exports, rung_ms: None }
     }
 
     /// Does one thing.
@@ -106,7 +113,7 @@ impl Hands {
                 }
             }
             Effect::OpenRecording(version) => self.recording(&version),
-            Effect::UseTheme(name) => match Theme::builtin(&name) {
+            Effect::UseTheme(name) => match self.themes.get(&name) {
                 Ok(theme) => {
                     *place.look = place.look.with_theme(theme);
                     Outcome::Told(What::Theme(name))

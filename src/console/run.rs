@@ -25,7 +25,7 @@ use super::options::{ColorChoice, Options};
 use super::terminal::guard::Guard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
-use super::theme;
+use super::theme::Themes;
 use crate::engine::host::HostConfig;
 
 /// What a console is started with.
@@ -36,6 +36,8 @@ pub struct Console {
     pub options: Options,
     /// Keys.
     pub keymap: Arc<Keymap>,
+    /// The themes there are.
+    pub themes: Themes,
     /// How a candidate is read for registration.
     pub candidates: ReadCandidate,
 }
@@ -82,7 +84,7 @@ pub enum ConsoleError {
 /// [`ConsoleError`]; the terminal is as it was.
 pub fn run(console: Console) -> Result<Left, ConsoleError> {
     // What is wrong with the settings is said on the terminal as it is.
-    let look = look(&console.options, None)?;
+    let look = look(&console.options, &console.themes, None)?;
     let guard = Guard::start()?;
     panic::install();
     let ended = catch_unwind(AssertUnwindSafe(|| on_screen(console, look, guard)));
@@ -98,12 +100,12 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
     let terminal = TerminalGuard::enter(log, console.options.mouse)?;
     let look = if console.options.theme.is_none() && look.depth() != super::look::Depth::Mono {
         // Nothing reads keys yet: the terminal's answer cannot be taken for some.
-        self::look(&console.options, background::is_light())?
+        self::look(&console.options, &console.themes, background::is_light())?
     } else {
         look
     };
     let mut screen = Screen::new()?;
-    let mut model = model(&console.options, console.keymap, &look);
+    let mut model = model(&console.options, console.keymap, &console.themes, &look);
     if let Ok(size) = screen.size() {
         model.size = size;
     }
@@ -115,6 +117,7 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
     let parts = session::Parts {
         host: console.host,
         candidates: console.candidates,
+        themes: console.themes,
         recordings,
         exports,
         operator: console.options.operator,
@@ -124,11 +127,12 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
 }
 
 /// The look by flags and settings, then the environment, then the background.
-fn look(options: &Options, light_background: Option<bool>) -> Result<Look, ThemeError> {
+fn look(options: &Options, themes: &Themes, light_background: Option<bool>) -> Result<Look, ThemeError> {
     use super::look::ColorChoice as Chosen;
     let variable = |name| std::env::var(name).ok();
-    Look::detect(&LookOptions {
-        theme: options.theme.clone(),
+    let chosen = options.theme.as_deref().map(|name| themes.get(name)).transpose()?;
+    let fitting = Look::detect(&LookOptions {
+        theme: None,
         color: match options.color.unwrap_or_default() {
             ColorChoice::Auto => Chosen::Auto,
             ColorChoice::Always => Chosen::Always,
@@ -139,15 +143,16 @@ fn look(options: &Options, light_background: Option<bool>) -> Result<Look, Theme
         term: variable("TERM"),
         colorterm: variable("COLORTERM"),
         light_background,
-    })
+    })?;
+    Ok(chosen.map_or(fitting.clone(), |theme| fitting.with_theme(theme)))
 }
 
-fn model(options: &Options, keymap: Arc<Keymap>, look: &Look) -> Model {
+fn model(options: &Options, keymap: Arc<Keymap>, themes: &Themes, look: &Look) -> Model {
     let settings = Settings {
         read_only: options.read_only,
         mouse: options.mouse,
         tour: options.tour.then_some(0),
         theme: look.theme().name().to_owned(),
     };
-    Model::new(settings, keymap, theme::names().into_iter().map(ToOwned::to_owned).collect())
+    Model::new(settings, keymap, themes.names())
 }

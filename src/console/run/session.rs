@@ -21,6 +21,7 @@ use crate::console::model::{Model, View};
 use crate::console::msg::{Msg, What};
 use crate::console::terminal::TerminalGuard;
 use crate::console::terminal::guard::{Ending, Guard};
+use crate::console::theme::Themes;
 use crate::console::update::update;
 use crate::engine::command::Command;
 use crate::engine::host::{Host, HostConfig, StopError, Update};
@@ -41,6 +42,7 @@ const BATCH_MAX: usize = 256;
 pub(super) struct Parts {
     pub(super) host: HostConfig,
     pub(super) candidates: ReadCandidate,
+    pub(super) themes: Themes,
     pub(super) recordings: PathBuf,
     pub(super) exports: Option<PathBuf>,
     pub(super) operator: Option<String>,
@@ -97,7 +99,7 @@ impl Session {
             terminal,
             guard,
             inputs: input::start()?,
-            hands: Hands::new(host, parts.candidates, parts.recordings, parts.exports),
+            hands: Hands::new(host, parts.candidates, parts.themes, parts.recordings, parts.exports),
             operator: parts.operator,
             pace: Pace::default(),
             leaving: None,

@@ -27,6 +27,14 @@ pub enum ThemeError {
         /// The names there are.
         allowed: String,
     },
+    /// More themes of an operator's own than there may be.
+    #[error("the theme {name:?} is one too many; at most {allowed} files are allowed")]
+    TooMany {
+        /// The first that is too many.
+        name: String,
+        /// How many there may be.
+        allowed: usize,
+    },
     /// A file that does not say what a theme file must say.
     #[error("{file}:{line}: {what}")]
     File {

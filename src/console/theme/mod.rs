@@ -6,6 +6,7 @@ mod file;
 mod mark;
 mod paint;
 mod role;
+mod themes;
 
 use std::collections::BTreeMap;
 
@@ -15,6 +16,7 @@ pub use file::{FILE_BYTES_MAX, ThemeError};
 pub use mark::Mark;
 pub use paint::{Colour, Paint, escape};
 pub use role::Role;
+pub use themes::{OWN_MAX, Themes};
 
 /// How many colours a terminal shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
