@@ -22,6 +22,9 @@ const FRESH: [&str; 3] = ["run", "--no-tour", "--jobs=1"];
 /// Sequences that give the terminal back, in this order.
 const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
 
+/// The title of the open question; what waits is shown beside its queue too, under another.
+const PROMPT: &str = "Decide on align@1.1.0";
+
 /// Exit code of a program that was told to end.
 const HELD: u32 = 3;
 
@@ -104,10 +107,10 @@ fn at_the_prompt(home: &Home, name: &str) -> Console {
     console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     console.wait_for_text(name);
     // The queue shows what waits; Enter opens it and nothing else.
+    console.wait_for_text("1 wait");
     console.keys("a");
-    console.wait_for_text("align@1.1.0");
     console.keys("\r");
-    console.wait_for_text("Promote align@1.1.0");
+    console.wait_for_text(PROMPT);
     console
 }
 
@@ -132,7 +135,7 @@ fn fill(console: &mut Console, id: &str, reason: &str) {
 fn press_until_it_counts(console: &mut Console, key: &str) {
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys(key);
-    console.wait_for("the question is answered", |screen| !screen.contents().contains("Promote align@1.1.0"));
+    console.wait_for("the question is answered", |screen| !screen.contents().contains(PROMPT));
 }
 
 fn verified(home: &Home) {
@@ -173,16 +176,18 @@ fn an_operator_approves() {
     assert_eq!(id.len(), 4, "{}", console.contents());
     // Enter never approves: it holds, and the question stays open.
     console.keys("\r");
-    console
-        .wait_for("Enter closed the question", |screen| !screen.contents().contains("Promote align@1.1.0"));
+    console.wait_for("Enter closed the question", |screen| !screen.contents().contains(PROMPT));
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys("\r");
-    console.wait_for_text("Promote align@1.1.0");
+    console.wait_for_text(PROMPT);
     fill(&mut console, &id, "evidence read");
     press_until_it_counts(&mut console, "Y");
     console.keys("1");
     console.wait_for("the version is active", |screen| {
-        screen.contents().lines().any(|line| line.contains("align@1.1.0") && line.contains("active"))
+        screen
+            .contents()
+            .lines()
+            .any(|line| line.contains("align@1.1.0") && line.contains("active, provisional"))
     });
     assert_eq!(quit(&mut console), 0);
     assert_eq!(state_of(&home, "align@1.1.0"), "active");

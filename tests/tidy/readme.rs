@@ -5,6 +5,8 @@ use std::fs;
 
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
+use holdpoint::console::action::Action;
+use holdpoint::console::keymap::Keymap;
 use holdpoint::governance::profile::{Profile, ProfileName};
 
 use crate::data::{root, scenarios};
@@ -67,6 +69,21 @@ fn verbs_are_the_programs() {
         Cli::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect();
     said.sort();
     there.sort();
+    assert_eq!(said, there);
+}
+
+#[test]
+fn keys_are_the_programs() {
+    let keymap = Keymap::default();
+    let row = |action: &Action| {
+        let keys: Vec<String> = keymap.keys(*action).iter().map(|key| format!("`{key}`")).collect();
+        let keys = if keys.is_empty() { format!("`:{}`", action.word()) } else { keys.join(" ") };
+        vec![action.scope().title().to_owned(), keys, action.word().to_owned(), action.help().to_owned()]
+    };
+    let mut there: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
+    let mut said = table("Keys");
+    there.sort();
+    said.sort();
     assert_eq!(said, there);
 }
 
