@@ -143,6 +143,14 @@ pub enum EventKind {
         deadline_ms: u64,
         /// Digest of what is to be signed over.
         evidence: Digest,
+        /// Who made it, and so cannot approve it.
+        author: String,
+        /// Permissions that the active version does not have.
+        new_permissions: Vec<String>,
+        /// What was not tested, one sentence each.
+        untested: Vec<String>,
+        /// What happens when it gets worse after activation, one sentence.
+        on_drift: String,
     },
     /// Somebody decided.
     ApprovalReceived {

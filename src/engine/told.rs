@@ -8,7 +8,7 @@ use crate::engine::event::{DimensionResult, Event, EventKind};
 use crate::text::Untrusted;
 
 /// The longest line, columns.
-const LINE_WIDTH_MAX: usize = 400;
+const LINE_WIDTH_MAX: usize = 1_000;
 
 /// The line of an event, without its end.
 #[must_use]
@@ -62,12 +62,27 @@ fn text(kind: &EventKind) -> String {
         EventKind::StateChanged { version, from, to, reason } => {
             format!("state    {version}: {from} -> {to} ({reason})")
         }
-        EventKind::ApprovalRequested { version, replaces, needed, deadline_ms, evidence } => {
+        EventKind::ApprovalRequested {
+            version,
+            replaces,
+            needed,
+            deadline_ms,
+            evidence,
+            author,
+            new_permissions,
+            untested,
+            on_drift,
+        } => {
             let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            let listed =
+                |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
             format!(
-                "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}",
+                "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}, made by {author}; new \
+                 permissions: {}; if it gets worse: {on_drift}; not tested: {}",
                 deadline_ms / 1000,
-                evidence.short()
+                evidence.short(),
+                listed(new_permissions),
+                listed(untested)
             )
         }
         EventKind::ApprovalReceived { version, by, decision, reason, have, needed } => {

@@ -87,7 +87,11 @@ fn head(snapshot: &Snapshot, look: &Look) -> Row {
 fn head_text(snapshot: &Snapshot) -> String {
     highest(snapshot).map_or_else(
         || "no unacknowledged alarm".to_owned(),
-        |alarm| format!("{}: {}", alarm.subject, alarm.text),
+        |alarm| {
+            // What is over still waits to be seen.
+            let over = if alarm.state == "returned-unacknowledged" { " (returned)" } else { "" };
+            format!("{}{over}: {}", alarm.subject, alarm.text)
+        },
     )
 }
 

@@ -1,6 +1,7 @@
 //! Stage 5: the gate, and the people it asks. Activation moves the binding, the pointer and the
 //! record in one transaction.
 
+use crate::alarms::AlarmEvent;
 use crate::approvals::SignedApproval;
 use crate::engine::command::{Refusal, Reply};
 use crate::engine::event::EventKind;
@@ -178,13 +179,18 @@ impl UpgradeManager {
             replaces: replaces.clone(),
             review,
         };
+        let asked = self.prompt_view(id, &prompt);
         self.prompts.insert(id.clone(), prompt);
         self.emit(EventKind::ApprovalRequested {
             version: id.clone(),
             replaces,
-            needed: u32::from(quorum),
+            needed: asked.needed,
             deadline_ms,
             evidence,
+            author: asked.author,
+            new_permissions: asked.new_permissions,
+            untested: asked.untested,
+            on_drift: asked.on_drift,
         });
         let priority = self.profile.alarms.approval_waiting;
         self.raise(
@@ -327,7 +333,8 @@ impl UpgradeManager {
                 let event = Event::Approved { version, row_version: prompt.life_row_version };
                 let note = self.request_note(id, &prompt, RequestState::Granted, &reason);
                 self.transition(&id.family, event, note)?;
-                self.clear_prompt_alarm(id);
+                let by = prompt.signed.last().map(|signed| signed.approval().who.clone());
+                self.clear_prompt_alarm(id, by);
                 let approvals: Vec<SignedApproval> = prompt
                     .signed
                     .into_iter()
@@ -342,7 +349,7 @@ impl UpgradeManager {
                 self.dossier(id).reasons.clone_from(&result.reasons);
                 let note = self.request_note(id, &prompt, RequestState::Refused, &reason);
                 self.transition(&id.family, Event::Reject { version }, note)?;
-                self.clear_prompt_alarm(id);
+                self.clear_prompt_alarm(id, Some(person.clone()));
                 self.rejected(id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
             }
@@ -353,7 +360,7 @@ impl UpgradeManager {
                 dossier.held = true;
                 let note = self.request_note(id, &prompt, RequestState::Expired, &reason);
                 self.transition(&id.family, Event::ApprovalExpired { version }, note)?;
-                self.clear_prompt_alarm(id);
+                self.clear_prompt_alarm(id, None);
                 self.abort_stage(id, "nobody answered in time; the version is held")?;
                 Ok(format!("{id} is held: nobody answered in time"))
             }
@@ -376,8 +383,13 @@ impl UpgradeManager {
         Note { before: vec![Change::PutApprovalRequest(Box::new(request))], ..Note::because(reason) }
     }
 
-    fn clear_prompt_alarm(&mut self, id: &CapabilityId) {
-        self.alarm_event(&crate::alarms::AlarmEvent::Clear { key: format!("approval:{id}") });
+    /// Nobody waits any more. Whoever answered has seen that somebody did.
+    fn clear_prompt_alarm(&mut self, id: &CapabilityId, answered_by: Option<String>) {
+        let key = format!("approval:{id}");
+        if let Some(by) = answered_by.filter(|_| self.alarms.get(&key).is_some()) {
+            self.alarm_event(&AlarmEvent::Acknowledge { key: key.clone(), by });
+        }
+        self.alarm_event(&AlarmEvent::Clear { key });
     }
 
     /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.

@@ -24,7 +24,7 @@ impl UpgradeManager {
         self.prompts.iter().map(|(id, prompt)| self.prompt_view(id, prompt)).collect()
     }
 
-    fn prompt_view(&self, id: &CapabilityId, prompt: &Prompt) -> PromptView {
+    pub(in crate::pipeline) fn prompt_view(&self, id: &CapabilityId, prompt: &Prompt) -> PromptView {
         let approved = prompt.votes.iter().filter(|vote| vote.answer == Answer::Approve);
         let quorum = prompt.request.quorum;
         let empty = Dossier::default();
