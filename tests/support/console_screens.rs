@@ -40,17 +40,27 @@ fn in_simulation() {
     show("overview, a candidate in the sandbox", &console);
     console.wait_for("most of the sandbox", |screen| screen.contents().contains("380 of 480"));
     console.wait_for("some of the shadow", |screen| screen.contents().contains("8 of 20"));
-    console.wait_for("the twin beside the arm", |screen| screen.contents().contains("twin"));
+    console.wait_for("the twin beside the arm", |screen| screen.contents().contains("twin, dashed"));
     show("overview, a candidate in shadow", &console);
-    for (key, name) in [("4", "shadow"), ("3", "candidate"), ("2", "registry"), ("7", "audit")] {
+    for (key, title, filled) in [
+        ("4", "[4 Shadow]", "Output divergence"),
+        ("3", "[3 Candidate]", "Timeline"),
+        ("2", "[2 Registry]", "versions"),
+        ("7", "[7 Audit]", "Record"),
+    ] {
         console.keys(key);
-        console.wait_for(name, |screen| screen.contents().contains("align@1.1.0"));
-        show(name, &console);
+        console.wait_for(title, |screen| {
+            let text = screen.contents();
+            text.contains(title) && text.contains(filled) && text.contains("1.1.0")
+        });
+        show(title, &console);
     }
     console.resize(COMMON.0, COMMON.1);
     console.keys("1");
-    console.wait_for("the small overview", |screen| u16::from(screen.size().0) == COMMON.1);
-    console.wait_for_text("[1 ");
+    console.wait_for_repainted("the small overview", COMMON, |screen| {
+        let text = screen.contents();
+        text.contains("[1 Overview]") && text.contains("q quit")
+    });
     show("overview at 80x24", &console);
     end(console);
 }
@@ -74,9 +84,10 @@ fn among_people() {
     console.wait_for_text("[6 Approvals]");
     show("approvals", &console);
     console.keys("\r");
-    console.wait_for_text("Replaces");
+    console.wait_for_text("Decide on");
     show("the prompt, profile human", &console);
     console.keys("\x1b");
+    console.wait_for("the prompt is closed", |screen| !screen.contents().contains("Decide on"));
     console.keys("5");
     console.wait_for_text("[5 Alarms]");
     show("alarms", &console);
@@ -84,6 +95,8 @@ fn among_people() {
 }
 
 fn show(name: &str, console: &Console) {
+    // Never half a frame: each ends with the end of a synchronised update.
+    console.wait_for_bytes("a whole frame", |bytes| bytes.ends_with(b"\x1b[?2026l"));
     println!("## {name}\n\n```text");
     for line in console.contents().lines() {
         println!("{}", line.trim_end());
@@ -92,8 +105,8 @@ fn show(name: &str, console: &Console) {
 }
 
 fn end(mut console: Console) {
-    console.keys("\x1b1q");
-    console.wait_for_text("y ");
+    console.keys("1q");
+    console.wait_for_text("End Holdpoint");
     console.keys("y");
     console.end();
 }

@@ -9,8 +9,8 @@ const KEY_INTERVAL_MS: u64 = 10;
 /// Frames for what the engine tells: at most 15 a second.
 const STORY_INTERVAL_MS: u64 = 67;
 
-/// Frames while a moving picture is shown: at most 30 a second.
-const PICTURE_INTERVAL_MS: u64 = 33;
+/// Frames while a moving picture is shown: at most 18 a second. Thirty cost 2.9 % of a core where the budget is 2 %.
+const PICTURE_INTERVAL_MS: u64 = 55;
 
 /// Why a frame is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,7 +75,7 @@ mod tests {
         pace.want(Want::Story);
         assert_eq!(pace.due_ms(), Some(1_067));
         pace.want(Want::Picture);
-        assert_eq!(pace.due_ms(), Some(1_033));
+        assert_eq!(pace.due_ms(), Some(1_055));
         pace.want(Want::Key);
         pace.want(Want::Story);
         assert_eq!(pace.due_ms(), Some(1_010));
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn frames_are_at_most_so_many_a_second() {
-        for (want, frames_max) in [(Want::Story, 15), (Want::Picture, 31), (Want::Key, 100)] {
+        for (want, frames_max) in [(Want::Story, 15), (Want::Picture, 19), (Want::Key, 100)] {
             let mut pace = Pace::default();
             let mut frames = 0;
             for now_ms in 1..=1_000 {

@@ -99,13 +99,13 @@ fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
         row.push(Role::Muted, "  not compared");
         return row;
     };
-    row.push(Role::Muted, &format!("  worse by {low:+.3} to {high:+.3}"));
+    row.push(Role::Muted, &format!(" worse by {low:+.3}..{high:+.3}"));
     if let Some(limit) = measure.limit {
         // The rules judge; what may lie beyond the limit is only pointed at.
         if high > limit {
             row.push(Role::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
         }
-        row.push(Role::Limit, &format!(" at most {limit:.3}"));
+        row.push(Role::Limit, &format!(" max {limit:.3}"));
     }
     row
 }
@@ -122,13 +122,16 @@ fn measured(measure: &Measure, width: usize) -> Row {
 
 fn values(measure: &Measure, width: usize) -> Row {
     let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
-    let name_width = if width >= 60 { 38 } else { 14 };
-    // The rules' own names are short; those of tails say what they are the tail of.
-    let name_width = if measure.limit.is_some() { 12 } else { name_width };
+    // The names of components are short; those of tails say what they are the tail of.
+    let (name_width, value_width) = match (measure.limit.is_some(), width >= 60) {
+        (true, _) => (10, 6),
+        (false, true) => (38, 8),
+        (false, false) => (14, 8),
+    };
     let row = Row::new().cell(Role::Text, &measure.name, name_width).cell_right(
         Role::Value,
         &number(measure.candidate),
-        8,
+        value_width,
     );
     match measure.active {
         Some(active) => row.with(Role::Muted, &format!(" against {active:.3}")),
