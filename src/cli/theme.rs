@@ -96,7 +96,7 @@ fn list(themes: &Themes, out: &mut Output<'_>) -> Result<(), CliError> {
     for (place, name) in themes.names().into_iter().enumerate() {
         let default = place == 0;
         out.answer(&Listed { name: name.clone(), default }, |out| {
-            out.line(&if default { format!("{name} (default)") } else { name.to_owned() })
+            out.line(&if default { format!("{name} (default)") } else { name.clone() })
         })?;
     }
     Ok(())
