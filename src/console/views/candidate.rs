@@ -114,7 +114,9 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
 /// Rows of differing height, scrolled so that the one under the cursor is in sight.
 fn items(rows: &[CandidateItem<'_>], cursor: usize, pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
-        pen.text(area, 0, Role::Muted, "Nothing here yet: this stage has not been reached");
+        let nothing =
+            "Nothing here: this stage has not been reached, or the version was commissioned unjudged";
+        pen.text(area, 0, Role::Muted, nothing);
         return;
     }
     let look = pen.look;

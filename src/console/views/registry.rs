@@ -75,8 +75,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
-            Row::of(Role::Title, &format!("{glyph} {family}"))
-                .with(Role::Muted, &format!("  {versions} versions"))
+            Row::of(Role::Title, &format!("{glyph} {family}")).with(
+                Role::Muted,
+                &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
+            )
         }
         Some(RegistryItem::Version(row)) => version(row, limits, now_ms, &columns, look),
         None => Row::new(),

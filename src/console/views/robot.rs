@@ -6,7 +6,7 @@
 //!   ╭──o──╮               ┌ ─ ─ ─ ─ ┐
 //!   │     ╎ ■             │ o──o─■  │
 //!  ━┷━━━━━━━━━━           └ ─ ─ ─ ─ ┘
-//!  grasp@1.0.0  0.21 m/s  4.1 N  object held
+//!  grasp@1.0.0  0.21 m/s  4.1 N  held
 //!  twin (dashed) grasp@1.1.0 drives nothing
 //! ```
 
@@ -87,7 +87,7 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     }
     let task = picture.task.as_deref().unwrap_or("at rest");
     let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
-    let held = if picture.body.held { "object held" } else { "nothing held" };
+    let held = if picture.body.held { "held" } else { "free" };
     rows.push(
         // A version's name begins with its task.
         Row::of(Role::Title, if version.is_empty() { task } else { &version })
@@ -95,7 +95,7 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
             .with(if picture.body.held { Role::Object } else { Role::Muted }, held),
     );
     if let Some(twin) = &picture.twin {
-        let held = if twin.body.held { ", object held" } else { "" };
+        let held = if twin.body.held { ", held" } else { "" };
         rows.push(
             Row::of(Role::Twin, &format!("twin, dashed: {}{held}", twin.version))
                 .with(Role::Muted, "; it drives nothing"),
