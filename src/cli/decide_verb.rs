@@ -6,7 +6,7 @@
 use super::decide::{ApproveArgs, Asked, FamilyArgs, PauseArgs, Signature, VersionArgs};
 use super::side::{Side, running};
 use super::{CliError, Context, Exit, Output, audit};
-use crate::approvals::{Approval, Identity, Nonce};
+use crate::approvals::Identity;
 use crate::engine::command::{Command, Operation};
 use crate::engine::snapshot::{PromptView, Snapshot};
 use crate::governance::ids::{CapabilityId, Family};
@@ -181,22 +181,8 @@ fn sign(
     signature: &Signature,
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
-    let approval = Approval {
-        who: who.info().name.clone(),
-        role: who.info().role.clone(),
-        decision,
-        reason: signature.reason.raw().to_owned(),
-        version: prompt.version.clone(),
-        candidate_digest: prompt.candidate,
-        row_version: prompt.row_version,
-        evidence_digest: prompt.evidence,
-        policy_digest: prompt.policy,
-        profile: prompt.profile.clone(),
-        store_id: prompt.store_id.clone(),
-        nonce: Nonce::random().map_err(CliError::internal)?,
-        not_after_ms: prompt.valid_until_ms,
-    };
-    side.carry_out(Command::Decide { signed: Box::new(who.sign(approval)), shown: None }, out)
+    let command = prompt.answer(who, decision, signature.reason.raw(), None);
+    side.carry_out(command.map_err(CliError::internal)?, out)
 }
 
 fn identity(context: &Context, signature: &Signature) -> Result<Identity, CliError> {

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::options::{ColorChoice, Flags};
+use crate::console::look::ColorChoice;
+use crate::console::options::Flags;
 use crate::governance::profile::ProfileName;
 
 /// The most evaluation workers.

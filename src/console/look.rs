@@ -3,6 +3,7 @@
 //! What it must not do: read the environment or ask the terminal.
 
 use ratatui::style::Style;
+use serde::Deserialize;
 
 use super::theme::{self, Mark};
 pub use super::theme::{Depth, Role, Theme, ThemeError};
@@ -82,7 +83,8 @@ glyphs! {
 }
 
 /// Whether colour is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ColorChoice {
     /// As the terminal and `NO_COLOR` say.
     #[default]

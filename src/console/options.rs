@@ -5,24 +5,12 @@
 
 use serde::Deserialize;
 
+use super::look::ColorChoice;
 use crate::governance::TextError;
 use crate::governance::text_error;
 
 /// The largest settings file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
-
-/// When colours are used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ColorChoice {
-    /// As `NO_COLOR` and the terminal say.
-    #[default]
-    Auto,
-    /// Whatever they say.
-    Always,
-    /// Never: glyphs and words say everything as well.
-    Never,
-}
 
 /// What the command line says; what it leaves open the file says.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

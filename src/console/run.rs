@@ -21,7 +21,7 @@ use super::effects::ReadCandidate;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
 use super::model::{Model, Settings};
-use super::options::{ColorChoice, Options};
+use super::options::Options;
 use super::terminal::guard::Guard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
@@ -128,16 +128,11 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
 
 /// The look by flags and settings, then the environment, then the background.
 fn look(options: &Options, themes: &Themes, light_background: Option<bool>) -> Result<Look, ThemeError> {
-    use super::look::ColorChoice as Chosen;
     let variable = |name| std::env::var(name).ok();
     let chosen = options.theme.as_deref().map(|name| themes.get(name)).transpose()?;
     let fitting = Look::detect(&LookOptions {
         theme: None,
-        color: match options.color.unwrap_or_default() {
-            ColorChoice::Auto => Chosen::Auto,
-            ColorChoice::Always => Chosen::Always,
-            ColorChoice::Never => Chosen::Never,
-        },
+        color: options.color.unwrap_or_default(),
         ascii: options.ascii,
         no_color: variable("NO_COLOR").is_some_and(|value| !value.is_empty()),
         term: variable("TERM"),

@@ -4,6 +4,7 @@
 //! keeps nothing else: authority lies with the manager and the rules behind it. It is synchronous:
 //! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
+mod answer;
 pub mod clock;
 pub mod command;
 pub mod detail;

@@ -174,7 +174,7 @@ impl Drive<'_> {
                     return Err(self.unsettled("more people are asked than there are"));
                 };
                 let decision = ApprovalDecision::Approve;
-                let command = approver::answer(&self.engine, prompt, who, decision, "agrees to everything")
+                let command = approver::answer(&self.engine, &prompt, who, decision, "agrees to everything")
                     .map_err(|error| ExperimentError::candidate(self.name, error.to_string()))?;
                 self.submit(command)?;
                 continue;

@@ -1,11 +1,10 @@
 //! People who answer without a screen: a named identity of the store signs over an open question.
 
-use crate::approvals::{Approval, Identity, Nonce, Role};
+use crate::approvals::{ApprovalDecision, Identity, Role};
 use crate::cli::CliError;
 use crate::engine::Engine;
 use crate::engine::command::Command;
 use crate::engine::snapshot::PromptView;
-use crate::registry::names::ApprovalDecision;
 
 /// The role of identities that are made for a script.
 const ROLE: &str = "engineer";
@@ -16,7 +15,7 @@ const ROLE: &str = "engineer";
 /// Where the identity cannot be read or made, or no random number can be had.
 pub fn answer(
     engine: &Engine,
-    prompt: PromptView,
+    prompt: &PromptView,
     who: &str,
     decision: ApprovalDecision,
     reason: &str,
@@ -29,20 +28,5 @@ pub fn answer(
             Identity::create(&folder, who, role).map_err(CliError::usage)?
         }
     };
-    let signed = identity.sign(Approval {
-        who: String::new(),
-        role: identity.info().role.clone(),
-        decision,
-        reason: reason.to_owned(),
-        version: prompt.version,
-        candidate_digest: prompt.candidate,
-        row_version: prompt.row_version,
-        evidence_digest: prompt.evidence,
-        policy_digest: prompt.policy,
-        profile: prompt.profile,
-        store_id: prompt.store_id,
-        nonce: Nonce::random().map_err(CliError::internal)?,
-        not_after_ms: prompt.valid_until_ms,
-    });
-    Ok(Command::Decide { signed: Box::new(signed), shown: None })
+    prompt.answer(&identity, decision, reason, None).map_err(CliError::internal)
 }

@@ -407,7 +407,7 @@ impl<'a> Driver<'a> {
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let command = approver::answer(&self.engine, prompt, &say.who, decision, &say.reason)?;
+        let command = approver::answer(&self.engine, &prompt, &say.who, decision, &say.reason)?;
         self.accept(command)
     }
 

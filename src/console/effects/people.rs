@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use crate::approvals::{Approval, Identity, IdentityInfo, Nonce};
+use crate::approvals::{Identity, IdentityInfo};
 use crate::console::model::Operator;
 use crate::console::prompt::Decision;
 use crate::engine::command::Command;
@@ -69,23 +69,9 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
 pub fn sign(folder: &Path, decision: &Decision) -> Result<Command, Problem> {
     let problem = |error: &dyn std::fmt::Display| Problem::new(error.to_string());
     let identity = Identity::load(folder, decision.by()).map_err(|error| problem(&error))?;
-    let over = decision.over();
-    let signed = identity.sign(Approval {
-        who: identity.info().name.clone(),
-        role: identity.info().role.clone(),
-        decision: decision.answer(),
-        reason: decision.reason().to_owned(),
-        version: over.version.clone(),
-        candidate_digest: over.candidate,
-        row_version: over.row_version,
-        evidence_digest: over.evidence,
-        policy_digest: over.policy,
-        profile: over.profile.clone(),
-        store_id: over.store_id.clone(),
-        nonce: Nonce::random().map_err(|error| problem(&error))?,
-        not_after_ms: over.valid_until_ms,
-    });
-    Ok(Command::Decide { signed: Box::new(signed), shown: Some(decision.shown().to_owned()) })
+    let shown = Some(decision.shown().to_owned());
+    let command = decision.over().answer(&identity, decision.answer(), decision.reason(), shown);
+    command.map_err(|error| problem(&error))
 }
 
 fn operator(info: &IdentityInfo) -> Operator {
