@@ -15,5 +15,6 @@ pub mod pool;
 pub mod refine;
 pub mod registry;
 pub mod runtime;
+pub mod scene;
 pub mod stats;
 pub mod text;

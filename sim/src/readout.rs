@@ -180,6 +180,47 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
     out
 }
 
+/// Where two things touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactPoint {
+    /// Middle of the points that carry the force, world frame, m.
+    pub at_m: [f64; 3],
+    /// Normal force on the robot, or on the object where the robot has no part in it, world frame, N.
+    pub force_n: [f64; 3],
+}
+
+/// Every touching pair that has the robot or the object in it, the strongest first.
+pub fn contact_points(physics: &PhysicsWorld, handles: &Handles) -> Vec<ContactPoint> {
+    let mut points: Vec<ContactPoint> = Vec::new();
+    for pair in physics.narrow_phase.contact_pairs() {
+        if pair.total_impulse_magnitude() <= 0.0 {
+            continue;
+        }
+        let (Some(first), Some(second)) = (kind(handles, pair, true), kind(handles, pair, false)) else {
+            continue;
+        };
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0_f64);
+        for manifold in pair.solver_manifolds() {
+            for contact in &manifold.data.solver_contacts {
+                let (a, b) = manifold.data.solver_contact_world_points(contact, &physics.bodies);
+                let middle = (a + b) * 0.5;
+                sum += Vector3::new(f64::from(middle.x), f64::from(middle.y), f64::from(middle.z));
+                count += 1.0;
+            }
+        }
+        if count == 0.0 {
+            continue;
+        }
+        let sign = if rank(first) <= rank(second) { -1.0 } else { 1.0 };
+        let impulse = pair.total_impulse();
+        let force = [impulse.x, impulse.y, impulse.z].map(|part| sign * f64::from(part) / TICK_SECS);
+        points.push(ContactPoint { at_m: (sum / count).into(), force_n: force });
+    }
+    let strength = |point: &ContactPoint| point.force_n.iter().map(|part| part * part).sum::<f64>();
+    points.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+    points
+}
+
 /// What one side of a pair stands for.
 pub(crate) fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
     let collider = if first { pair.collider1 } else { pair.collider2 };

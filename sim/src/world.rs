@@ -292,6 +292,12 @@ impl World {
         &self.state.forces
     }
 
+    /// Where robot and object touch what they touch, the strongest contact first.
+    #[must_use]
+    pub fn contact_points(&self) -> Vec<readout::ContactPoint> {
+        readout::contact_points(&self.state.physics, &self.state.handles)
+    }
+
     /// True joint positions and speeds.
     #[must_use]
     pub fn joints(&self) -> &JointState {

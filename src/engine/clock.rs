@@ -5,6 +5,14 @@
 
 use std::time::Instant;
 
+use holdpoint_sim::io::RATE_HZ;
+
+/// Virtual time in ticks of the cell, 240 a second.
+#[must_use]
+pub fn tick_of(at_ms: u64) -> u64 {
+    at_ms.saturating_mul(u64::from(RATE_HZ)) / 1000
+}
+
 /// Where virtual time comes from.
 #[derive(Clone, Debug)]
 pub enum Clock {

@@ -32,6 +32,12 @@ pub struct Scenery {
     pub fixtures: Vec<Region>,
 }
 
+/// A rotation as a unit quaternion: x, y, z, w.
+pub type Turn = [f32; 4];
+
+/// No rotation.
+pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
+
 /// An arm with its gripper and the object it works on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Body {
@@ -39,12 +45,39 @@ pub struct Body {
     pub links: Vec<Point>,
     /// The two finger pads.
     pub pads: [Point; 2],
+    /// How the hand, and so each pad, is turned.
+    pub hand: Turn,
     /// The object's centre.
     pub object: Point,
+    /// How the object is turned.
+    pub object_turn: Turn,
     /// Half the object's edge, m.
     pub object_half_m: f32,
     /// Whether both pads touch the object.
     pub held: bool,
+}
+
+/// Where the robot or the object touches something, and how hard.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Contact {
+    /// Where.
+    pub at: Point,
+    /// The force on the robot, or on the object where the robot has no part in it, world frame, N.
+    pub force_n: [f32; 3],
+}
+
+/// The most contacts in one picture, the strongest.
+pub const CONTACTS_MAX: usize = 16;
+
+/// The envelope that the guard holds the version at work to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Envelope {
+    /// Largest speed of the tool, m/s.
+    pub speed_m_s: f32,
+    /// Largest force of a finger, N.
+    pub force_n: f32,
+    /// Largest force on the surroundings, N.
+    pub contact_n: f32,
 }
 
 /// One moment of the live cell.
@@ -52,6 +85,8 @@ pub struct Body {
 pub struct Picture {
     /// The sequence, counting from 0.
     pub sequence: u64,
+    /// The engine's virtual time, ms.
+    pub at_ms: u64,
     /// Simulated seconds since it began.
     pub at_secs: f64,
     /// What is being done: `grasp`, `align`, `place`; absent at rest.
@@ -64,6 +99,12 @@ pub struct Picture {
     pub speed_m_s: f32,
     /// Contact force at the pads, N.
     pub force_n: f32,
+    /// Largest force of the robot, or of what it holds, on its surroundings, N.
+    pub contact_n: f32,
+    /// What the guard allows of it; absent at rest.
+    pub envelope: Option<Envelope>,
+    /// What touches what, the strongest first.
+    pub contacts: Vec<Contact>,
     /// Whether something touches that should not.
     pub unexpected_contact: bool,
     /// Whether the arm was stopped.

@@ -59,10 +59,7 @@ impl PacedWorld {
     ) -> Result<(), Fault> {
         self.number += 1;
         begun.tell_at_once(Arc::clone(&self.questions));
-        let workers: Vec<(TaskKind, CapabilityId)> = TaskKind::SEQUENCE
-            .into_iter()
-            .filter_map(|task| Some((task, begun.actives().at_work(task)?)))
-            .collect();
+        let workers = begun.workers();
         let shared = (Arc::clone(&self.easel), Arc::clone(&self.switch), Arc::clone(&self.pace));
         let mut onlooker = Onlooker::new((begun.index(), self.number), workers, shadow, shared, clock);
         self.switch.begin(self.number);

@@ -14,9 +14,8 @@ use super::live::{Listener, SequenceReport};
 use super::portrait::{self, narrow};
 use super::sequence::{Shadowed, Stopped};
 use super::shadow::Shadow;
-use super::stages::monitoring::tick_of;
-use crate::engine::clock::Clock;
-use crate::engine::picture::{Body, Picture, Twin};
+use crate::engine::clock::{Clock, tick_of};
+use crate::engine::picture::{Body, Envelope, Picture, Twin};
 use crate::governance::ids::CapabilityId;
 use crate::runtime::task::{Supervision, Tick};
 
@@ -118,7 +117,7 @@ impl Pacer {
 pub(super) struct Onlooker {
     pub(super) sequence: u64,
     pub(super) number: u64,
-    pub(super) workers: Vec<(TaskKind, CapabilityId)>,
+    pub(super) workers: Vec<(TaskKind, CapabilityId, Envelope)>,
     pub(super) shadow: Option<Shadow>,
     pub(super) easel: Easel,
     pub(super) switch: Arc<Switch>,
@@ -133,7 +132,7 @@ pub(super) struct Onlooker {
 impl Onlooker {
     pub(super) fn new(
         (sequence, number): (u64, u64),
-        workers: Vec<(TaskKind, CapabilityId)>,
+        workers: Vec<(TaskKind, CapabilityId, Envelope)>,
         shadow: Option<Shadow>,
         (easel, switch, pace): (Easel, Arc<Switch>, Arc<Pace>),
         clock: Clock,
@@ -155,7 +154,11 @@ impl Onlooker {
     }
 
     fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
-        self.workers.iter().find(|(known, _)| *known == task).map(|(_, id)| id.clone())
+        self.workers.iter().find(|(known, ..)| *known == task).map(|(_, id, _)| id.clone())
+    }
+
+    fn envelope(&self, task: TaskKind) -> Option<Envelope> {
+        self.workers.iter().find(|(known, ..)| *known == task).map(|(.., envelope)| *envelope)
     }
 
     fn draw(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) {
@@ -167,12 +170,16 @@ impl Onlooker {
         });
         let picture = Picture {
             sequence: self.sequence,
+            at_ms: portrait::at_ms(&self.clock, world),
             at_secs: world.sim_secs(),
             task: Some(crate::pipeline::manager::word(&task)),
             version: self.at_work(task),
             body: portrait::body(world, passed.seen),
             speed_m_s: narrow(passed.seen.tool_speed_m_s),
             force_n: narrow(passed.seen.gripper_force_n),
+            contact_n: narrow(passed.seen.contact_force_n),
+            envelope: self.envelope(task),
+            contacts: portrait::contacts(world),
             unexpected_contact: contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot,
             stopped: self.stopped.is_some() || world.stop_declared().is_some(),
             twin,
@@ -192,8 +199,19 @@ impl Onlooker {
             let body = portrait::body(world, &seen);
             let stopped = self.stopped.is_some();
             let (task, version, twin) = (None, None, None);
-            let at_secs = world.sim_secs();
-            (self.easel)(Picture { task, version, twin, body, stopped, at_secs, speed_m_s: 0.0, ..last });
+            (self.easel)(Picture {
+                task,
+                version,
+                twin,
+                body,
+                stopped,
+                at_ms: portrait::at_ms(&self.clock, world),
+                at_secs: world.sim_secs(),
+                speed_m_s: 0.0,
+                envelope: None,
+                contacts: portrait::contacts(world),
+                ..last
+            });
         }
         let shadowed = self.shadow.take().map(|shadow| {
             let id = shadow.id();

@@ -7,9 +7,11 @@ use holdpoint_sim::chain::Frame;
 use holdpoint_sim::io::Telemetry;
 use holdpoint_sim::scene::{Scene, Zone};
 use holdpoint_sim::world::World;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::engine::picture::{Body, Point, Region, Scenery};
+use crate::engine::clock::Clock;
+use crate::engine::picture::{Body, CONTACTS_MAX, Contact, Envelope, NO_TURN, Point, Region, Scenery, Turn};
+use crate::runtime::limits;
 
 /// Name of the zone in which the tool may be anywhere on its way.
 const WORKSPACE_ZONE: &str = "transit";
@@ -58,10 +60,45 @@ pub fn body(world: &World, seen: &Telemetry) -> Body {
     Body {
         links,
         pads: [pad(0), pad(1)],
+        hand: hand.map_or(NO_TURN, |hand| turn(&hand.isometry().rotation)),
         object: point(&object.translation.vector),
+        object_turn: turn(&object.rotation),
         object_half_m: narrow(world.scene().object.half_m),
         held: seen.contacts.pad_object && seen.gripper_force_n > 1.0,
     }
+}
+
+/// The engine's virtual time of a moment of the live world, ms. A script's clock stands while a sequence is worked and
+/// moves by its length afterwards.
+#[must_use]
+pub fn at_ms(clock: &Clock, world: &World) -> u64 {
+    if !clock.is_scripted() {
+        return clock.now_ms();
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds of one sequence")]
+    let passed_ms = (world.sim_secs() * 1000.0) as u64;
+    clock.now_ms().saturating_add(passed_ms)
+}
+
+/// The envelope that a version is held to.
+#[must_use]
+pub const fn envelope(of: &limits::Envelope) -> Envelope {
+    Envelope {
+        speed_m_s: narrow(of.tool_speed_max_m_s),
+        force_n: narrow(of.grip_force_max_n),
+        contact_n: narrow(of.contact_force_max_n),
+    }
+}
+
+/// What touches what, as it truly is: for display alone.
+#[must_use]
+pub fn contacts(world: &World) -> Vec<Contact> {
+    let points = world.contact_points().into_iter().take(CONTACTS_MAX);
+    points.map(|point| Contact { at: point.at_m.map(narrow), force_n: point.force_n.map(narrow) }).collect()
+}
+
+fn turn(rotation: &UnitQuaternion<f64>) -> Turn {
+    [rotation.i, rotation.j, rotation.k, rotation.w].map(narrow)
 }
 
 fn point(at: &Vector3<f64>) -> Point {

@@ -7,8 +7,8 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use super::stages::monitoring::{Watch, tick_of};
-use crate::engine::clock::Clock;
+use super::stages::monitoring::Watch;
+use crate::engine::clock::{Clock, tick_of};
 use crate::governance::ids::{CapabilityId, Family};
 use crate::governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
 use crate::runtime::guard::PolicyHit;

@@ -11,9 +11,11 @@ use holdpoint_sim::world::World;
 
 use super::live::{Listener, Outing, SequenceReport};
 use super::manager::{Fault, UpgradeManager};
+use super::portrait;
 use super::seeds::{Purpose, episode_seed};
 use super::sentry::{Questions, Sentry};
 use super::shadow::ShadowTrace;
+use crate::engine::picture::Envelope;
 use crate::governance::ids::{CapabilityId, Family};
 use crate::runtime::agent::ActiveView;
 use crate::runtime::capability::Capability;
@@ -87,9 +89,15 @@ impl Begun {
         self.index
     }
 
-    /// The versions that are active in it.
-    pub(super) const fn actives(&self) -> &Actives {
-        &self.actives
+    /// Who works what in it, and the envelope that holds them.
+    pub(super) fn workers(&self) -> Vec<(TaskKind, CapabilityId, Envelope)> {
+        let worker = |task: TaskKind| {
+            let id = self.actives.at_work(task)?;
+            let terms =
+                self.terms.iter().find(|(known, _)| *known == id).map_or(&self.spare, |(_, terms)| terms);
+            Some((task, id, portrait::envelope(terms.envelope())))
+        };
+        TaskKind::SEQUENCE.into_iter().filter_map(worker).collect()
     }
 
     /// Questions of its monitors are told while it runs.

@@ -10,7 +10,7 @@ use holdpoint::engine::detail::{
     RegistryPage, RegistryRow, Verified,
 };
 use holdpoint::engine::event::DimensionResult;
-use holdpoint::engine::picture::{Body, Picture, Region, Scenery, Twin};
+use holdpoint::engine::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint::engine::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
     PromptView, QuestionView, ShadowView, Snapshot,
@@ -322,7 +322,9 @@ fn body(reach: f32, held: bool) -> Body {
             [reach, 0.12, 0.2],
         ],
         pads: [[reach, 0.09, 0.12], [reach, 0.15, 0.12]],
+        hand: NO_TURN,
         object: [reach, 0.12, 0.1],
+        object_turn: NO_TURN,
         object_half_m: 0.025,
         held,
     }
@@ -332,12 +334,16 @@ fn body(reach: f32, held: bool) -> Body {
 pub fn picture() -> Picture {
     Picture {
         sequence: 211,
+        at_ms: NOW_MS,
         at_secs: 3.42,
         task: Some("grasp".to_owned()),
         version: Some(id("grasp@1.0.0")),
         body: body(0.5, true),
         speed_m_s: 0.21,
         force_n: 4.1,
+        contact_n: 0.0,
+        envelope: Some(Envelope { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
+        contacts: Vec::new(),
         unexpected_contact: false,
         stopped: false,
         twin: Some(Twin { version: id("place@1.1.0"), body: body(0.56, false) }),

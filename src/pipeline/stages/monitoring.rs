@@ -1,5 +1,6 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
+use crate::engine::clock::tick_of;
 use crate::engine::event::{EventKind, TaskSummary};
 use crate::governance::decision::{Reason, ReasonCode};
 
@@ -341,11 +342,6 @@ fn summary(dispatched: &crate::runtime::agent::dispatcher::Dispatched) -> TaskSu
         retries: record.retries,
         time_secs: record.time_secs,
     }
-}
-
-/// Virtual ticks of a virtual time.
-pub(in crate::pipeline) const fn tick_of(at_ms: u64) -> u64 {
-    at_ms.saturating_mul(holdpoint_sim::io::RATE_HZ as u64) / 1000
 }
 
 /// The first virtual time at which a tick has come.

@@ -1,0 +1,146 @@
+//! The engine's side of the queue: hands over and never waits.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use crate::engine::event::{Event, EventKind};
+use crate::engine::picture::Picture;
+use crate::engine::snapshot::Snapshot;
+
+/// The most items that wait.
+pub const QUEUE_MAX: usize = 8_192;
+
+/// The most pictures among them: room for what is rarer and says more is kept.
+pub const PICTURES_WAITING_MAX: usize = 6_144;
+
+/// What is handed over.
+#[derive(Debug)]
+pub enum Item {
+    /// A moment of the live cell.
+    Picture(Box<Picture>),
+    /// Things that happened, in order, and how things stood after them where one of them changes a chart.
+    Events(Vec<Event>, Option<Box<Snapshot>>),
+    /// Serve a live viewer at this address from now on.
+    Serve(std::net::SocketAddr),
+    /// Write what waits, end every file in good order, and stop.
+    End,
+}
+
+/// What was dropped because the queue was full.
+#[derive(Debug, Default)]
+pub struct Dropped {
+    /// Pictures.
+    pub pictures: AtomicU64,
+    /// Events.
+    pub events: AtomicU64,
+}
+
+/// Hands over to the sink. Clones share one queue.
+#[derive(Clone, Debug)]
+pub struct Tap {
+    queue: SyncSender<Item>,
+    waiting: Arc<AtomicUsize>,
+    dropped: Arc<Dropped>,
+}
+
+/// The sink's side.
+#[derive(Debug)]
+pub struct Drain {
+    queue: Receiver<Item>,
+    waiting: Arc<AtomicUsize>,
+    /// What the tap dropped.
+    pub dropped: Arc<Dropped>,
+}
+
+/// A tap and the sink's side of it.
+#[must_use]
+pub fn queue() -> (Tap, Drain) {
+    let (sender, receiver) = sync_channel(QUEUE_MAX);
+    let waiting = Arc::new(AtomicUsize::new(0));
+    let dropped = Arc::new(Dropped::default());
+    let tap = Tap { queue: sender, waiting: Arc::clone(&waiting), dropped: Arc::clone(&dropped) };
+    (tap, Drain { queue: receiver, waiting, dropped })
+}
+
+impl Tap {
+    /// A picture; dropped where too many wait, or where the sink has ended.
+    pub fn picture(&self, picture: Picture) {
+        let take = |count: usize| (count < PICTURES_WAITING_MAX).then_some(count + 1);
+        let room = self.waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_ok();
+        if room && self.queue.try_send(Item::Picture(Box::new(picture))).is_ok() {
+            return;
+        }
+        if room {
+            self.waiting.fetch_sub(1, Ordering::AcqRel);
+        }
+        self.dropped.pictures.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Events, with how things stand where one of them changes a chart. `snapshot` is called at most once.
+    pub fn events(&self, events: &[Event], snapshot: impl FnOnce() -> Snapshot) {
+        if events.is_empty() {
+            return;
+        }
+        let shown = events.iter().any(|event| changes_a_chart(&event.kind)).then(|| Box::new(snapshot()));
+        if self.queue.try_send(Item::Events(events.to_vec(), shown)).is_err() {
+            self.dropped.events.fetch_add(events.len() as u64, Ordering::Relaxed);
+        }
+    }
+
+    /// Asks for a live viewer's address. Tells whether that was taken.
+    #[must_use]
+    pub fn serve(&self, address: std::net::SocketAddr) -> bool {
+        self.queue.try_send(Item::Serve(address)).is_ok()
+    }
+
+    /// Ends the sink after what waits. Tells whether that was taken; a full queue is asked again.
+    #[must_use]
+    pub fn end(&self) -> bool {
+        self.queue.try_send(Item::End).is_ok()
+    }
+
+    /// Pictures and events that were dropped so far.
+    #[must_use]
+    pub fn dropped(&self) -> (u64, u64) {
+        (self.dropped.pictures.load(Ordering::Relaxed), self.dropped.events.load(Ordering::Relaxed))
+    }
+}
+
+impl Drain {
+    /// The next item; `None` after `patience` without one.
+    ///
+    /// # Errors
+    /// Where every tap is gone.
+    pub fn next(&self, patience: std::time::Duration) -> Result<Option<Item>, Gone> {
+        match self.queue.recv_timeout(patience) {
+            Ok(item) => {
+                if matches!(item, Item::Picture(_)) {
+                    self.waiting.fetch_sub(1, Ordering::AcqRel);
+                }
+                Ok(Some(item))
+            }
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Ok(None),
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => Err(Gone),
+        }
+    }
+}
+
+/// Every tap is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("nobody hands anything over any more")]
+pub struct Gone;
+
+/// Whether a snapshot after it shows another chart than one before it.
+const fn changes_a_chart(kind: &EventKind) -> bool {
+    matches!(
+        kind,
+        EventKind::Progress { .. }
+            | EventKind::Decided { .. }
+            | EventKind::Sequence { .. }
+            | EventKind::Monitor { .. }
+            | EventKind::StageStarted { .. }
+            | EventKind::Registered { .. }
+            | EventKind::EngineStarted { .. }
+    )
+}
