@@ -4,6 +4,7 @@ pub mod alarms;
 pub mod approvals;
 pub mod bench;
 pub mod cli;
+#[cfg(feature = "console")]
 pub mod console;
 pub mod engine;
 pub mod experiment;

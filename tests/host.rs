@@ -9,6 +9,7 @@ use holdpoint::engine::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::engine::event::{Event, EventKind};
 use holdpoint::engine::host::{Host, HostConfig, OUTSTANDING_MAX, Update};
 use holdpoint::engine::picture::Picture;
+use holdpoint::engine::recorder::SceneOptions;
 use holdpoint::engine::snapshot::Snapshot;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::Store;
@@ -32,7 +33,8 @@ impl Front {
     fn start(folder: &Path, pace: Option<f64>) -> Self {
         let data = folder.to_owned();
         let profile = ProfileName::Sim;
-        let host = Host::start(HostConfig { data, profile, seed: 1, jobs: 1, robot: None, pace });
+        let scenes = SceneOptions::NONE;
+        let host = Host::start(HostConfig { data, profile, seed: 1, jobs: 1, robot: None, pace, scenes });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };
         assert!(matches!(front.next(), Update::Started));

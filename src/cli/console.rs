@@ -43,6 +43,7 @@ pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Re
         jobs: args.spare_jobs(),
         robot: args.robot.clone(),
         pace: args.pace.unwrap_or(PACE_DEFAULT).times(),
+        scenes: args.scenes.options(true)?,
     };
     let console = Console {
         host,

@@ -5,8 +5,8 @@
 
 use super::side::Side;
 use super::{
-    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, console, decide, decide_verb, run,
-    status, status_verb,
+    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
+    status_verb,
 };
 use crate::engine::command::Command;
 use crate::engine::embedded;
@@ -40,10 +40,12 @@ impl EngineVerbs for RealEngine {
                     jobs: args.jobs(),
                     robot,
                     json,
+                    scenes: args.scenes.options(context.data_given)?,
                 };
                 run_script(&run, out.sink())
             }
-            None if console::fits(args, json) => console::run(context, args, out),
+            #[cfg(feature = "console")]
+            None if super::console::fits(args, json) => super::console::run(context, args, out),
             None => {
                 let run = RunPlain {
                     data: &context.data,
@@ -53,6 +55,7 @@ impl EngineVerbs for RealEngine {
                     robot,
                     json,
                     pace: args.pace.and_then(run::Pace::times),
+                    scenes: args.scenes.options(true)?,
                 };
                 run_plain(&run, out.sink())
             }

@@ -8,6 +8,7 @@ pub mod audit;
 pub mod bench;
 pub mod candidate;
 pub mod completions;
+#[cfg(feature = "console")]
 mod console;
 pub mod data;
 pub mod decide;
@@ -18,6 +19,7 @@ pub mod error;
 pub mod experiment;
 pub mod explain;
 pub mod identity;
+#[cfg(feature = "console")]
 pub mod keys;
 pub mod output;
 pub mod per_candidate;
@@ -26,11 +28,13 @@ pub mod profile;
 pub mod refine;
 pub mod registry;
 pub mod run;
+#[cfg(feature = "console")]
 mod settings;
 mod side;
 pub mod status;
 mod status_report;
 mod status_verb;
+#[cfg(feature = "console")]
 pub mod theme;
 
 use std::ffi::OsString;
@@ -67,7 +71,7 @@ Exit codes:
 
 Examples:
   holdpoint
-  holdpoint run --headless --script tests/scenarios/promote.toml --json
+  holdpoint run --headless --script tests/scenarios/promote-benign.toml --json
   holdpoint candidate check manifests/candidates/grasp-improved";
 
 /// What can be asked.
@@ -111,8 +115,10 @@ pub enum Verb {
     Experiment(experiment::ExperimentArgs),
     /// Tells whether this machine and terminal have what is needed.
     Doctor(doctor::DoctorArgs),
+    #[cfg(feature = "console")]
     /// Prints the console's keys.
     Keys(keys::KeysArgs),
+    #[cfg(feature = "console")]
     /// Shows the console's themes.
     Theme(theme::ThemeArgs),
     /// Prints a completion script for a shell.
@@ -232,7 +238,9 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
+        #[cfg(feature = "console")]
         Some(Verb::Keys(args)) => keys::run(args, out),
+        #[cfg(feature = "console")]
         Some(Verb::Theme(args)) => theme::run(args, out),
         Some(Verb::Completions(args)) => completions::run(args, out),
     }

@@ -1,12 +1,18 @@
 //! `holdpoint run`: arguments of the main job.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+#[cfg(feature = "console")]
 use crate::console::look::ColorChoice;
+#[cfg(feature = "console")]
 use crate::console::options::Flags;
+use crate::engine::recorder::SceneOptions;
 use crate::governance::profile::ProfileName;
+
+use super::CliError;
 
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
@@ -18,7 +24,8 @@ pub const JOBS_MAX: u16 = 64;
 Examples:
   holdpoint run --profile real
   holdpoint run --profile human --as mara --pace 4
-  holdpoint run --headless --script tests/scenarios/promote.toml --json
+  holdpoint run --view
+  holdpoint run --headless --script tests/scenarios/promote-benign.toml --json
   holdpoint run --plain --seed 7 --jobs 2")]
 pub struct RunArgs {
     /// Runs a scenario without a screen on a virtual clock; the scenario names the profile.
@@ -49,11 +56,48 @@ pub struct RunArgs {
     /// Simulated seconds of the live cell in a second, or `max` [default: 1 in the console, max without it].
     #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
     pub pace: Option<Pace>,
+    /// Recordings and the live viewer.
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// How the console looks and who sits at it.
+    #[cfg(feature = "console")]
     #[command(flatten)]
     pub console: ConsoleArgs,
 }
 
+/// The address at which a viewer may connect, where none is named: the viewer's own default.
+pub const VIEW_DEFAULT: &str = "127.0.0.1:9876";
+
+/// What is kept and shown of the live cell.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+#[command(next_help_heading = "Scenes")]
+pub struct SceneArgs {
+    /// Serves the live scene to rerun viewers at this address, of this machine only unless another is named
+    /// [default without a value: 127.0.0.1:9876].
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = VIEW_DEFAULT)]
+    pub view: Option<SocketAddr>,
+    /// Keeps no recordings; a script whose store is removed afterwards keeps none anyway.
+    #[arg(long)]
+    pub no_recording: bool,
+}
+
+impl SceneArgs {
+    /// As the engine takes it, for a store that stays or one that does not.
+    ///
+    /// # Errors
+    /// Where a viewer is asked for that this program was built without.
+    pub fn options(&self, store_stays: bool) -> Result<SceneOptions, CliError> {
+        if self.view.is_some() && !cfg!(feature = "rerun") {
+            return Err(CliError::usage(
+                "--view: this program was built without scenes; build it with the feature `rerun`",
+            ));
+        }
+        let record = SceneOptions::DEFAULT.record && store_stays && !self.no_recording;
+        Ok(SceneOptions { record, view: self.view })
+    }
+}
+
+#[cfg(feature = "console")]
 /// The console's own arguments; they win over its settings file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(next_help_heading = "Console")]
@@ -81,6 +125,7 @@ pub struct ConsoleArgs {
     pub no_tour: bool,
 }
 
+#[cfg(feature = "console")]
 impl ConsoleArgs {
     /// As the console's flags.
     #[must_use]
@@ -97,6 +142,7 @@ impl ConsoleArgs {
     }
 }
 
+#[cfg(feature = "console")]
 /// When colours are used, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ColorArg {
@@ -108,6 +154,7 @@ pub enum ColorArg {
     Never,
 }
 
+#[cfg(feature = "console")]
 impl From<ColorArg> for ColorChoice {
     fn from(argument: ColorArg) -> Self {
         match argument {

@@ -148,6 +148,8 @@ actions! {
     Open = "open", Lists, ["enter"];
     /// Open the 3D recording of this upgrade
     OpenRecording = "open-recording", Version, ["o"];
+    /// Open the live scene in 3D
+    OpenLive = "open-live", Lists, ["O"];
     /// Hold this candidate, reason required
     Pause = "pause", Version, ["p"];
     /// Let a held candidate go on, reason required
@@ -260,6 +262,7 @@ impl Action {
             | Self::PreviousPane
             | Self::Open
             | Self::OpenRecording
+            | Self::OpenLive
             | Self::Verify
             | Self::Freeze
             | Self::ZoomIn

@@ -51,6 +51,8 @@ pub enum Effect {
     Export(View),
     /// Show the recording of an upgrade.
     OpenRecording(CapabilityId),
+    /// Show the live scene.
+    OpenLive,
     /// Use another theme.
     UseTheme(String),
     /// Take the mouse, or give it back.

@@ -6,11 +6,16 @@
 mod clipboard;
 mod export;
 mod people;
+mod viewer;
 
 use std::io;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use tokio::sync::mpsc;
+
 use self::people::Problem;
+use self::viewer::Shown;
 use super::effect::Effect;
 use super::look::Look;
 use super::model::Model;
@@ -21,6 +26,7 @@ use super::theme::Themes;
 use crate::engine::command::{Command, Refusal, Reply, Request};
 use crate::engine::host::Host;
 use crate::governance::ids::CapabilityId;
+use crate::registry::Layout;
 use crate::text::Untrusted;
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
@@ -59,22 +65,27 @@ pub struct Hands {
     pub host: Host,
     candidates: ReadCandidate,
     themes: Themes,
-    recordings: PathBuf,
+    layout: Layout,
     exports: Option<PathBuf>,
+    errands: mpsc::Sender<What>,
+    view: Option<SocketAddr>,
     rung_ms: Option<u64>,
 }
 
 impl Hands {
-    /// Hands for an engine. `recordings` is where its recordings are, `exports` where exports go if not here.
+    /// Hands for an engine. `layout` is where its store is, `exports` where exports go if not here; what takes long
+    /// tells `errands` how it went, and `view` is where the live scene is served already.
     #[must_use]
     pub fn new(
         host: Host,
         candidates: ReadCandidate,
         themes: Themes,
-        recordings: PathBuf,
+        layout: Layout,
         exports: Option<PathBuf>,
+        errands: mpsc::Sender<What>,
+        view: Option<SocketAddr>,
     ) -> Self {
-        Self { host, candidates, themes, recordings, exports, rung_ms: None }
+        Self { host, candidates, themes, layout, exports, errands, view, rung_ms: None }
     }
 
     /// Does one thing.
@@ -113,6 +124,7 @@ impl Hands {
                 }
             }
             Effect::OpenRecording(version) => self.recording(&version),
+            Effect::OpenLive => self.live(),
             Effect::UseTheme(name) => match self.themes.get(&name) {
                 Ok(theme) => {
                     *place.look = place.look.with_theme(theme);
@@ -151,19 +163,23 @@ impl Hands {
         Ok(Outcome::Quiet)
     }
 
-    /// Where the recording of an upgrade is; the console starts no other program.
     fn recording(&self, version: &CapabilityId) -> Outcome {
-        let entries = std::fs::read_dir(&self.recordings).into_iter().flatten().flatten();
-        let found = entries.map(|entry| entry.path()).find(|path| {
-            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            let about = name.contains(version.family.as_str()) && name.contains(&version.version.to_string());
-            about && path.extension().is_some_and(|ending| ending == "rrd")
-        });
-        let shown = |path: &std::path::Path| Untrusted::new(path.display().to_string()).line().into_string();
-        match found {
-            Some(path) => good(format!("the recording of {version} is {}", shown(&path))),
-            None => bad(format!("there is no recording of {version} in {}", shown(&self.recordings))),
+        match viewer::files(&self.layout.recordings(), version) {
+            Ok(files) => self.show(Shown::Files(files)),
+            Err(text) => bad(text),
         }
+    }
+
+    fn live(&self) -> Outcome {
+        let address = self.view.unwrap_or(viewer::LIVE);
+        if !self.host.serve_scene(address) {
+            return bad("no live scene is drawn here: this run keeps no recordings".to_owned());
+        }
+        self.show(Shown::Live(address))
+    }
+
+    fn show(&self, shown: Shown) -> Outcome {
+        viewer::open(shown, self.layout.logs(), self.errands.clone())
     }
 }
 

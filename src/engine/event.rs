@@ -294,6 +294,28 @@ pub enum EventKind {
         /// Records that are about it.
         records: u64,
     },
+    /// The recording of an upgrade is closed, and its digest is on record.
+    RecordingKept {
+        /// The version.
+        version: CapabilityId,
+        /// The file's name, in the store's folder of recordings.
+        file: String,
+        /// SHA-256 of the file.
+        digest: Digest,
+        /// Its size.
+        bytes: u64,
+        /// Moments of the live cell in it.
+        pictures: u64,
+        /// Pictures and events that did not fit into the queue and are not in it.
+        dropped: [u64; 2],
+    },
+    /// Something about scenes: where a viewer may connect, or why a recording is not written. Decides nothing.
+    Scene {
+        /// One sentence.
+        text: String,
+        /// Whether something is not shown or not kept.
+        failed: bool,
+    },
     /// A command was refused.
     CommandRefused {
         /// Its id.

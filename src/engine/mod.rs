@@ -15,6 +15,7 @@ mod evidence_view;
 pub mod host;
 mod lookup;
 pub mod picture;
+pub mod recorder;
 pub mod service;
 pub mod snapshot;
 pub mod told;
@@ -36,7 +37,8 @@ use crate::pipeline::cell::Cell;
 use crate::pipeline::ledger::{Ledger, LedgerError};
 use crate::pipeline::manager::{Fault, Progress, Settings, UpgradeManager};
 use crate::pipeline::paced::Timing;
-use crate::pipeline::pacer::{Easel, Switch};
+use crate::pipeline::pacer::Switch;
+use crate::pipeline::painter::Easel;
 use crate::registry::{Store, StoreError};
 use crate::runtime::capability::{Capability, Package, PackageError};
 
@@ -248,6 +250,11 @@ impl Engine {
             }
         }
         self.manager.advance()
+    }
+
+    /// From now on pictures of the live world go to `easel`, which must not wait. Nothing else changes by it.
+    pub fn draw_live_world(&mut self, easel: Easel) {
+        self.manager.draw_live_world(easel);
     }
 
     /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as

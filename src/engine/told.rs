@@ -166,6 +166,20 @@ fn text(kind: &EventKind) -> String {
         EventKind::AuditClosed { version, outcome, records } => {
             format!("closed   {version}: {outcome}, {records} audit records")
         }
+        EventKind::RecordingKept { version, file, digest, bytes, pictures, dropped } => {
+            let mut line = format!(
+                "kept     {version}: recording {file}, {:.2} MiB, {pictures} pictures, {}",
+                *bytes as f64 / f64::from(1 << 20),
+                digest.short()
+            );
+            if dropped.iter().any(|count| *count > 0) {
+                let _ = write!(line, "; {} pictures and {} events DROPPED", dropped[0], dropped[1]);
+            }
+            line
+        }
+        EventKind::Scene { text, failed } => {
+            format!("scene    {}{text}", if *failed { "NOT SHOWN: " } else { "" })
+        }
         EventKind::CommandRefused { id, text } => format!("refused  {id}: {text}"),
         EventKind::Fault { text } => format!("FAULT    {text}; the pipeline holds"),
     }

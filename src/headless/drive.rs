@@ -11,6 +11,7 @@ use crate::cli::{CliError, Exit};
 use crate::engine::command::{Command, Reply, Request};
 use crate::engine::embedded;
 use crate::engine::event::{Event, EventKind};
+use crate::engine::recorder::{Recorder, SceneOptions};
 use crate::engine::service;
 use crate::engine::snapshot::CandidateView;
 use crate::engine::told;
@@ -39,6 +40,8 @@ pub struct RunScript<'a> {
     pub robot: Option<&'a Path>,
     /// Whether events are printed as JSON lines.
     pub json: bool,
+    /// Recordings and a live viewer.
+    pub scenes: SceneOptions,
 }
 
 /// The demonstration, printed as it happens.
@@ -57,6 +60,8 @@ pub struct RunPlain<'a> {
     pub json: bool,
     /// Simulated seconds of the live cell in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
+    /// Recordings and a live viewer.
+    pub scenes: SceneOptions,
 }
 
 /// The pause of the demonstration while it waits for people.
@@ -87,7 +92,7 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
             fresh.path()
         }
     };
-    let engine = Engine::start(Config {
+    let mut engine = Engine::start(Config {
         data,
         profile: script.profile,
         seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
@@ -97,7 +102,11 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
         cache: run.cache.map_or(EpisodeCache::InStore, |folder| EpisodeCache::Shared(folder.to_owned())),
     })
     .map_err(start_error)?;
-    let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
+    let recorder = Recorder::start(&mut engine, run.scenes);
+    if let Some(recorder) = &recorder {
+        engine.draw_live_world(recorder.easel());
+    }
+    let mut driver = Driver::new(engine, recorder, Printer { out, json: run.json, gone: false });
     driver.pump()?;
     for (index, step) in script.steps.iter().enumerate() {
         let done = if let Some(folder) = &step.register {
@@ -141,12 +150,17 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
         cache: EpisodeCache::InStore,
     })
     .map_err(start_error)?;
-    if run.pace.is_some() {
+    let recorder = Recorder::start(&mut engine, run.scenes);
+    let easel = recorder.as_ref().map(Recorder::easel);
+    match (run.pace, easel) {
         // Nobody looks at the pictures.
-        engine.pace_live_world(run.pace, std::sync::Arc::new(|_| ()));
+        (Some(pace), None) => engine.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
+        (Some(pace), Some(easel)) => engine.pace_live_world(Some(pace), easel),
+        (None, Some(easel)) => engine.draw_live_world(easel),
+        (None, None) => {}
     }
     let mut door = service::open(&engine).map_err(CliError::usage)?;
-    let mut driver = Driver::new(engine, Printer { out, json: run.json, gone: false });
+    let mut driver = Driver::new(engine, recorder, Printer { out, json: run.json, gone: false });
     driver.pump()?;
     let known: Vec<CapabilityId> =
         driver.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
@@ -165,6 +179,9 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
     loop {
         service::step_requests(&mut driver.engine, &mut door);
         let progress = driver.engine.advance();
+        if let Some(recorder) = &mut driver.recorder {
+            recorder.settle(&mut driver.engine);
+        }
         let events = driver.engine.drain_events();
         door.publish(&events);
         driver.tell(&events)?;
@@ -244,6 +261,7 @@ struct Given {
 
 struct Driver<'a> {
     engine: Engine,
+    recorder: Option<Recorder>,
     printer: Printer<'a>,
     requests: u64,
     candidate: Option<CapabilityId>,
@@ -253,9 +271,10 @@ struct Driver<'a> {
 }
 
 impl<'a> Driver<'a> {
-    fn new(engine: Engine, printer: Printer<'a>) -> Self {
+    fn new(engine: Engine, recorder: Option<Recorder>, printer: Printer<'a>) -> Self {
         Self {
             engine,
+            recorder,
             printer,
             requests: 0,
             candidate: None,
@@ -281,6 +300,9 @@ impl<'a> Driver<'a> {
 
     /// Prints events, and holds where the engine does.
     fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
+        if let Some(recorder) = &self.recorder {
+            recorder.events(&self.engine, events);
+        }
         for event in events {
             self.learn(&event.kind);
             self.printer.event(event)?;
@@ -471,6 +493,11 @@ impl<'a> Driver<'a> {
         let id = format!("script-{}", self.requests);
         self.engine.submit(Request { id, command: Command::Shutdown });
         self.pump()?;
+        // Here and not before: a script's records are then in the same places whatever the sink's thread does.
+        if let Some(recorder) = self.recorder.take() {
+            recorder.finish(&mut self.engine);
+            self.pump()?;
+        }
         self.note(&format!("outcome: {}", outcome(exit)))?;
         Ok(exit)
     }

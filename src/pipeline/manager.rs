@@ -17,6 +17,7 @@ use super::dossier::Dossier;
 use super::ledger::{Ledger, LedgerError, Moved, Note};
 use super::live::LiveCell;
 use super::paced::PacedWorld;
+use super::painter::Easel;
 use super::sequence::Stopped;
 use super::stages::activation::Prompt;
 use super::stages::confirmation::ConfirmationRun;
@@ -106,6 +107,8 @@ pub struct UpgradeManager {
     pub(super) live_due: f64,
     pub(super) pace: Option<f64>,
     pub(super) paced: Option<PacedWorld>,
+    /// Where pictures of the live world go.
+    pub(super) easel: Option<Easel>,
     /// The most pairs or drills of one slice at a time.
     pub(super) part: usize,
     /// How the last sequence was stopped, where it was.
@@ -180,6 +183,7 @@ impl UpgradeManager {
             live_due: 0.0,
             pace: None,
             paced: None,
+            easel: None,
             part: usize::MAX,
             stopped: None,
             resumptions: Vec::new(),

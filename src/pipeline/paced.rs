@@ -8,13 +8,13 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint_sim::io::TaskKind;
-
 use super::manager::{Fault, Progress, UpgradeManager, Work};
-use super::pacer::{Easel, Onlooker, Pace, Switch};
+use super::pacer::{Onlooker, Pace, Switch};
+use super::painter::{Easel, Painter};
 use super::sentry::Questions;
 use super::sequence::{Begun, Shadowed, Stopped, Worked};
 use super::shadow::Shadow;
+use crate::engine::clock::Clock;
 use crate::engine::command::Command;
 use crate::governance::approval;
 use crate::governance::ids::CapabilityId;
@@ -36,7 +36,6 @@ pub(crate) enum Timing {
 
 /// The live world's thread and what it shares with the engine's.
 pub(super) struct PacedWorld {
-    easel: Easel,
     switch: Arc<Switch>,
     pace: Arc<Pace>,
     questions: Questions,
@@ -55,13 +54,14 @@ impl PacedWorld {
         &mut self,
         mut begun: Begun,
         shadow: Option<Shadow>,
-        clock: crate::engine::clock::Clock,
+        easel: Easel,
+        clock: Clock,
     ) -> Result<(), Fault> {
         self.number += 1;
         begun.tell_at_once(Arc::clone(&self.questions));
-        let workers = begun.workers();
-        let shared = (Arc::clone(&self.easel), Arc::clone(&self.switch), Arc::clone(&self.pace));
-        let mut onlooker = Onlooker::new((begun.index(), self.number), workers, shadow, shared, clock);
+        let painter = Painter::new(easel, clock.clone(), begun.index(), begun.workers());
+        let shared = (Arc::clone(&self.switch), Arc::clone(&self.pace));
+        let mut onlooker = Onlooker::new(painter, self.number, shadow, shared, clock);
         self.switch.begin(self.number);
         let work = move || {
             let mut worked = begun.work(&mut onlooker);
@@ -87,6 +87,11 @@ impl PacedWorld {
 }
 
 impl UpgradeManager {
+    /// From now on pictures of the live world go to `easel`, which must not wait.
+    pub fn draw_live_world(&mut self, easel: Easel) {
+        self.easel = Some(easel);
+    }
+
     /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
     /// fast as it computes). Pictures of it go to `easel`.
     pub fn pace_live_world(&mut self, times: Option<f64>, easel: Easel) {
@@ -95,8 +100,8 @@ impl UpgradeManager {
         self.pace = times;
         // Small parts of a slice, so that who asks is answered soon.
         self.part = self.jobs.max(1);
+        self.easel = Some(easel);
         self.paced = Some(PacedWorld {
-            easel,
             switch: Arc::new(Switch::default()),
             pace,
             questions: Questions::default(),
@@ -287,8 +292,9 @@ impl UpgradeManager {
         let begun = self.begin_sequence()?;
         self.stopped = None;
         let clock = self.clock.clone();
+        let easel = self.easel.clone().unwrap_or_else(|| Arc::new(|_| ()));
         let Some(paced) = &mut self.paced else { return Ok(()) };
-        paced.set_off(begun, shadow, clock)
+        paced.set_off(begun, shadow, easel, clock)
     }
 
     /// The sequence is over: what it was for happens now.

@@ -1,32 +1,21 @@
-//! Keeps simulated time to real time, and draws what is seen on the way.
+//! Keeps simulated time to real time.
 //!
-//! Looks on while a sequence is worked on a thread of its own: waits between ticks, takes pictures, carries a
+//! Looks on while a sequence is worked on a thread of its own: waits between ticks, has it drawn, carries a
 //! candidate in shadow along, and stops the arm in the tick in which somebody asks for it. Decides nothing.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use holdpoint_sim::io::{RATE_HZ, TICK_SECS, TaskKind};
+use holdpoint_sim::io::{TICK_SECS, TaskKind};
 use holdpoint_sim::world::World;
 
 use super::live::{Listener, SequenceReport};
-use super::portrait::{self, narrow};
+use super::painter::Painter;
 use super::sequence::{Shadowed, Stopped};
 use super::shadow::Shadow;
 use crate::engine::clock::{Clock, tick_of};
-use crate::engine::picture::{Body, Envelope, Picture, Twin};
-use crate::governance::ids::CapabilityId;
 use crate::runtime::task::{Supervision, Tick};
-
-/// Where pictures go: called on the live world's thread, and must not wait.
-pub type Easel = Arc<dyn Fn(Picture) + Send + Sync>;
-
-/// Ticks between two pictures: 30 a second of simulated time.
-const PICTURE_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;
-
-/// The most pictures kept of a twin: a minute.
-const TWIN_PICTURES_MAX: usize = 1_800;
 
 /// Shorter waits are left to the next tick.
 const WAIT_LEAST: Duration = Duration::from_millis(6);
@@ -115,77 +104,25 @@ impl Pacer {
 
 /// Looks on while a sequence is worked.
 pub(super) struct Onlooker {
-    pub(super) sequence: u64,
-    pub(super) number: u64,
-    pub(super) workers: Vec<(TaskKind, CapabilityId, Envelope)>,
-    pub(super) shadow: Option<Shadow>,
-    pub(super) easel: Easel,
-    pub(super) switch: Arc<Switch>,
-    pub(super) clock: Clock,
+    painter: Painter,
+    number: u64,
+    shadow: Option<Shadow>,
+    switch: Arc<Switch>,
+    clock: Clock,
     pacer: Pacer,
-    twin: Vec<Body>,
     started: u64,
     stopped: Option<Stopped>,
-    last: Option<Picture>,
 }
 
 impl Onlooker {
     pub(super) fn new(
-        (sequence, number): (u64, u64),
-        workers: Vec<(TaskKind, CapabilityId, Envelope)>,
+        painter: Painter,
+        number: u64,
         shadow: Option<Shadow>,
-        (easel, switch, pace): (Easel, Arc<Switch>, Arc<Pace>),
+        (switch, pace): (Arc<Switch>, Arc<Pace>),
         clock: Clock,
     ) -> Self {
-        Self {
-            sequence,
-            number,
-            workers,
-            shadow,
-            easel,
-            switch,
-            clock,
-            pacer: Pacer::new(pace),
-            twin: Vec::new(),
-            started: 0,
-            stopped: None,
-            last: None,
-        }
-    }
-
-    fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
-        self.workers.iter().find(|(known, ..)| *known == task).map(|(_, id, _)| id.clone())
-    }
-
-    fn envelope(&self, task: TaskKind) -> Option<Envelope> {
-        self.workers.iter().find(|(known, ..)| *known == task).map(|(.., envelope)| *envelope)
-    }
-
-    fn draw(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) {
-        let contacts = &passed.seen.contacts;
-        let twin = self.shadow.as_ref().and_then(|shadow| {
-            let index = usize::try_from(passed.tick / PICTURE_EVERY_TICKS).unwrap_or(usize::MAX);
-            let body = self.twin.get(index).or_else(|| self.twin.last())?.clone();
-            Some(Twin { version: shadow.id(), body })
-        });
-        let picture = Picture {
-            sequence: self.sequence,
-            at_ms: portrait::at_ms(&self.clock, world),
-            at_secs: world.sim_secs(),
-            task: Some(crate::pipeline::manager::word(&task)),
-            version: self.at_work(task),
-            body: portrait::body(world, passed.seen),
-            speed_m_s: narrow(passed.seen.tool_speed_m_s),
-            force_n: narrow(passed.seen.gripper_force_n),
-            contact_n: narrow(passed.seen.contact_force_n),
-            envelope: self.envelope(task),
-            contacts: portrait::contacts(world),
-            unexpected_contact: contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot,
-            stopped: self.stopped.is_some() || world.stop_declared().is_some(),
-            twin,
-        };
-        self.last = Some(picture.clone());
-        (self.easel)(picture);
+        Self { painter, number, shadow, switch, clock, pacer: Pacer::new(pace), started: 0, stopped: None }
     }
 
     /// After the sequence: the arm at rest, how it was stopped, and what shadow came to.
@@ -194,25 +131,7 @@ impl Onlooker {
         world: &World,
         report: &SequenceReport,
     ) -> (Option<Stopped>, Option<Shadowed>) {
-        if let Some(last) = self.last.take() {
-            let seen = world.telemetry();
-            let body = portrait::body(world, &seen);
-            let stopped = self.stopped.is_some();
-            let (task, version, twin) = (None, None, None);
-            (self.easel)(Picture {
-                task,
-                version,
-                twin,
-                body,
-                stopped,
-                at_ms: portrait::at_ms(&self.clock, world),
-                at_secs: world.sim_secs(),
-                speed_m_s: 0.0,
-                envelope: None,
-                contacts: portrait::contacts(world),
-                ..last
-            });
-        }
+        self.painter.rest(world, self.stopped.is_some());
         let shadowed = self.shadow.take().map(|shadow| {
             let id = shadow.id();
             let live = report.tasks.iter().map(|done| &done.record).find(|done| done.task == shadow.task());
@@ -232,15 +151,8 @@ impl Onlooker {
 impl Listener for Onlooker {
     fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
         self.started = world.tick();
-        self.twin.clear();
-        if let Some(shadow) = &mut self.shadow {
-            shadow.before_task(world, task, seed);
-            let bodies = &mut self.twin;
-            shadow.run_twin_ahead(task, seed, &mut |world, passed| {
-                if passed.tick % PICTURE_EVERY_TICKS == 1 && bodies.len() < TWIN_PICTURES_MAX {
-                    bodies.push(portrait::body(world, passed.seen));
-                }
-            });
+        self.painter.before_task(world, task, seed, self.shadow.as_mut());
+        if self.shadow.is_some() {
             self.pacer.rebase(world.tick());
         }
     }
@@ -248,7 +160,7 @@ impl Listener for Onlooker {
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         if self.stopped.is_none() && self.switch.stops(self.number) {
             self.stopped = Some(Stopped {
-                id: self.at_work(task),
+                id: self.painter.at_work(task),
                 world_tick: self.started + passed.tick,
                 tick: tick_of(self.clock.now_ms()),
                 report: None,
@@ -256,9 +168,7 @@ impl Listener for Onlooker {
         }
         let asked =
             self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
-        if passed.tick % PICTURE_EVERY_TICKS == 1 || self.stopped.is_some() {
-            self.draw(world, task, passed);
-        }
+        self.painter.tick(world, task, passed, self.shadow.as_ref(), self.stopped.is_some());
         if self.stopped.is_some() {
             return Supervision::Abort;
         }
@@ -269,6 +179,8 @@ impl Listener for Onlooker {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_sim::io::RATE_HZ;
+
     use super::*;
 
     #[test]

@@ -1,4 +1,4 @@
-//! The live world's body, with a place for a referee beside it.
+//! The live world's body, with a place for a referee and for somebody who draws beside it.
 //!
 //! Ground truth is for reports: what the referee sees is read by experiments and by nothing that decides.
 
@@ -7,6 +7,7 @@ use holdpoint_sim::io::{Command, GuardVerdict, Interrupt, Observation, Telemetry
 use holdpoint_sim::referee::{Referee, RefereeLimits, RefereeReport};
 use holdpoint_sim::world::World;
 
+use crate::pipeline::painter::Sketch;
 use crate::runtime::arm::Body;
 
 /// A world, and a referee who looks on where one was asked for.
@@ -14,13 +15,14 @@ pub struct Witnessed {
     world: World,
     limits: Option<RefereeLimits>,
     referee: Option<Referee>,
+    sketch: Option<Sketch>,
 }
 
 impl Witnessed {
     /// A world that nobody looks at.
     #[must_use]
     pub const fn new(world: World) -> Self {
-        Self { world, limits: None, referee: None }
+        Self { world, limits: None, referee: None, sketch: None }
     }
 
     /// The world, to look at.
@@ -37,6 +39,11 @@ impl Witnessed {
     /// From now on a referee looks on.
     pub const fn call_referee(&mut self, limits: RefereeLimits) {
         self.limits = Some(limits);
+    }
+
+    /// From now on every tick is drawn by `sketch`; by nobody where it is absent.
+    pub(super) fn draw(&mut self, sketch: Option<Sketch>) {
+        self.sketch = sketch;
     }
 
     /// Ends a verdict and begins the next. Absent where nobody looked on.
@@ -57,6 +64,9 @@ impl Body for Witnessed {
         Body::step(&mut self.world, command)?;
         if let Some(referee) = &mut self.referee {
             referee.observe(&self.world);
+        }
+        if let Some(sketch) = &mut self.sketch {
+            sketch.tick(&self.world);
         }
         Ok(())
     }

@@ -25,6 +25,7 @@ use crate::console::theme::Themes;
 use crate::console::update::update;
 use crate::engine::command::Command;
 use crate::engine::host::{Host, HostConfig, StopError, Update};
+use crate::registry::Layout;
 
 /// Time passes this often where nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -38,12 +39,15 @@ const STOP_MAX: Duration = Duration::from_millis(500);
 /// Things that are folded in before a frame is looked at again.
 const BATCH_MAX: usize = 256;
 
+/// Errands that have something to tell at once.
+const ERRANDS_MAX: usize = 16;
+
 /// What a session is made of beside the screen.
 pub(super) struct Parts {
     pub(super) host: HostConfig,
     pub(super) candidates: ReadCandidate,
     pub(super) themes: Themes,
-    pub(super) recordings: PathBuf,
+    pub(super) layout: Layout,
     pub(super) exports: Option<PathBuf>,
     pub(super) operator: Option<String>,
 }
@@ -57,6 +61,8 @@ pub(super) struct Session {
     terminal: TerminalGuard,
     guard: Guard,
     inputs: mpsc::Receiver<What>,
+    /// How errands went that took long.
+    errands: mpsc::Receiver<What>,
     hands: Hands,
     operator: Option<String>,
     pace: Pace,
@@ -72,6 +78,7 @@ pub(super) struct Session {
 /// What came first.
 enum Came {
     Input(Option<What>),
+    Errand(What),
     Update(Option<Update>),
     Snapshot,
     Picture,
@@ -90,7 +97,10 @@ impl Session {
         terminal: TerminalGuard,
         guard: Guard,
     ) -> io::Result<Self> {
+        let view = parts.host.scenes.view;
         let host = Host::start(parts.host);
+        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
+        let Parts { candidates, themes, layout, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
             model,
@@ -99,7 +109,8 @@ impl Session {
             terminal,
             guard,
             inputs: input::start()?,
-            hands: Hands::new(host, parts.candidates, parts.themes, parts.recordings, parts.exports),
+            errands,
+            hands: Hands::new(host, candidates, themes, layout, exports, tell, view),
             operator: parts.operator,
             pace: Pace::default(),
             leaving: None,
@@ -135,6 +146,7 @@ impl Session {
             biased;
             ending = self.guard.ending(), if self.cause == Cause::Asked => Came::Ending(ending),
             what = self.inputs.recv(), if !self.blind => Came::Input(what),
+            Some(what) = self.errands.recv() => Came::Errand(what),
             () = until(frame) => Came::Frame,
             () = until(leaving) => Came::Late,
             told = host.updates.recv(), if self.ended.is_none() => Came::Update(told),
@@ -157,6 +169,7 @@ impl Session {
             Came::Input(Some(what)) => self.input(what),
             // The thread that reads has given up: the terminal is gone.
             Came::Input(None) => self.told_to_end(true),
+            Came::Errand(what) => self.take(what, Want::Key),
             Came::Update(Some(told)) => self.engine(told),
             Came::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
             Came::Snapshot => {

@@ -151,8 +151,11 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::Export => vec![Effect::Export(model.view)],
         Action::OpenRecording => match model.version_here() {
             Some(version) => vec![Effect::OpenRecording(version)],
+            // Where nothing is evaluated the cell itself is what there is to look at.
+            None if model.view == View::Overview => vec![Effect::OpenLive],
             None => refuse(model, "there is no version under the cursor"),
         },
+        Action::OpenLive => vec![Effect::OpenLive],
         Action::Verify => asking::verify(model),
         Action::Demo => asking::register(model, None),
         Action::Up

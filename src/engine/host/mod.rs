@@ -28,6 +28,7 @@ use super::command::{Command, Reply, Request};
 use super::door::Door;
 use super::event::Event;
 use super::picture::Picture;
+use super::recorder::{Recorder, SceneOptions};
 use super::snapshot::Snapshot;
 use super::{Config, Engine, service};
 use crate::governance::profile::ProfileName;
@@ -35,6 +36,7 @@ use crate::pipeline::cache::EpisodeCache;
 use crate::pipeline::cell::Cell;
 use crate::pipeline::pacer::Switch;
 use crate::registry::Layout;
+use crate::scene::tap::Tap;
 
 /// The most requests that are on their way or not yet answered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -60,6 +62,8 @@ pub struct HostConfig {
     pub robot: Option<PathBuf>,
     /// Simulated seconds of the live world in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
+    /// Recordings and a live viewer.
+    pub scenes: SceneOptions,
 }
 
 impl HostConfig {
@@ -110,11 +114,20 @@ pub enum StopError {
     Failed(String),
 }
 
+/// What the front end's thread reaches of the engine's without asking it.
+#[derive(Debug, Default)]
+struct Shared {
+    /// Stops the arm.
+    switch: OnceLock<Arc<Switch>>,
+    /// Hands over to the scene sink.
+    tap: OnceLock<Tap>,
+}
+
 /// A running engine. Dropping it ends the engine in an orderly way, without waiting for that.
 pub struct Host {
     requests: SyncSender<Request>,
     outstanding: Arc<AtomicUsize>,
-    switch: Arc<OnceLock<Arc<Switch>>>,
+    shared: Arc<Shared>,
     /// What happened; bounded, see [`UPDATES_MAX`].
     pub updates: mpsc::Receiver<Update>,
     /// How things stand; absent until the engine is up.
@@ -135,13 +148,13 @@ impl Host {
         let (snapshot, snapshots) = watch::channel(None);
         let (picture, pictures) = watch::channel(None);
         let outstanding = Arc::new(AtomicUsize::new(0));
-        let switch = Arc::new(OnceLock::new());
+        let shared = Arc::new(Shared::default());
         let layout = Layout::new(config.data.clone());
         let outlet = Outlet::new(told, snapshot, Arc::clone(&outstanding));
-        let shared = Arc::clone(&switch);
-        let work = move || run(&config, &asked, outlet, picture, &shared);
+        let own = Arc::clone(&shared);
+        let work = move || run(&config, &asked, outlet, picture, &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
-        Self { requests, outstanding, switch, updates, snapshots, pictures, layout, thread }
+        Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
 
     /// Hands a request over. Its answer comes as [`Update::Answer`]. Never waits; an operator's abort stops the arm
@@ -157,10 +170,17 @@ impl Host {
             self.outstanding.fetch_sub(1, Ordering::AcqRel);
             return Err(Busy);
         }
-        if stops && let Some(switch) = self.switch.get() {
+        if stops && let Some(switch) = self.shared.switch.get() {
             switch.stop();
         }
         Ok(())
+    }
+
+    /// Has the live scene served to viewers at this address from now on. Tells whether somebody was there to do it;
+    /// what came of it is told as an event.
+    #[must_use]
+    pub fn serve_scene(&self, address: std::net::SocketAddr) -> bool {
+        self.shared.tap.get().is_some_and(|tap| tap.serve(address))
     }
 
     /// The folder of the store's identities.
@@ -202,20 +222,23 @@ fn run(
     asked: &Receiver<Request>,
     mut outlet: Outlet,
     picture: watch::Sender<Option<Arc<Picture>>>,
-    switch: &OnceLock<Arc<Switch>>,
+    shared: &Shared,
 ) -> Result<(), String> {
     // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
     let _ = rustix::process::nice(NICE);
     let started = catch_unwind(AssertUnwindSafe(|| start(config, picture)));
     let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
     let ended = match started {
-        Ok((engine, door)) => {
+        Ok((engine, door, recorder)) => {
+            // Both are set once, here.
             if let Some(own) = engine.switch() {
-                // Set once, here.
-                drop(switch.set(own));
+                drop(shared.switch.set(own));
+            }
+            if let Some(recorder) = &recorder {
+                drop(shared.tap.set(recorder.tap()));
             }
             outlet.say(Update::Started);
-            Serving::new(engine, door, asked).run(&mut outlet);
+            Serving::new(engine, door, recorder, asked).run(&mut outlet);
             Ok(())
         }
         Err(text) => Err(text),
@@ -228,7 +251,7 @@ fn run(
 fn start(
     config: &HostConfig,
     picture: watch::Sender<Option<Arc<Picture>>>,
-) -> Result<(Engine, Door), String> {
+) -> Result<(Engine, Door, Option<Recorder>), String> {
     let model = match &config.robot {
         None => RobotModel::builtin("arm7"),
         Some(path) => RobotModel::load(path),
@@ -243,12 +266,17 @@ fn start(
         cache: EpisodeCache::InStore,
     })
     .map_err(|error| error.to_string())?;
+    let recorder = Recorder::start(&mut engine, config.scenes);
+    let tap = recorder.as_ref().map(Recorder::tap);
     let easel = move |taken: Picture| {
+        if let Some(tap) = &tap {
+            tap.picture(taken.clone());
+        }
         picture.send_replace(Some(Arc::new(taken)));
     };
     engine.pace_live_world(config.pace, Arc::new(easel));
     let door = service::open(&engine).map_err(|error| error.to_string())?;
-    Ok((engine, door))
+    Ok((engine, door, recorder))
 }
 
 #[cfg(test)]
@@ -264,6 +292,7 @@ mod tests {
             jobs,
             robot: None,
             pace: None,
+            scenes: SceneOptions::NONE,
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         assert_eq!(config(0).workers(), (cores - 1).max(1));

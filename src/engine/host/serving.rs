@@ -11,6 +11,7 @@ use super::outlet::Outlet;
 use crate::engine::command::{Command, Reply, Request};
 use crate::engine::door::Door;
 use crate::engine::event::{Event, EventKind};
+use crate::engine::recorder::Recorder;
 use crate::engine::{Engine, service};
 use crate::pipeline::manager::Progress;
 
@@ -24,6 +25,7 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 pub(super) struct Serving<'a> {
     engine: Engine,
     door: Door,
+    recorder: Option<Recorder>,
     asked: &'a Receiver<Request>,
     /// Requests whose answer comes after the sequence that runs.
     waiting: Vec<String>,
@@ -31,8 +33,13 @@ pub(super) struct Serving<'a> {
 }
 
 impl<'a> Serving<'a> {
-    pub(super) fn new(engine: Engine, door: Door, asked: &'a Receiver<Request>) -> Self {
-        Self { engine, door, asked, waiting: Vec::new(), trial: Trial::new() }
+    pub(super) fn new(
+        engine: Engine,
+        door: Door,
+        recorder: Option<Recorder>,
+        asked: &'a Receiver<Request>,
+    ) -> Self {
+        Self { engine, door, recorder, asked, waiting: Vec::new(), trial: Trial::new() }
     }
 
     /// Until the engine has ended.
@@ -56,10 +63,12 @@ impl<'a> Serving<'a> {
                 serving.trial.at_slice();
                 progress = serving.engine.advance();
             });
-            let events = self.engine.drain_events();
-            self.trial.note(&events);
-            self.door.publish(&events);
-            outlet.tell(events);
+            self.guarded("the scenes", |serving| {
+                if let Some(recorder) = &mut serving.recorder {
+                    recorder.settle(&mut serving.engine);
+                }
+            });
+            self.tell(outlet);
             self.answer_waiting(outlet);
             outlet.flush();
             if progress == Progress::Worked {
@@ -67,12 +76,35 @@ impl<'a> Serving<'a> {
             }
             self.guarded("a snapshot", |serving| outlet.publish(&serving.engine));
             if self.engine.has_ended() {
+                self.end_scenes(outlet);
                 return;
             }
             if progress != Progress::Worked {
                 next = self.wait();
             }
         }
+    }
+
+    /// Tells what happened to everybody who listens.
+    fn tell(&mut self, outlet: &mut Outlet) {
+        let events = self.engine.drain_events();
+        self.trial.note(&events);
+        self.door.publish(&events);
+        if let Some(recorder) = &self.recorder {
+            recorder.events(&self.engine, &events);
+        }
+        outlet.tell(events);
+    }
+
+    /// Ends the recordings, which are on record then.
+    fn end_scenes(&mut self, outlet: &mut Outlet) {
+        self.guarded("the scenes", |serving| {
+            if let Some(recorder) = serving.recorder.take() {
+                recorder.finish(&mut serving.engine);
+            }
+        });
+        self.tell(outlet);
+        outlet.flush();
     }
 
     /// Does something; a panic in it makes the engine hold, and the loop goes on.

@@ -9,8 +9,9 @@ use crate::governance::lifecycle::{Event, Leave};
 use crate::governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
 use crate::governance::rollback::{Trigger, TriggerKind};
 use crate::pipeline::ledger::Note;
-use crate::pipeline::live::{Listener, Nobody, SequenceReport};
+use crate::pipeline::live::{Nobody, SequenceReport};
 use crate::pipeline::manager::{Fault, UpgradeManager};
+use crate::pipeline::painter::{Drawn, Painter};
 use crate::pipeline::sentry::{Trip, safety_events};
 use crate::pipeline::sequence::Worked;
 use crate::pipeline::shadow::Shadow;
@@ -65,9 +66,18 @@ impl UpgradeManager {
         &mut self,
         shadow: Option<&mut Shadow>,
     ) -> Result<SequenceReport, Fault> {
-        let mut nobody = Nobody;
-        let listener = shadow.map_or(&mut nobody as &mut dyn Listener, |shadow| shadow);
-        let worked = self.begin_sequence()?.work(listener);
+        let begun = self.begin_sequence()?;
+        let worked = match (self.easel.clone(), shadow) {
+            (Some(easel), shadow) => {
+                let painter = Painter::new(easel, self.clock.clone(), begun.index(), begun.workers());
+                let mut drawn = Drawn { painter, shadow };
+                let worked = begun.work(&mut drawn);
+                drawn.painter.rest(worked.outing.world(), false);
+                worked
+            }
+            (None, Some(shadow)) => begun.work(shadow),
+            (None, None) => begun.work(&mut Nobody),
+        };
         self.end_sequence(worked)
     }
 

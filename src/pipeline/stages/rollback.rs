@@ -14,10 +14,13 @@ use crate::governance::rollback::{
 use crate::pipeline::descent::Descent;
 use crate::pipeline::ledger::{LedgerError, Note};
 use crate::pipeline::manager::{Fault, UpgradeManager};
+use crate::pipeline::painter::Sketch;
+use crate::pipeline::portrait;
 use crate::pipeline::sentry::Trip;
 use crate::registry::names::EvidenceKind;
 use crate::registry::{ActiveCause, Change};
 use crate::runtime::capability::Capability;
+use crate::runtime::terms::Terms;
 
 impl UpgradeManager {
     /// What sets a rollback off now.
@@ -111,9 +114,13 @@ impl UpgradeManager {
     ) -> Result<Descent, Fault> {
         let leaving = self.capability(id)?;
         let terms = self.terms_of(&leaving);
+        let sketch = self.sketch(&leaving, &terms);
         let descended = match self.live.rig_mut() {
             Some(rig) => {
-                rig.descend(&leaving, &terms, trip).map_err(|error| format!("the body failed: {error}"))
+                rig.arm_mut().body_mut().draw(sketch);
+                let descended = rig.descend(&leaving, &terms, trip);
+                rig.arm_mut().body_mut().draw(None);
+                descended.map_err(|error| format!("the body failed: {error}"))
             }
             None => Err("the arm is at work and out of reach".to_owned()),
         };
@@ -186,13 +193,27 @@ impl UpgradeManager {
 
     fn ready(&mut self, predecessor: &Capability) -> RungRecord {
         let terms = self.terms_of(predecessor);
+        let sketch = self.sketch(predecessor, &terms);
         let ready = match self.live.rig_mut() {
-            Some(rig) => rig.ready(predecessor, &terms).map_err(|error| format!("the body failed: {error}")),
+            Some(rig) => {
+                rig.arm_mut().body_mut().draw(sketch);
+                let ready = rig.ready(predecessor, &terms);
+                rig.arm_mut().body_mut().draw(None);
+                ready.map_err(|error| format!("the body failed: {error}"))
+            }
             None => Err("the arm is at work and out of reach".to_owned()),
         };
         ready.unwrap_or_else(|text| {
             RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, text)
         })
+    }
+
+    /// Draws the ladder, where pictures are wanted.
+    fn sketch(&self, of: &Capability, terms: &Terms) -> Option<Sketch> {
+        let easel = self.easel.clone()?;
+        let envelope = portrait::envelope(terms.envelope());
+        let sequence = self.live.sequences().saturating_sub(1);
+        Some(Sketch::new(easel, self.clock.clone(), sequence, of.id(), envelope))
     }
 
     /// The terminal record: what came of it is known now.

@@ -199,6 +199,37 @@ fn a_standing_arm_is_restored_at_once() {
 }
 
 #[test]
+fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
+    let taken = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let told = [false, true].map(|drawn| {
+        let mut bench = Bench::new();
+        let id = bench.activate("align-improved");
+        if drawn {
+            let easel = std::sync::Arc::clone(&taken);
+            bench.manager.draw_live_world(std::sync::Arc::new(move |picture| {
+                easel.lock().unwrap().push(picture);
+            }));
+        }
+        for _ in 0..3 {
+            assert_eq!(bench.manager.advance(), Progress::Worked);
+        }
+        let operation = Operation { version: id, by: "ann".to_owned(), reason: "drill".to_owned() };
+        bench.manager.command(Command::Rollback(operation));
+        (bench.manager.drain_events(), bench.manager.clock().now_ms())
+    });
+    assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
+    let taken = taken.lock().unwrap();
+    assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "pictures are in order of time");
+    assert!(taken.iter().any(|picture| picture.task.as_deref() == Some("grasp") && picture.envelope.is_some()));
+    assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
+    // The ladder ends with the tool clear of everything, and the arm under no task.
+    let raised = |picture: &&crate::engine::picture::Picture| {
+        picture.task.is_none() && picture.stopped && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
+    };
+    assert!(taken.iter().filter(raised).count() > 3, "{} pictures", taken.len());
+}
+
+#[test]
 fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");

@@ -1,0 +1,105 @@
+//! Shows a recording or the live scene in an installed viewer, beside this program.
+//!
+//! Finding and starting one may take seconds, so a thread of its own does it and tells how it went. The viewer
+//! writes to a log and never to this terminal; what becomes of it changes nothing here.
+
+use std::ffi::OsString;
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+
+use super::{bad, good};
+use crate::console::effects::Outcome;
+use crate::console::msg::What;
+use crate::governance::ids::CapabilityId;
+use crate::scene::{shelf, viewer};
+use crate::text::Untrusted;
+
+/// Where the live scene is served when the console asks for it: on this machine alone.
+pub(super) const LIVE: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 9876);
+
+/// How long the live scene may take to be served.
+const SERVED_WITHIN: Duration = Duration::from_secs(3);
+
+/// How often it is looked whether it is.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// How soon a viewer that cannot work ends: it finds no screen or no graphics.
+const FAILS_WITHIN: Duration = Duration::from_secs(2);
+
+/// What a viewer is to show.
+pub(super) enum Shown {
+    /// Files.
+    Files(Vec<PathBuf>),
+    /// The live scene.
+    Live(SocketAddr),
+}
+
+/// The files of an upgrade, in order.
+pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
+    let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
+    let filed = shelf::list(recordings).map_err(|error| format!("cannot read {}: {error}", shown()))?;
+    let own: Vec<PathBuf> = filed
+        .into_iter()
+        .filter(|filed| filed.name.version == *version)
+        .map(|filed| filed.path)
+        .collect();
+    if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
+}
+
+/// Has it shown; what came of it is told later.
+pub(super) fn open(shown: Shown, logs: PathBuf, tell: mpsc::Sender<What>) -> Outcome {
+    let work = move || {
+        let what = match start(&shown, &logs) {
+            Ok(text) => What::Done { text, bad: false },
+            Err(text) => What::Done { text: Untrusted::new(text).line().into_string(), bad: true },
+        };
+        // The console may have ended meanwhile.
+        drop(tell.blocking_send(what));
+    };
+    match std::thread::Builder::new().name("viewer-start".to_owned()).spawn(work) {
+        Ok(_) => good("starting the scene viewer".to_owned()),
+        Err(error) => bad(format!("cannot start a thread for the scene viewer: {error}")),
+    }
+}
+
+fn start(shown: &Shown, logs: &Path) -> Result<String, String> {
+    let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.to_string())?;
+    if !viewer::has_screen() {
+        return Err(viewer::ViewerError::NoScreen.to_string());
+    }
+    let (arguments, what): (Vec<OsString>, String) = match shown {
+        Shown::Files(files) => {
+            let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+            let names: Vec<String> = files.iter().filter_map(name).collect();
+            (files.iter().map(|path| path.clone().into_os_string()).collect(), names.join(", "))
+        }
+        Shown::Live(address) => {
+            served(*address)?;
+            (vec![format!("rerun+http://{address}/proxy").into()], format!("the live scene at {address}"))
+        }
+    };
+    let opened = found.open(&arguments, logs).map_err(|error| error.to_string())?;
+    if opened.ended_within(FAILS_WITHIN) == Some(false) {
+        let log = Untrusted::new(opened.log.display().to_string()).line().into_string();
+        return Err(format!("the scene viewer ended at once; {log} says why"));
+    }
+    Ok(format!("the scene viewer {} shows {what}", found.version))
+}
+
+/// Waits until the live scene is served.
+fn served(address: SocketAddr) -> Result<(), String> {
+    let until = Instant::now() + SERVED_WITHIN;
+    loop {
+        match TcpStream::connect_timeout(&address, LOOK_EVERY) {
+            Ok(_) => return Ok(()),
+            Err(error) if Instant::now() >= until => {
+                return Err(format!("the live scene is not served at {address}: {error}"));
+            }
+            Err(_) => std::thread::sleep(LOOK_EVERY),
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! What scenes cost: `cargo run --release --example scene_cost`.
+//!
+//! The live cell works sequences as fast as it computes; everything the process spends is counted, the sink's thread
+//! and the server's included. The ways take turns, so that a busy machine is unfair to none. Prints a table; says
+//! nothing about correctness.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a measurement says so by failing, and prints what it found"
+)]
+
+use std::net::{SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::event::{Event, EventKind};
+use holdpoint::engine::picture::Picture;
+use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::ids::{CapabilityId, Digest};
+use holdpoint::governance::lifecycle::Stage;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::pipeline::cache::EpisodeCache;
+use holdpoint::pipeline::cell::Cell;
+use holdpoint::scene::{SceneConfig, Scenes};
+use rustix::time::{ClockId, clock_gettime};
+
+/// Turns of each way.
+const ROUNDS: usize = 7;
+
+/// Sequences of one turn: some three minutes of the cell's work.
+const SEQUENCES: u64 = 12;
+
+/// A run seed of the calibration pool.
+const SEED: u64 = 150;
+
+const TICKS_PER_MS: f64 = 0.24;
+
+#[derive(Clone, Copy, Debug)]
+enum Way {
+    Off,
+    File,
+    Live,
+    Both,
+}
+
+const WAYS: [(Way, &str); 4] = [
+    (Way::Off, "off"),
+    (Way::File, "file"),
+    (Way::Live, "live server, nobody looks"),
+    (Way::Both, "file and live server"),
+];
+
+/// What one turn gave.
+#[derive(Clone, Copy, Debug, Default)]
+struct Turn {
+    /// Processor time of the process a tick, us.
+    tick_us: f64,
+    /// The longest a picture was handed over, us.
+    longest_us: f64,
+    /// Bytes on the disk a minute of the cell's work.
+    bytes_a_minute: f64,
+    dropped: u64,
+}
+
+fn main() {
+    println!("load average: {}", std::fs::read_to_string("/proc/loadavg").unwrap().trim());
+    let mut turns: [Vec<Turn>; 4] = std::array::from_fn(|_| Vec::new());
+    for _ in 0..ROUNDS {
+        for (turns, (way, _)) in turns.iter_mut().zip(WAYS) {
+            turns.push(turn(way));
+        }
+    }
+    let median = |turns: &[Turn], of: fn(&Turn) -> f64| {
+        let mut values: Vec<f64> = turns.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let off = median(&turns[0], |turn| turn.tick_us);
+    println!("{:<28} {:>12} {:>9} {:>16} {:>14} {:>8}", "sink", "CPU a tick", "to off", "longest hand-over", "MiB a minute", "dropped");
+    for (turns, (_, name)) in turns.iter().zip(WAYS) {
+        let tick_us = median(turns, |turn| turn.tick_us);
+        println!(
+            "{name:<28} {:>9.2} us {:>8.3}x {:>13.0} us {:>14.2} {:>8}",
+            tick_us,
+            tick_us / off,
+            median(turns, |turn| turn.longest_us),
+            median(turns, |turn| turn.bytes_a_minute) / f64::from(1 << 20),
+            turns.iter().map(|turn| turn.dropped).sum::<u64>(),
+        );
+    }
+}
+
+fn cpu() -> Duration {
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(u64::try_from(now.tv_sec).unwrap(), u32::try_from(now.tv_nsec).unwrap())
+}
+
+fn turn(way: Way) -> Turn {
+    let data = tempfile::tempdir().unwrap();
+    let mut engine = Engine::start(Config {
+        data: data.path(),
+        profile: ProfileName::Sim,
+        seed: SEED,
+        jobs: 1,
+        scripted: true,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+    })
+    .unwrap();
+    let started = engine.drain_events();
+    let folder = data.path().join("recordings");
+    let to_file = matches!(way, Way::File | Way::Both);
+    let view = matches!(way, Way::Live | Way::Both).then(free);
+    let config = SceneConfig {
+        recordings: to_file.then(|| folder.clone()),
+        view,
+        ..SceneConfig::default()
+    };
+    let scenes = (to_file || view.is_some()).then(|| Scenes::start(config).unwrap());
+    if let Some(scenes) = &scenes {
+        scenes.tap().events(&started, || engine.snapshot());
+        // Everything that is drawn belongs to an upgrade in shadow.
+        scenes.tap().events(&in_shadow(engine.now_ms()), || engine.snapshot());
+    }
+    let longest = Arc::new(AtomicU64::new(0));
+    let tap = Mutex::new(scenes.as_ref().map(Scenes::tap));
+    let seen = Arc::clone(&longest);
+    let easel = move |picture: Picture| {
+        let begun = Instant::now();
+        if let Some(tap) = &*tap.lock().unwrap() {
+            tap.picture(picture);
+        }
+        seen.fetch_max(u64::try_from(begun.elapsed().as_nanos()).unwrap(), Ordering::Relaxed);
+    };
+    engine.pace_live_world(None, Arc::new(easel));
+    let (from, from_ms) = (cpu(), engine.now_ms());
+    let mut worked = 0;
+    while worked < SEQUENCES {
+        engine.advance();
+        let events = engine.drain_events();
+        worked += events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
+        match &scenes {
+            Some(scenes) if !events.is_empty() => scenes.tap().events(&events, || engine.snapshot()),
+            // The thread that works the cell is the one that is measured, not this one.
+            _ => std::thread::sleep(Duration::from_millis(1)),
+        }
+    }
+    let dropped = scenes.as_ref().map_or(0, |scenes| scenes.tap().dropped().0);
+    if let Some(scenes) = scenes {
+        drop(scenes.finish(Duration::from_secs(30)));
+    }
+    let ms = (engine.now_ms() - from_ms) as f64;
+    let spent = cpu() - from;
+    let bytes: u64 = std::fs::read_dir(&folder)
+        .into_iter()
+        .flatten()
+        .map(|entry| entry.unwrap().metadata().unwrap().len())
+        .sum();
+    Turn {
+        tick_us: spent.as_secs_f64() * 1e6 / (ms * TICKS_PER_MS),
+        longest_us: longest.load(Ordering::Relaxed) as f64 / 1e3,
+        bytes_a_minute: bytes as f64 / (ms / 60_000.0),
+        dropped,
+    }
+}
+
+fn in_shadow(at_ms: u64) -> Vec<Event> {
+    let version: CapabilityId = "grasp@1.1.0".parse().unwrap();
+    let registered = EventKind::Registered {
+        version: version.clone(),
+        digest: Digest::of_parts("measurement", &[b"grasp"]),
+        author: "measurement".to_owned(),
+        provenance: "manual".to_owned(),
+        risk: "low".to_owned(),
+        parent: Some("grasp@1.0.0".to_owned()),
+    };
+    let begins = EventKind::StageStarted { version, stage: Stage::Shadow, budget: SEQUENCES };
+    [registered, begins].into_iter().zip(1_000..).map(|(kind, seq)| Event { seq, at_ms, kind }).collect()
+}
+
+fn free() -> SocketAddr {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+}
