@@ -5,11 +5,11 @@
 
 The recording is cut at TICK (240 a second of virtual time), so that the viewer, which opens a file at its end, stands at
 that moment. Without TICK it shows the end. By default the viewer runs without a window and is asked for the picture;
-with --window it runs in a real window under Xvfb and the X server is asked, which is what a person would see.
+with --window it runs in a real window under Xvfb, as on a person's screen, and takes the picture itself.
 
 Needs: pip install rerun-sdk==0.36.3, run with that Python; a Vulkan driver, for which software is enough
-(Debian: mesa-vulkan-drivers libvulkan1); for --window also xvfb, imagemagick and the libraries of an X program
-(Debian: libx11-xcb1 libxcursor1 libxi6 libxrandr2 libxkbcommon-x11-0).
+(Debian: mesa-vulkan-drivers libvulkan1); for --window also xvfb and the libraries of an X program (Debian: libx11-xcb1
+libxcursor1 libxi6 libxrandr2 libxkbcommon-x11-0).
 """
 
 import argparse
@@ -138,24 +138,23 @@ def whole(file: Path) -> bytes:
 
 
 def in_window(recording: Path, scratch: Path) -> bytes:
-    display, log = f":{90 + os.getpid() % 900}", scratch / "viewer.log"
+    """The viewer takes the picture of its own window and ends: an X server without a compositor shows it as black."""
+    display, log, file = f":{90 + os.getpid() % 900}", scratch / "viewer.log", scratch / "picture.png"
     server = ["Xvfb", display, "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-nolisten", "tcp"]
     command = [viewer(), str(recording), "--bind", "127.0.0.1", "--port", str(free_port())]
-    command += ["--window-size", f"{WIDTH}x{HEIGHT}"]
+    command += ["--window-size", f"{WIDTH}x{HEIGHT}", "--screenshot-to", str(file)]
     environment = {**os.environ, "DISPLAY": display, "WAYLAND_DISPLAY": ""}
-
-    def take() -> bytes:
-        grab = ["import", "-display", display, "-window", "root", "-define", "png:exclude-chunks=date,time", "png:-"]
-        return subprocess.run(grab, capture_output=True, check=False).stdout
-
     with running(server, scratch / "server.log") as x_server:
         deadline = time.monotonic() + 20
         while not Path(f"/tmp/.X11-unix/X{display[1:]}").exists():
             if x_server.poll() is not None or time.monotonic() > deadline:
                 sys.exit("Xvfb does not start")
             time.sleep(0.1)
-        with running(command, log, env=environment) as process:
-            return settled(process, log, take)
+        with running(command, log, env=environment) as process, contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=PATIENCE_SECS)
+    if not file.is_file():
+        sys.exit(f"the viewer took no picture:\n{log.read_text(errors='replace')[-2000:]}")
+    return file.read_bytes()
 
 
 def free_port() -> int:

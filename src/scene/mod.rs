@@ -4,5 +4,8 @@
 //! not fit is dropped and counted, the engine never waits for it, and no decision hangs on it. Recordings are read
 //! back as plain values ([`recording::Recording`]), which is what a replay in the terminal works on.
 
+pub mod record;
 pub mod recording;
+pub mod shelf;
 pub mod tap;
+pub mod viewer;
