@@ -143,6 +143,9 @@ fn bad_lines_are_refused() {
         "reject grasp@1.3.0 --as mara",
         "rollback ../grasp --as mara --reason because",
         "audit list --limit 0",
+        "recordings prune",
+        "recordings prune --dry-run",
+        "recordings prune --older-than 0",
         "identity new ../../x",
         "frobnicate",
     ] {
