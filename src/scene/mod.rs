@@ -9,3 +9,27 @@ pub mod recording;
 pub mod shelf;
 pub mod tap;
 pub mod viewer;
+
+/// Steps of the timeline `tick` in a second.
+pub const TICKS_PER_SECOND: u64 = 240;
+
+/// SHIM until the reader is there.
+///
+/// # Errors
+/// Always.
+pub fn read(_path: &std::path::Path) -> Result<recording::Recording, ReadError> {
+    Err(ReadError)
+}
+
+/// SHIM until the reader is there.
+///
+/// # Errors
+/// Always.
+pub fn until(_path: &std::path::Path, _tick: u64, _out: &std::path::Path) -> Result<(), ReadError> {
+    Err(ReadError)
+}
+
+/// SHIM.
+#[derive(Debug, thiserror::Error)]
+#[error("this program was built without scenes. Hint: build it with the feature `rerun`")]
+pub struct ReadError;

@@ -112,6 +112,18 @@ pub enum ViewerError {
     },
 }
 
+impl ViewerError {
+    /// What is wrong, and what would help, with `; ` behind it for more to follow; empty where nothing is known to.
+    #[must_use]
+    pub fn what_and_hint(&self) -> (String, String) {
+        let text = self.to_string();
+        match text.split_once(". Hint: ") {
+            Some((what, hint)) => (what.to_owned(), format!("{hint}; ")),
+            None => (text, String::new()),
+        }
+    }
+}
+
 /// A viewer that was started. Dropping this does not end it.
 #[derive(Debug)]
 pub struct Opened {
