@@ -12,7 +12,7 @@ use crate::scene;
 const PREFIX: &str = "holdpoint-replay-";
 
 /// How long a folder is left for a viewer that reads from it.
-const KEPT: Duration = Duration::from_secs(24 * 3_600);
+const KEPT: Duration = Duration::from_hours(24);
 
 /// The most entries of the folder for temporary files that are looked at.
 const ENTRIES_MAX: usize = 10_000;
