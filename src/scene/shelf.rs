@@ -50,10 +50,9 @@ impl Name {
             return None;
         }
         // A family's name may have hyphens, and so may a version's end; a version begins with a number and a dot.
-        let splits = front.match_indices('-').filter_map(|(at, _)| front.split_at_checked(at));
-        let version = splits
-            .filter_map(|(family, rest)| format!("{family}@{}", rest.strip_prefix('-')?).parse().ok())
-            .next()?;
+        let mut splits = front.match_indices('-').filter_map(|(at, _)| front.split_at_checked(at));
+        let version =
+            splits.find_map(|(family, rest)| format!("{family}@{}", rest.strip_prefix('-')?).parse().ok())?;
         Some(Self { version, digest_start: digest_start.to_owned(), segment })
     }
 }
