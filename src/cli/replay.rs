@@ -245,13 +245,13 @@ fn in_viewer(
     if !around.has_screen {
         return Err(with_way_out(viewer::ViewerError::NoScreen));
     }
-    let scratch = cut::scratch()?;
-    let shown = match to {
-        Some(tick) => cut::cut(files, tick, &scratch)?,
-        None => absolute(files)?,
+    let logs = Layout::new(&context.data).logs();
+    let scratch = if to.is_some() || !logs.is_dir() { Some(cut::scratch()?) } else { None };
+    let shown = match (to, &scratch) {
+        (Some(tick), Some(scratch)) => cut::cut(files, tick, scratch)?,
+        _ => absolute(files)?,
     };
-    let own = Layout::new(&context.data).logs();
-    let logs = if own.is_dir() { own } else { scratch };
+    let logs = if logs.is_dir() { logs } else { scratch.unwrap_or(logs) };
     let opened = viewer.open(&shown, &logs).map_err(with_way_out)?;
     if opened.ended_within(WATCHED) == Some(false) {
         return Err(CliError::usage(format!(
@@ -259,17 +259,8 @@ fn in_viewer(
             viewer.program, opened.log
         )));
     }
-    let value = json!({
-        "viewer": viewer.program,
-        "version": viewer.version.to_string(),
-        "process": opened.process,
-        "files": shown,
-        "log": opened.log,
-    });
-    out.answer(&value, |out| {
-        let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
-        out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
-    })
+    let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
+    out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
 }
 
 /// The viewer is started from here, but a relative path is not left to it.

@@ -251,9 +251,9 @@ fn behind_script(named: &Path) -> Option<PathBuf> {
             [folder.join("Rerun.app/Contents/MacOS/Rerun"), folder.join(PROGRAM)]
         })
     };
-    let mut found: Vec<PathBuf> = pythons.flat_map(inside).filter(|path| is_executable(path)).collect();
-    found.sort();
-    found.pop()
+    // One folder may have two names (lib64); several Pythons may share the script: the last is taken.
+    let programs = pythons.flat_map(inside).filter(|path| is_executable(path));
+    programs.filter_map(|path| path.canonicalize().ok()).max()
 }
 
 /// What a program answers to `--version`; `None` where it is no viewer, or does not answer.
