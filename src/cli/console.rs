@@ -79,7 +79,11 @@ pub(super) fn keymap() -> Result<Keymap, CliError> {
     })
 }
 
-fn settings() -> Result<File, CliError> {
+/// The operator's settings file.
+///
+/// # Errors
+/// Every problem of the file.
+pub(super) fn settings() -> Result<File, CliError> {
     match file("config.toml", options::FILE_BYTES_MAX)? {
         Some((name, text)) => Ok(File::parse(&name, &text)?),
         None => Ok(File::default()),

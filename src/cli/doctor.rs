@@ -1,14 +1,16 @@
 //! `holdpoint doctor`: whether this machine and terminal have what is needed. Looks only; installs nothing.
 
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Args;
 use serde::Serialize;
 
 use super::output::Table;
+use super::recordings::size;
 use super::{CliError, Context, Exit, Output};
 use crate::registry::Layout;
+use crate::scene::{shelf, viewer};
 
 /// The oldest SQLite without the WAL-reset defect.
 const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
@@ -81,7 +83,8 @@ pub fn run(context: &Context, _args: &DoctorArgs, out: &mut Output<'_>) -> Resul
     findings.extend(terminal(std::io::stdout().is_terminal(), size, variable));
     findings.push(store(&context.data));
     findings.push(sqlite(rusqlite::version()));
-    findings.push(viewer(std::env::var_os("PATH").as_deref()));
+    findings.push(recordings(&context.data));
+    findings.push(viewer(viewer::path().as_deref()));
     findings.extend(libraries(include_str!("../../Cargo.lock")));
     out.answer(&findings, |out| {
         let mut table = Table::new(&["item", "standing", "detail"]);
@@ -185,20 +188,29 @@ fn sqlite(version: &str) -> Finding {
     }
 }
 
-/// Whether the scene viewer can be started.
+/// Whether there is a scene viewer that can be started, and which.
 fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
-    let executable = |path: &PathBuf| {
-        path.is_file() && rustix::fs::access(path.as_path(), rustix::fs::Access::EXEC_OK).is_ok()
-    };
-    let found =
-        std::env::split_paths(path.unwrap_or_default()).map(|folder| folder.join("rerun")).find(executable);
-    match found {
-        Some(path) => finding("viewer", Standing::Ok, path.display().to_string()),
-        None => finding(
-            "viewer",
-            Standing::Limited,
-            "`rerun` is not on PATH; this version writes no scene recordings yet",
-        ),
+    match viewer::find(path) {
+        Ok(found) => {
+            finding("viewer", Standing::Ok, format!("rerun {} in {}", found.version, found.program.display()))
+        }
+        Err(error) => finding("viewer", Standing::Limited, error.to_string()),
+    }
+}
+
+/// How much the recordings of a store take.
+fn recordings(data: &Path) -> Finding {
+    let folder = Layout::new(data).recordings();
+    match shelf::list(&folder) {
+        Ok(files) => {
+            let bytes = files.iter().map(|filed| filed.bytes).sum();
+            let detail = format!("{} files, {} in {}", files.len(), size(bytes), folder.display());
+            finding("recordings", Standing::Ok, detail)
+        }
+        Err(error) => {
+            let detail = format!("{} cannot be read: {error}", folder.display());
+            finding("recordings", Standing::Limited, detail)
+        }
     }
 }
 
@@ -273,14 +285,27 @@ mod tests {
     }
 
     #[test]
-    fn the_viewer_must_be_executable() {
+    fn the_viewer_is_told_with_its_version_and_recordings_with_their_size() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("rerun");
-        std::fs::write(&path, "").unwrap();
-        assert_eq!(viewer(Some(root.path().as_os_str())).standing, Standing::Limited);
-        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-        std::fs::set_permissions(&path, mode).unwrap();
-        assert_eq!(viewer(Some(root.path().as_os_str())).standing, Standing::Ok);
-        assert_eq!(viewer(None).standing, Standing::Limited);
+        let program = |version: &str| {
+            std::fs::write(&path, format!("#!/bin/sh\necho 'rerun-cli {version}'\n")).unwrap();
+            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+            std::fs::set_permissions(&path, mode).unwrap();
+            viewer(Some(root.path().as_os_str()))
+        };
+        let found = program("0.36.3 (base)");
+        assert_eq!(
+            (found.standing, found.detail),
+            (Standing::Ok, format!("rerun 0.36.3 in {}", path.display()))
+        );
+        let old = program("0.30.0");
+        assert!(old.standing == Standing::Limited && old.detail.contains("0.30.0"), "{old:?}");
+        assert!(viewer(None).detail.contains("pip install rerun-sdk"));
+        let folder = Layout::new(root.path()).recordings();
+        assert!(recordings(root.path()).detail.starts_with("0 files, 0 B in "));
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join("grasp-1.1.0-0123abcd.rrd"), vec![0; 2048]).unwrap();
+        assert_eq!(recordings(root.path()).detail, format!("1 files, 2.0 KiB in {}", folder.display()));
     }
 }

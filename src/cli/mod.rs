@@ -25,8 +25,11 @@ pub mod output;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;
+mod prune;
+pub mod recordings;
 pub mod refine;
 pub mod registry;
+pub mod replay;
 pub mod run;
 #[cfg(feature = "console")]
 mod settings;
@@ -107,6 +110,10 @@ pub enum Verb {
     Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    /// Shows what was recorded of an upgrade.
+    Replay(replay::ReplayArgs),
+    /// Lists, verifies and prunes recordings of upgrades.
+    Recordings(recordings::RecordingsArgs),
     /// Makes a candidate of a baseline by optimising its parameters on success alone.
     Refine(refine::RefineArgs),
     /// Measures the engine on this machine.
@@ -234,6 +241,8 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Replay(args)) => replay::run(&context()?, args, out),
+        Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),
         Some(Verb::Refine(args)) => refine::run(args, out),
         Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
         Some(Verb::Experiment(args)) => experiment::run(args, out),

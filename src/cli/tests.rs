@@ -143,6 +143,12 @@ fn bad_lines_are_refused() {
         "reject grasp@1.3.0 --as mara",
         "rollback ../grasp --as mara --reason because",
         "audit list --limit 0",
+        "replay",
+        "replay grasp",
+        "replay grasp@1.1.0 --speed 3",
+        "recordings prune",
+        "recordings prune --dry-run",
+        "recordings prune --older-than 0",
         "identity new ../../x",
         "frobnicate",
     ] {

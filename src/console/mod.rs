@@ -19,6 +19,7 @@ pub mod options;
 pub mod palette;
 pub mod prompt;
 mod prompt_text;
+pub mod replay;
 pub mod rows;
 pub mod run;
 pub mod terminal;

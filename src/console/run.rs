@@ -128,7 +128,11 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
 }
 
 /// The look by flags and settings, then the environment, then the background.
-fn look(options: &Options, themes: &Themes, light_background: Option<bool>) -> Result<Look, ThemeError> {
+pub(super) fn look(
+    options: &Options,
+    themes: &Themes,
+    light_background: Option<bool>,
+) -> Result<Look, ThemeError> {
     let variable = |name| std::env::var(name).ok();
     let chosen = options.theme.as_deref().map(|name| themes.get(name)).transpose()?;
     let fitting = Look::detect(&LookOptions {

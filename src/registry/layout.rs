@@ -170,7 +170,8 @@ fn utc_now() -> String {
 }
 
 /// Seconds since 1970 as `2026-11-21 02:10:24 UTC` (civil-from-days, Howard Hinnant).
-fn utc(secs: u64) -> String {
+#[must_use]
+pub fn utc(secs: u64) -> String {
     let (days, second) = (secs / 86_400 + 719_468, secs % 86_400);
     let (era, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;

@@ -40,7 +40,7 @@ pub use entries::{
 };
 pub use error::StoreError;
 pub use invariants::{Invariant, Violation, check_invariants};
-pub use layout::Layout;
+pub use layout::{Layout, utc};
 pub use recovery::Interrupted;
 pub use store::{Opening, Store};
 pub use telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryLimits};

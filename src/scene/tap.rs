@@ -36,6 +36,14 @@ pub struct Dropped {
     pub events: AtomicU64,
 }
 
+impl Dropped {
+    /// Pictures and events that were dropped so far.
+    #[must_use]
+    pub fn counts(&self) -> (u64, u64) {
+        (self.pictures.load(Ordering::Relaxed), self.events.load(Ordering::Relaxed))
+    }
+}
+
 /// Hands over to the sink. Clones share one queue.
 #[derive(Clone, Debug)]
 pub struct Tap {
@@ -103,7 +111,7 @@ impl Tap {
     /// Pictures and events that were dropped so far.
     #[must_use]
     pub fn dropped(&self) -> (u64, u64) {
-        (self.dropped.pictures.load(Ordering::Relaxed), self.dropped.events.load(Ordering::Relaxed))
+        self.dropped.counts()
     }
 }
 

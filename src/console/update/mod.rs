@@ -12,6 +12,8 @@ mod typing;
 
 use ratatui::crossterm::event::{KeyEvent, KeyEventKind, KeyModifiers};
 
+pub(super) use typing::into_line;
+
 use super::action::Action;
 use super::effect::Effect;
 use super::model::{EngineState, Frozen, Model, NOTICE_MS, Notice, Overlay, View};

@@ -48,7 +48,7 @@ pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
 }
 
 /// Types a key into a line. False where the key is no text and edits nothing.
-pub(super) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
+pub(in crate::console) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
     if let Some(request) = edit(key) {
         line.edit(request);
         return true;

@@ -48,6 +48,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     };
     let nothing = Scenery::default();
     let scenery = model.charted().map_or(&nothing, |snapshot| &snapshot.scenery);
+    draw_picture(picture, scenery, pen, area);
+}
+
+/// Draws one moment with what stands round the robot, and says below what is done in it. Any area is large enough.
+pub fn draw_picture(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect) {
     let words = words(picture, pen);
     let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
     let (views, captions) = cut(area, area.height - lines);

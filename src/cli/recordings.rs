@@ -1,0 +1,250 @@
+//! `holdpoint recordings list | verify | prune`: the kept recordings of upgrades. Listing and verifying read; an
+//! engine may have the store open meanwhile. Pruning writes down what it removes and takes the store for itself.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use clap::{ArgGroup, Args, Subcommand};
+use serde_json::{Value, json};
+
+use super::output::Table;
+use super::prune::{self, Limits, Upgrade};
+use super::{CliError, Context, Exit, Output};
+use crate::registry::{Layout, Views};
+use crate::scene::record::{Check, OnRecord};
+use crate::scene::shelf::{self, Filed};
+
+/// Bytes of a mebibyte.
+const MIB: u64 = 1 << 20;
+
+/// The arguments of `recordings`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint recordings list
+  holdpoint recordings verify
+  holdpoint recordings prune --keep 50 --dry-run")]
+pub struct RecordingsArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: RecordingsVerb,
+}
+
+/// What can be done with recordings.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum RecordingsVerb {
+    /// Lists the recordings, by version.
+    #[command(after_help = "\
+Example:
+  holdpoint recordings list --json")]
+    List,
+    /// Compares every recording with the digest on the audit record. Ends with 1 where one differs or is missing.
+    #[command(after_help = "\
+Whether the audit chain itself is sound, `holdpoint audit verify` says.
+
+Example:
+  holdpoint recordings verify")]
+    Verify,
+    /// Removes recordings that are too many, too old or too large together, each with an audit record of why.
+    #[command(
+        after_help = "\
+An upgrade that is still open keeps its recordings, and so does one whose recording is not what was recorded.
+At least one limit is needed.
+
+Examples:
+  holdpoint recordings prune --keep 50 --dry-run
+  holdpoint recordings prune --older-than 90 --max-mib 2000",
+        group = ArgGroup::new("limit").required(true).multiple(true)
+    )]
+    Prune(PruneArgs),
+}
+
+/// The arguments of `recordings prune`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct PruneArgs {
+    /// Keeps the recordings of the N upgrades that were written last.
+    #[arg(long, value_name = "N", group = "limit")]
+    pub keep: Option<usize>,
+    /// Removes what was last written more than DAYS ago.
+    #[arg(long, value_name = "DAYS", group = "limit", value_parser = clap::value_parser!(u32).range(1..))]
+    pub older_than: Option<u32>,
+    /// Removes the oldest until all together have at most N MiB.
+    #[arg(long, value_name = "N", group = "limit")]
+    pub max_mib: Option<u32>,
+    /// Says what would be removed, and removes nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(context: &Context, args: &RecordingsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = super::audit::open(&context.data)?;
+    let folder = Layout::new(&context.data).recordings();
+    match &args.verb {
+        RecordingsVerb::List => list(&shelved(&folder)?, &on_record(&views)?, out),
+        RecordingsVerb::Verify => verify(&shelved(&folder)?, &on_record(&views)?, out),
+        RecordingsVerb::Prune(args) => remove(context, &views, &folder, args, out),
+    }
+}
+
+/// The recordings in a folder.
+pub(super) fn shelved(folder: &Path) -> Result<Vec<Filed>, CliError> {
+    shelf::list(folder)
+        .map_err(|error| CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")))
+}
+
+/// What the audit chain says of recordings.
+pub(super) fn on_record(views: &Views) -> Result<OnRecord, CliError> {
+    OnRecord::read(views).map_err(CliError::usage)
+}
+
+/// How a file stands to what is on record of it.
+pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<Check, CliError> {
+    let unreadable = |error| CliError::usage(format!("cannot read {:?}: {error}", filed.path));
+    record.check(filed).map_err(unreadable)
+}
+
+fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let row = |filed: &Filed| {
+        let recorded = record.recorded(&filed.file);
+        json!({
+            "version": filed.name.version,
+            "segment": filed.name.segment,
+            "outcome": recorded.map(|recorded| &recorded.outcome),
+            "bytes": filed.bytes,
+            "written": utc(filed.written_secs),
+            "on_record": recorded.is_some(),
+            "file": filed.file,
+        })
+    };
+    if out.is_json() {
+        files.iter().try_for_each(|filed| out.json(&row(filed)))?;
+        return Ok(Exit::Confirmed);
+    }
+    if files.is_empty() {
+        out.line("no recordings")?;
+        return Ok(Exit::Confirmed);
+    }
+    let mut table = Table::new(&["version", "outcome", "size", "written (UTC)", "on record", "file"]);
+    for filed in files {
+        let recorded = record.recorded(&filed.file);
+        table.row([
+            filed.name.version.to_string(),
+            recorded.map_or_else(|| "not closed".to_owned(), |recorded| recorded.outcome.clone()),
+            size(filed.bytes),
+            utc(filed.written_secs),
+            if recorded.is_some() { "yes" } else { "no" }.to_owned(),
+            filed.file.clone(),
+        ]);
+    }
+    out.table(&table)?;
+    out.line(&format!("{} files, {}", files.len(), size(files.iter().map(|filed| filed.bytes).sum())))?;
+    Ok(Exit::Confirmed)
+}
+
+/// What was found of one recording, as it is printed.
+struct Found {
+    file: String,
+    word: &'static str,
+    bad: bool,
+    detail: String,
+}
+
+fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let mut found = Vec::new();
+    for filed in files {
+        let (word, bad, detail) = match check(filed, record)? {
+            Check::Matches => ("matches", false, String::new()),
+            Check::Differs { found, recorded } => {
+                ("DIFFERS", true, format!("its SHA-256 is {found}, {recorded} was recorded at closure"))
+            }
+            Check::NotOnRecord => ("not on record", false, "its upgrade was not closed".to_owned()),
+        };
+        found.push(Found { file: filed.file.clone(), word, bad, detail });
+    }
+    let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
+    for recorded in record.kept().filter(|recorded| !there.contains(recorded.file.as_str())) {
+        let detail = "it was recorded at closure, and no removal is on record".to_owned();
+        found.push(Found { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
+    }
+    let bad = found.iter().filter(|one| one.bad).count();
+    for one in &found {
+        let value = json!({ "file": one.file, "standing": one.word.to_lowercase(), "detail": one.detail });
+        let detail = if one.detail.is_empty() { String::new() } else { format!(": {}", one.detail) };
+        out.answer(&value, |out| out.line(&format!("{}  {}{detail}", one.file, one.word)))?;
+    }
+    let summary = json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad });
+    out.answer(&summary, |out| {
+        let word = if bad == 0 { "sound" } else { "not sound" };
+        out.line(&format!("{word}: {} recordings, {bad} not as recorded", found.len()))
+    })?;
+    Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
+}
+
+fn remove(
+    context: &Context,
+    views: &Views,
+    folder: &Path,
+    args: &PruneArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let limits = Limits {
+        keep: args.keep,
+        older_than_secs: args.older_than.map(|days| u64::from(days) * 86_400),
+        bytes_max: args.max_mib.map(|mib| u64::from(mib) * MIB),
+    };
+    // The store is taken before anything is looked at, so that no engine opens or closes an upgrade meanwhile.
+    let store = if args.dry_run { None } else { Some(prune::take_store(&context.data)?) };
+    let record = on_record(views)?;
+    let chosen = prune::choose(prune::upgrades(shelved(folder)?, views)?, limits, prune::now_secs());
+    let (mut removed, mut kept, mut bytes) = (0_u64, 0_u64, 0_u64);
+    for (Upgrade { files, version, .. }, reason) in &chosen {
+        for filed in files {
+            if let Check::Differs { .. } = check(filed, &record)? {
+                kept += 1;
+                let value = json!({ "kept": filed.file, "reason": "differs from what was recorded" });
+                out.answer(&value, |out| {
+                    out.line(&format!("kept {}: it is not what was recorded at closure", filed.file))
+                })?;
+                continue;
+            }
+            if let Some(store) = &store {
+                prune::remove(store, version, filed, reason)?;
+            }
+            removed += 1;
+            bytes += filed.bytes;
+            let word = if args.dry_run { "would remove" } else { "removed" };
+            let key = if args.dry_run { "would_remove" } else { "removed" };
+            let value: BTreeMap<&str, Value> =
+                [(key, json!(filed.file)), ("bytes", json!(filed.bytes)), ("reason", json!(reason))].into();
+            out.answer(&value, |out| {
+                out.line(&format!("{word} {} ({}): {reason}", filed.file, size(filed.bytes)))
+            })?;
+        }
+    }
+    if !out.is_json() {
+        let word = if args.dry_run { "would be removed" } else { "removed" };
+        out.line(&format!("{removed} files, {}, {word}", size(bytes)))?;
+    }
+    Ok(if kept == 0 { Exit::Confirmed } else { Exit::Rejected })
+}
+
+/// A size for people.
+pub(super) fn size(bytes: u64) -> String {
+    match bytes {
+        0..1_024 => format!("{bytes} B"),
+        1_024..MIB => format!("{:.1} KiB", bytes as f64 / 1_024.0),
+        _ => format!("{:.1} MiB", bytes as f64 / MIB as f64),
+    }
+}
+
+/// A wall time for people: `2026-11-21 02:10`.
+fn utc(secs: u64) -> String {
+    crate::registry::utc(secs).chars().take(16).collect()
+}
+
+#[cfg(test)]
+mod tests;

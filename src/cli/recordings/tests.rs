@@ -1,0 +1,117 @@
+//! The verb on a store with recordings: listed, verified, removed with a record.
+
+use super::*;
+use crate::registry::{AuditBody, Store, Transaction};
+use crate::scene::record::{KIND, Recorded};
+
+const FILE: &str = "grasp-1.1.0-0123abcd.rrd";
+const SECOND: &str = "grasp-1.1.0-0123abcd.2.rrd";
+const OPEN: &str = "place-1.1.0-0123abcd.rrd";
+
+/// A store with three recordings of which two are on record.
+fn store() -> (tempfile::TempDir, Context) {
+    let root = tempfile::tempdir().unwrap();
+    let store = Store::open(root.path()).unwrap();
+    let folder = store.layout().recordings();
+    let mut audit = Vec::new();
+    for (file, on_record) in [(FILE, true), (SECOND, true), (OPEN, false)] {
+        std::fs::write(folder.join(file), file).unwrap();
+        let recorded = Recorded {
+            file: file.to_owned(),
+            sha256: shelf::digest(&folder.join(file)).unwrap(),
+            bytes: file.len() as u64,
+            pictures: 3,
+            dropped_pictures: 0,
+            dropped_events: 0,
+            outcome: "confirmed".to_owned(),
+        };
+        if on_record {
+            let body = serde_json::to_string(&recorded).unwrap();
+            audit.push(AuditBody { kind: KIND.to_owned(), subject: "grasp@1.1.0".to_owned(), body });
+        }
+    }
+    let transaction =
+        Transaction { command_id: "test".to_owned(), at_ms: 1, wall_ms: 0, changes: Vec::new(), audit };
+    store.commit(transaction).unwrap();
+    drop(store);
+    let context = Context { data: root.path().to_owned(), data_given: true, json: false };
+    (root, context)
+}
+
+fn ask(context: &Context, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
+    let mut printed = Vec::new();
+    let ended = run(context, &RecordingsArgs { verb }, &mut Output::to(&mut printed, json));
+    (ended, String::from_utf8(printed).unwrap())
+}
+
+fn keep_none(dry_run: bool) -> RecordingsVerb {
+    RecordingsVerb::Prune(PruneArgs { keep: Some(0), older_than: None, max_mib: None, dry_run })
+}
+
+#[test]
+fn they_are_listed_with_what_is_on_record() {
+    let (_root, context) = store();
+    let (ended, text) = ask(&context, RecordingsVerb::List, false);
+    assert_eq!(ended.unwrap(), Exit::Confirmed);
+    let rows: Vec<&str> = text.lines().collect();
+    assert!(rows[1].starts_with("grasp@1.1.0  confirmed"), "{text}");
+    assert!(rows[1].contains("yes") && rows[1].ends_with(FILE) && rows[2].ends_with(SECOND), "{text}");
+    assert!(rows[3].starts_with("place@1.1.0  not closed") && rows[3].contains(" no "), "{text}");
+    assert!(rows[4].starts_with("3 files, "), "{text}");
+    let (_, text) = ask(&context, RecordingsVerb::List, true);
+    let first: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+    assert_eq!((&first["version"], &first["on_record"]), (&json!("grasp@1.1.0"), &json!(true)));
+}
+
+#[test]
+fn what_was_changed_or_is_missing_is_found() {
+    let (root, context) = store();
+    let folder = Layout::new(root.path()).recordings();
+    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
+    assert!(text.ends_with("sound: 3 recordings, 0 not as recorded\n"), "{text}");
+    std::fs::write(folder.join(FILE), "changed").unwrap();
+    std::fs::remove_file(folder.join(SECOND)).unwrap();
+    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
+    assert!(text.contains(&format!("{FILE}  DIFFERS: its SHA-256 is ")), "{text}");
+    assert!(text.contains(&format!("{SECOND}  MISSING: ")), "{text}");
+    assert!(text.contains(&format!("{OPEN}  not on record: ")), "{text}");
+    let (_, text) = ask(&context, RecordingsVerb::Verify, true);
+    let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert_eq!((&last["sound"], &last["bad"]), (&json!(false), &json!(2)));
+}
+
+#[test]
+fn a_removal_is_on_record_and_then_nothing_is_missing() {
+    let (root, context) = store();
+    let layout = Layout::new(root.path());
+    let taken = prune::take_store(root.path()).unwrap();
+    let files = shelved(&layout.recordings()).unwrap();
+    for filed in files.iter().filter(|filed| filed.file != OPEN) {
+        prune::remove(&taken, &filed.name.version, filed, "too old").unwrap();
+        assert!(!filed.path.exists());
+    }
+    drop(taken);
+    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    assert_eq!((ended.unwrap(), text.lines().count()), (Exit::Confirmed, 2), "{text}");
+    let record = on_record(&crate::cli::audit::open(root.path()).unwrap()).unwrap();
+    let removed = record.0[FILE].removed.clone().unwrap();
+    assert_eq!((removed.reason.as_str(), removed.bytes), ("too old", FILE.len() as u64));
+    assert_eq!(removed.sha256, record.recorded(FILE).unwrap().sha256);
+    assert!(crate::registry::verify(&layout.database(), None).is_ok());
+}
+
+#[test]
+fn what_is_open_or_unknown_stays_and_a_store_in_use_is_left_alone() {
+    let (root, context) = store();
+    let (ended, text) = ask(&context, keep_none(false), false);
+    // No version of these is registered here, so nothing is known of their upgrades.
+    assert_eq!((ended.unwrap(), text.as_str()), (Exit::Confirmed, "0 files, 0 B, removed\n"));
+    let engine = Store::open(root.path()).unwrap();
+    let error = ask(&context, keep_none(false), false).0.unwrap_err();
+    assert!(error.exit() == Exit::Usage && error.to_string().contains("in use"), "{error}");
+    assert_eq!(ask(&context, keep_none(true), false).0.unwrap(), Exit::Confirmed);
+    drop(engine);
+    assert_eq!(shelved(&Layout::new(root.path()).recordings()).unwrap().len(), 3);
+}

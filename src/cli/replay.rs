@@ -1,0 +1,275 @@
+//! `holdpoint replay`: shows what was recorded of an upgrade, in the viewer, in the terminal, or as lines.
+//!
+//! Finds the files, checks them against the audit record before they are opened, and hands them on. Must not change a
+//! recording or a store.
+
+mod cut;
+mod segments;
+
+use std::ffi::OsString;
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+
+use super::recordings::{check, on_record, shelved};
+use super::run::ColorArg;
+use super::{CliError, Context, Exit, Output};
+use crate::console::options::{Flags, Options};
+use crate::console::replay::speed::Speed;
+use crate::console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
+use crate::governance::ids::CapabilityId;
+use crate::registry::Layout;
+use crate::scene::record::Check;
+use crate::scene::shelf::{self, Filed};
+use crate::scene::{TICKS_PER_SECOND, viewer};
+
+/// How long a viewer is watched after its start: one that cannot draw ends within this time.
+const WATCHED: Duration = Duration::from_millis(1_500);
+
+/// The arguments of `replay`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Opens the installed rerun viewer (pip install rerun-sdk==0.36.3); --terminal needs none. A recording that is not what
+the audit record says is not opened: then this ends with 1.
+
+Examples:
+  holdpoint replay grasp@1.1.0
+  holdpoint replay grasp@1.1.0 --terminal --to 28800
+  holdpoint replay grasp@1.1.0 --json
+  holdpoint replay recordings/accepted.rrd --plain")]
+pub struct ReplayArgs {
+    /// A version, e.g. grasp@1.1.0, or a recording's file.
+    #[arg(value_name = "UPGRADE", value_parser = parse_upgrade)]
+    pub upgrade: Wanted,
+    /// Up to this moment: 240 ticks are a second of virtual time. The terminal begins there.
+    #[arg(long, value_name = "TICK")]
+    pub to: Option<u64>,
+    /// Replays in this terminal; where there is none it prints the events.
+    #[arg(long)]
+    pub terminal: bool,
+    /// Prints the events, one a line.
+    #[arg(long)]
+    pub plain: bool,
+    /// Opens a recording that is not what the audit record says, too.
+    #[arg(long)]
+    pub force: bool,
+    /// How many times as fast the terminal plays: .25, .5, 1, 2, 4, ... 64.
+    #[arg(long, value_name = "N", value_parser = parse_speed, default_value = "1")]
+    pub speed: Speed,
+    /// The theme [default: by the terminal's background].
+    #[arg(long, value_name = "NAME")]
+    pub theme: Option<String>,
+    /// Whether colours are used; wins over `NO_COLOR`.
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub color: Option<ColorArg>,
+    /// Draws with ASCII alone.
+    #[arg(long)]
+    pub ascii: bool,
+}
+
+/// What is to be replayed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// All recordings of a version in the store.
+    Version(CapabilityId),
+    /// One file.
+    File(PathBuf),
+}
+
+/// What is around this program; a test brings its own.
+struct Surroundings {
+    path: Option<OsString>,
+    has_screen: bool,
+    has_terminal: bool,
+}
+
+fn parse_upgrade(text: &str) -> Result<Wanted, String> {
+    if text.ends_with(shelf::ENDING) {
+        return Ok(Wanted::File(PathBuf::from(text)));
+    }
+    text.parse()
+        .map(Wanted::Version)
+        .map_err(|_| "a version like grasp@1.1.0 is allowed, or a file whose name ends in .rrd".to_owned())
+}
+
+fn parse_speed(text: &str) -> Result<Speed, String> {
+    let speed = text.parse().ok().and_then(Speed::of);
+    speed.ok_or_else(|| ".25, .5, 1, 2, 4, 8, 16, 32 and 64 are allowed".to_owned())
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(context: &Context, args: &ReplayArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
+    let surroundings = Surroundings {
+        path: viewer::path(),
+        has_screen: viewer::has_screen(),
+        has_terminal: std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && !dumb,
+    };
+    replay(context, args, &surroundings, out)
+}
+
+fn replay(
+    context: &Context,
+    args: &ReplayArgs,
+    around: &Surroundings,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let files = files(context, &args.upgrade)?;
+    let problems = problems(&files)?;
+    for problem in &problems {
+        let value = json!({ "sound": false, "problem": problem });
+        out.answer(&value, |out| out.line(&format!("NOT WHAT WAS RECORDED: {problem}")))?;
+    }
+    if !problems.is_empty() && !args.force {
+        if !out.is_json() {
+            out.line("Hint: `holdpoint audit verify` checks the record; --force opens it all the same")?;
+        }
+        return Ok(Exit::Rejected);
+    }
+    let as_lines = args.plain || context.json || (args.terminal && !around.has_terminal);
+    if as_lines {
+        lines(&files, args.to, out)?;
+    } else if args.terminal {
+        in_terminal(&files, args)?;
+    } else {
+        in_viewer(context, &files, args.to, around, out)?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+/// The files that are wanted, in order; at least one.
+fn files(context: &Context, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
+    match wanted {
+        Wanted::File(path) if path.is_file() => Ok(vec![path.clone()]),
+        Wanted::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
+        Wanted::Version(version) => {
+            let folder = Layout::new(&context.data).recordings();
+            let all = shelved(&folder)?;
+            let found: Vec<PathBuf> = all
+                .into_iter()
+                .filter(|filed| filed.name.version == *version)
+                .map(|filed| filed.path)
+                .collect();
+            if found.is_empty() {
+                return Err(CliError::usage(format!(
+                    "there is no recording of {:?} in {folder:?}\nHint: `holdpoint recordings list` names all",
+                    version.to_string()
+                )));
+            }
+            Ok(found)
+        }
+    }
+}
+
+/// What does not match the audit record, for those files that lie in a store and are on its record.
+fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
+    let mut problems = Vec::new();
+    for path in files {
+        let Some((store, filed)) = in_store(path) else { continue };
+        let record = on_record(&super::audit::open(&store)?)?;
+        if let Check::Differs { found, recorded } = check(&filed, &record)? {
+            problems.push(format!(
+                "{} does not match what was recorded at closure: its SHA-256 is {found}, {recorded} is on record",
+                filed.file
+            ));
+        }
+    }
+    Ok(problems)
+}
+
+/// The store whose folder of recordings a file lies in, and the file; `None` where it lies elsewhere.
+fn in_store(path: &Path) -> Option<(PathBuf, Filed)> {
+    let path = path.canonicalize().ok()?;
+    let folder = path.parent()?;
+    let store = folder.parent()?;
+    let layout = Layout::new(store);
+    if layout.recordings() != folder || !layout.database().is_file() {
+        return None;
+    }
+    let filed = shelf::list(folder).ok()?.into_iter().find(|filed| filed.path == path)?;
+    Some((store.to_owned(), filed))
+}
+
+/// The last virtual time of a tick, ms.
+fn end_of_tick_ms(tick: u64) -> u64 {
+    tick.saturating_add(1).saturating_mul(1_000).saturating_sub(1) / TICKS_PER_SECOND
+}
+
+fn lines(files: &[PathBuf], to: Option<u64>, out: &mut Output<'_>) -> Result<(), CliError> {
+    let recording = segments::read(files)?;
+    let to_ms = to.map(end_of_tick_ms);
+    if !out.is_json() {
+        return Ok(print(&recording, to_ms, out.sink())?);
+    }
+    let is_wanted = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
+    recording.events.iter().filter(|event| is_wanted(event.at_ms)).try_for_each(|event| out.json(event))
+}
+
+fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
+    let flags = Flags {
+        theme: args.theme.clone(),
+        color: args.color.map(Into::into),
+        ascii: args.ascii,
+        ..Flags::default()
+    };
+    let options = ReplayOptions {
+        start_tick: args.to,
+        speed: args.speed,
+        console: Options::new(flags, super::console::settings()?),
+        themes: super::settings::themes()?,
+    };
+    run_in_terminal(segments::read(files)?, options).map_err(|error| match &error {
+        ReplayError::Failed => CliError::internal(error),
+        ReplayError::Theme(_) | ReplayError::Empty(_) | ReplayError::Terminal(_) => CliError::usage(error),
+    })
+}
+
+fn in_viewer(
+    context: &Context,
+    files: &[PathBuf],
+    to: Option<u64>,
+    around: &Surroundings,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let with_way_out = |error: viewer::ViewerError| {
+        let (what, hint) = error.what_and_hint();
+        CliError::usage(format!("{what}\nHint: {hint}--terminal shows it here"))
+    };
+    let viewer = viewer::find(around.path.as_deref()).map_err(with_way_out)?;
+    if !around.has_screen {
+        return Err(with_way_out(viewer::ViewerError::NoScreen));
+    }
+    let logs = Layout::new(&context.data).logs();
+    let scratch = if to.is_some() || !logs.is_dir() { Some(cut::scratch()?) } else { None };
+    let shown = match (to, &scratch) {
+        (Some(tick), Some(scratch)) => cut::cut(files, tick, scratch)?,
+        _ => absolute(files)?,
+    };
+    let logs = if logs.is_dir() { logs } else { scratch.unwrap_or(logs) };
+    let opened = viewer.open(&shown, &logs).map_err(with_way_out)?;
+    if opened.ended_within(WATCHED) == Some(false) {
+        return Err(CliError::usage(format!(
+            "the scene viewer {:?} ended at once; {:?} says why\nHint: --terminal shows it here",
+            viewer.program, opened.log
+        )));
+    }
+    let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
+    out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
+}
+
+/// The viewer is started from here, but a relative path is not left to it.
+fn absolute(files: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+    let one = |path: &PathBuf| {
+        path.canonicalize().map_err(|error| CliError::usage(format!("cannot open {path:?}: {error}")))
+    };
+    files.iter().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! Copies of recordings that end at a moment, for the viewer to open: where they lie, and that old ones go.
+
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use crate::cli::CliError;
+use crate::scene;
+
+/// What the names of this verb's folders begin with.
+const PREFIX: &str = "holdpoint-replay-";
+
+/// How long a folder is left for a viewer that reads from it.
+const KEPT: Duration = Duration::from_hours(24);
+
+/// The most entries of the folder for temporary files that are looked at.
+const ENTRIES_MAX: usize = 10_000;
+
+/// A new folder among the temporary ones, only for its owner. It outlives this program, because the viewer does; the
+/// ones that earlier calls left are removed when they are a day old.
+///
+/// # Errors
+/// Where none can be made.
+pub(super) fn scratch() -> Result<PathBuf, CliError> {
+    let among = std::env::temp_dir();
+    clean(&among, SystemTime::now());
+    let made = tempfile::Builder::new().prefix(PREFIX).tempdir_in(&among);
+    let made =
+        made.map_err(|error| CliError::usage(format!("cannot make a folder in {among:?}: {error}")))?;
+    Ok(made.keep())
+}
+
+/// Removes this user's old folders. What cannot be removed is left: nothing depends on it.
+fn clean(among: &Path, now: SystemTime) {
+    let Ok(entries) = fs::read_dir(among) else { return };
+    let own = rustix::process::getuid().as_raw();
+    for entry in entries.take(ENTRIES_MAX).flatten() {
+        if !entry.file_name().to_string_lossy().starts_with(PREFIX) {
+            continue;
+        }
+        let Ok(about) = fs::symlink_metadata(entry.path()) else { continue };
+        let age = about.modified().ok().and_then(|written| now.duration_since(written).ok());
+        if about.is_dir() && about.uid() == own && age.is_some_and(|age| age > KEPT) {
+            drop(fs::remove_dir_all(entry.path()));
+        }
+    }
+}
+
+/// Copies of the files with nothing later than `tick`, in the folder `scratch`.
+///
+/// # Errors
+/// Where one cannot be read or written, or this program was built without scenes.
+pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let mut cut = Vec::new();
+    for (place, path) in files.iter().enumerate() {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let out = scratch.join(format!("{place}-{name}-to-{tick}.rrd"));
+        scene::until(path, tick, &out).map_err(CliError::usage)?;
+        cut.push(out);
+    }
+    Ok(cut)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_old_folders_of_this_verb_are_removed() {
+        let root = tempfile::tempdir().unwrap();
+        let (ours, other) = (root.path().join("holdpoint-replay-x"), root.path().join("other"));
+        for folder in [&ours, &other] {
+            fs::create_dir(folder).unwrap();
+            fs::write(folder.join("a.rrd"), "").unwrap();
+        }
+        let link = root.path().join("holdpoint-replay-link");
+        std::os::unix::fs::symlink(&other, &link).unwrap();
+        clean(root.path(), SystemTime::now());
+        assert!(ours.exists());
+        clean(root.path(), SystemTime::now() + KEPT + Duration::from_secs(60));
+        assert!(!ours.exists() && other.join("a.rrd").exists() && link.exists());
+    }
+}

@@ -1,0 +1,94 @@
+//! The recordings of one upgrade read as one: an engine that came up again goes on in a further file.
+
+use std::path::PathBuf;
+
+use crate::cli::CliError;
+use crate::scene;
+use crate::scene::recording::{Recording, Series};
+
+/// Reads every file, in order, and joins them.
+///
+/// # Errors
+/// Where one cannot be read, or this program was built without scenes.
+pub(super) fn read(files: &[PathBuf]) -> Result<Recording, CliError> {
+    let mut parts = Vec::new();
+    for path in files {
+        parts.push(scene::read(path).map_err(CliError::usage)?);
+    }
+    join(parts).ok_or_else(|| CliError::internal("no file was named"))
+}
+
+/// One recording of several parts. What does not move is taken from the last part that has it, and so is how it ended:
+/// only the last part is closed.
+fn join(parts: Vec<Recording>) -> Option<Recording> {
+    let mut parts = parts.into_iter();
+    let mut whole = parts.next()?;
+    for part in parts {
+        whole.outcome = part.outcome;
+        if part.scenery != crate::engine::picture::Scenery::default() {
+            whole.scenery = part.scenery;
+        }
+        whole.pictures.extend(part.pictures);
+        whole.events.extend(part.events);
+        for series in part.series {
+            add(&mut whole.series, series);
+        }
+        whole.dropped.0 += part.dropped.0;
+        whole.dropped.1 += part.dropped.1;
+    }
+    // Stable: what came at the same time stays in the order in which it came.
+    whole.pictures.sort_by_key(|picture| picture.at_ms);
+    whole.events.sort_by_key(|event| event.at_ms);
+    Some(whole)
+}
+
+fn add(all: &mut Vec<Series>, more: Series) {
+    match all.iter_mut().find(|series| series.name == more.name) {
+        Some(series) => {
+            series.points.extend(more.points);
+            series.points.sort_by_key(|(at_ms, _)| *at_ms);
+        }
+        None => all.push(more),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::recording::About;
+
+    fn part(outcome: Option<&str>, points: &[(u64, f64)], name: &str) -> Recording {
+        Recording {
+            about: About {
+                version: "grasp@1.1.0".parse().unwrap(),
+                digest: crate::governance::ids::Digest::from_bytes([1; 32]),
+                predecessor: None,
+                profile: "sim".to_owned(),
+                robot: "arm7".to_owned(),
+                seed: 1,
+                engine_build: "test".to_owned(),
+            },
+            outcome: outcome.map(str::to_owned),
+            scenery: crate::engine::picture::Scenery::default(),
+            pictures: Vec::new(),
+            events: Vec::new(),
+            series: vec![Series { name: name.to_owned(), points: points.to_vec() }],
+            dropped: (1, 2),
+        }
+    }
+
+    #[test]
+    fn parts_become_one() {
+        let parts = vec![
+            part(None, &[(1, 1.0), (5, 2.0)], "a"),
+            part(None, &[(7, 3.0)], "b"),
+            part(Some("confirmed"), &[(9, 4.0)], "a"),
+        ];
+        let whole = join(parts).unwrap();
+        assert_eq!((whole.outcome.as_deref(), whole.dropped), (Some("confirmed"), (3, 6)));
+        let points: Vec<(&str, usize)> =
+            whole.series.iter().map(|series| (series.name.as_str(), series.points.len())).collect();
+        assert_eq!(points, [("a", 3), ("b", 1)]);
+        assert_eq!(join(Vec::new()), None);
+    }
+}

@@ -1,0 +1,129 @@
+//! The verb as far as it needs no scene crate: which files, whether they are as recorded, and the viewer's start.
+
+use super::*;
+use crate::registry::{AuditBody, Store, Transaction};
+use crate::scene::record::{KIND, Recorded};
+
+const FILES: [&str; 2] = ["grasp-1.1.0-0123abcd.rrd", "grasp-1.1.0-0123abcd.2.rrd"];
+
+/// A store with a recording in two segments; the first is on record.
+fn store() -> (tempfile::TempDir, Context) {
+    let root = tempfile::tempdir().unwrap();
+    let store = Store::open(root.path()).unwrap();
+    let folder = store.layout().recordings();
+    for file in FILES {
+        std::fs::write(folder.join(file), file).unwrap();
+    }
+    let recorded = Recorded {
+        file: FILES[0].to_owned(),
+        sha256: shelf::digest(&folder.join(FILES[0])).unwrap(),
+        bytes: 1,
+        pictures: 1,
+        dropped_pictures: 0,
+        dropped_events: 0,
+        outcome: "confirmed".to_owned(),
+    };
+    let body = serde_json::to_string(&recorded).unwrap();
+    let audit = vec![AuditBody { kind: KIND.to_owned(), subject: "grasp@1.1.0".to_owned(), body }];
+    let command_id = "test".to_owned();
+    store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
+    let context = Context { data: root.path().to_owned(), data_given: true, json: false };
+    (root, context)
+}
+
+fn args(upgrade: &str, more: &[&str]) -> ReplayArgs {
+    use clap::Parser as _;
+    let line = ["holdpoint", "replay", upgrade].into_iter().chain(more.iter().copied());
+    let Some(crate::cli::Verb::Replay(args)) = crate::cli::Cli::try_parse_from(line).unwrap().verb else {
+        panic!("another verb")
+    };
+    args
+}
+
+/// A viewer that writes down what it was asked for.
+fn viewer_in(folder: &Path) -> Surroundings {
+    let path = folder.join("rerun");
+    let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nfor f; do echo \"$f\"; done > \"$0.asked\"\n";
+    std::fs::write(&path, text).unwrap();
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    Surroundings { path: Some(folder.into()), has_screen: true, has_terminal: false }
+}
+
+fn ask(context: &Context, args: &ReplayArgs, around: &Surroundings) -> (Result<Exit, CliError>, String) {
+    let mut printed = Vec::new();
+    let ended = replay(context, args, around, &mut Output::to(&mut printed, context.json));
+    (ended, String::from_utf8(printed).unwrap())
+}
+
+#[test]
+fn all_segments_of_a_version_are_opened_in_the_viewer() {
+    let (root, context) = store();
+    let around = viewer_in(root.path());
+    let (ended, text) = ask(&context, &args("grasp@1.1.0", &[]), &around);
+    assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
+    assert!(text.starts_with("opened in rerun 0.36.3, 2 files (process "), "{text}");
+    let asked = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
+    let files: Vec<PathBuf> = asked.lines().skip(5).map(PathBuf::from).collect();
+    let folder = Layout::new(root.path()).recordings().canonicalize().unwrap();
+    assert_eq!(files, FILES.map(|file| folder.join(file)));
+    assert!(Layout::new(root.path()).logs().join(viewer::LOG_NAME).is_file());
+}
+
+#[test]
+fn what_is_not_as_recorded_is_not_opened_unless_forced() {
+    let (root, context) = store();
+    let around = viewer_in(root.path());
+    let file = Layout::new(root.path()).recordings().join(FILES[0]);
+    std::fs::write(&file, "changed").unwrap();
+    for upgrade in ["grasp@1.1.0", file.to_str().unwrap()] {
+        let (ended, text) = ask(&context, &args(upgrade, &[]), &around);
+        assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
+        assert!(text.starts_with("NOT WHAT WAS RECORDED: ") && text.contains("--force"), "{text}");
+        assert!(!root.path().join("rerun.asked").exists());
+    }
+    // Elsewhere nothing is known of it.
+    let copy = root.path().join("copy.rrd");
+    std::fs::copy(&file, &copy).unwrap();
+    assert_eq!(ask(&context, &args(copy.to_str().unwrap(), &[]), &around).0.unwrap(), Exit::Confirmed);
+    let (ended, text) = ask(&context, &args("grasp@1.1.0", &["--force"]), &around);
+    assert_eq!(ended.unwrap(), Exit::Confirmed);
+    assert!(text.contains("NOT WHAT WAS RECORDED") && text.contains("opened in rerun"), "{text}");
+}
+
+#[test]
+fn what_is_missing_is_said_with_a_way_out() {
+    let (root, context) = store();
+    let mut around = viewer_in(root.path());
+    for (upgrade, words) in
+        [("place@9.0.0", "there is no recording of"), ("none.rrd", "there is no recording")]
+    {
+        let error = ask(&context, &args(upgrade, &[]), &around).0.unwrap_err();
+        assert!(error.exit() == Exit::Usage && error.to_string().contains(words), "{error}");
+    }
+    around.has_screen = false;
+    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    assert!(error.to_string().contains("DISPLAY"), "{error}");
+    assert_eq!(error.hint().unwrap().raw(), "--terminal shows it here");
+    around.path = None;
+    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    assert_eq!(error.hint().unwrap().raw(), "pip install rerun-sdk==0.36.3; --terminal shows it here");
+}
+
+#[test]
+fn a_viewer_that_ends_at_once_is_said() {
+    let (root, context) = store();
+    let around = viewer_in(root.path());
+    let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nexit 1\n";
+    std::fs::write(root.path().join("rerun"), text).unwrap();
+    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    assert!(error.to_string().contains("ended at once"), "{error}");
+}
+
+#[test]
+fn a_tick_ends_with_its_last_millisecond() {
+    for tick in [0, 1, 2, 239, 240, 28_800, 1_000_003] {
+        let end = end_of_tick_ms(tick);
+        let tick_of = crate::engine::clock::tick_of;
+        assert!(tick_of(end) <= tick && tick_of(end + 1) > tick, "{tick} ends at {end} ms");
+    }
+}

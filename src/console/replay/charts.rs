@@ -1,0 +1,185 @@
+//! Which charts a recording has: series with their limits, in groups by the first part of their names.
+//!
+//! A recording without charts of the tool still has them: its pictures carry speed, force and what was allowed.
+//! Must not draw.
+
+use crate::engine::picture::{Envelope, Picture};
+use crate::scene::recording::{Recording, Series};
+
+/// Last parts of names that make a series the limit of another.
+const LIMITS: [&str; 2] = ["limit", "threshold"];
+
+/// Groups in the order in which they are gone through; others come after them, by name.
+const ORDER: [&str; 4] = ["tool", "shadow", "kappa", "monitor"];
+
+/// Charts of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Group {
+    /// The first part of their names, `shadow`.
+    pub name: String,
+    /// The charts, at least one.
+    pub charts: Vec<Chart>,
+}
+
+/// A series and the limit it is held to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chart {
+    /// What it shows, with its unit.
+    pub title: String,
+    /// Values over virtual time, ms.
+    pub values: Vec<(u64, f64)>,
+    /// The limit over virtual time; empty where there is none.
+    pub limits: Vec<(u64, f64)>,
+    /// Whether a value may not fall below its limit; else it may not pass it.
+    pub at_least: bool,
+    /// Whether the values are moments of a movement; else each holds until the next.
+    pub moving: bool,
+}
+
+impl Chart {
+    /// The value and the limit in force at a time.
+    #[must_use]
+    pub fn at(&self, at_ms: u64) -> (Option<f64>, Option<f64>) {
+        let limit = in_force(&self.limits, at_ms).or_else(|| self.limits.first().map(|(_, limit)| *limit));
+        (in_force(&self.values, at_ms), limit)
+    }
+
+    /// Whether a value is on the wrong side of a limit. What is no number is.
+    #[must_use]
+    pub fn is_past(&self, value: f64, limit: f64) -> bool {
+        if self.at_least { !(value >= limit) } else { !(value <= limit) }
+    }
+}
+
+/// The last value up to a time.
+fn in_force(points: &[(u64, f64)], at_ms: u64) -> Option<f64> {
+    let next = points.partition_point(|(time_ms, _)| *time_ms <= at_ms);
+    next.checked_sub(1).and_then(|last| points.get(last)).map(|(_, value)| *value)
+}
+
+/// The charts of a recording.
+#[must_use]
+pub fn groups(recording: &Recording) -> Vec<Group> {
+    let mut all: Vec<Series> = recording.series.clone();
+    if !all.iter().any(|series| group_of(&series.name) == "tool") {
+        all.extend(of_pictures(&recording.pictures));
+    }
+    let mut groups: Vec<Group> = Vec::new();
+    for series in all.iter().filter(|series| limit_of(&series.name).is_none() && !series.points.is_empty()) {
+        let limits = all.iter().find(|other| limit_of(&other.name) == Some(series.name.as_str()));
+        let name = group_of(&series.name);
+        let chart = Chart {
+            title: title(&series.name),
+            values: series.points.clone(),
+            limits: limits.map(|limits| limits.points.clone()).unwrap_or_default(),
+            at_least: name == "kappa",
+            moving: name == "tool",
+        };
+        match groups.iter_mut().find(|group| group.name == name) {
+            Some(group) => group.charts.push(chart),
+            None => groups.push(Group { name: name.to_owned(), charts: vec![chart] }),
+        }
+    }
+    let place = |name: &str| ORDER.iter().position(|known| *known == name).unwrap_or(ORDER.len());
+    groups.sort_by(|a, b| (place(&a.name), &a.name).cmp(&(place(&b.name), &b.name)));
+    groups
+}
+
+/// The series that one of this name is the limit of.
+fn limit_of(name: &str) -> Option<&str> {
+    let (of, last) = name.rsplit_once('/')?;
+    LIMITS.contains(&last).then_some(of)
+}
+
+/// The first part of a name; what has one part alone is about the live cell.
+fn group_of(name: &str) -> &str {
+    name.split_once('/').map_or("cell", |(group, _)| group)
+}
+
+/// A group's name as a heading.
+#[must_use]
+pub fn heading(group: &str) -> String {
+    match group {
+        "tool" => "Tool".to_owned(),
+        "shadow" => "Shadow".to_owned(),
+        "kappa" => "Compatibility".to_owned(),
+        "monitor" => "Monitor".to_owned(),
+        "cell" => "Live cell".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+fn title(name: &str) -> String {
+    match name {
+        "tool/speed" => "speed, m/s".to_owned(),
+        "tool/force" => "finger force, N".to_owned(),
+        "tool/contact" => "contact force, N".to_owned(),
+        "shadow/output" => "output divergence".to_owned(),
+        "shadow/governance" => "governance divergence".to_owned(),
+        "shadow/envelope" => "envelope divergence".to_owned(),
+        "kappa/I" => "interface".to_owned(),
+        "kappa/P" => "policy".to_owned(),
+        "kappa/B" => "behaviour".to_owned(),
+        "kappa/R" => "recovery".to_owned(),
+        other => other.split_once('/').map_or(other, |(_, rest)| rest).to_owned(),
+    }
+}
+
+/// Speed and forces as the pictures tell them.
+fn of_pictures(pictures: &[Picture]) -> Vec<Series> {
+    type Value = fn(&Picture) -> f32;
+    type Limit = fn(&Envelope) -> f32;
+    let table: [(&str, Value, Limit); 3] = [
+        ("tool/speed", |picture| picture.speed_m_s, |envelope| envelope.speed_m_s),
+        ("tool/force", |picture| picture.force_n, |envelope| envelope.force_n),
+        ("tool/contact", |picture| picture.contact_n, |envelope| envelope.contact_n),
+    ];
+    let both = table.into_iter().map(|(name, value, limit)| {
+        let points = |of: &dyn Fn(&Picture) -> Option<f32>| {
+            let point = |picture: &Picture| of(picture).map(|value| (picture.at_ms, f64::from(value)));
+            pictures.iter().filter_map(point).collect()
+        };
+        let values = points(&|picture| Some(value(picture)));
+        let limits = points(&|picture| picture.envelope.as_ref().map(limit));
+        [
+            Series { name: name.to_owned(), points: values },
+            Series { name: format!("{name}/limit"), points: limits },
+        ]
+    });
+    both.flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_tell_group_and_limit() {
+        for (name, group, limit) in [
+            ("tool/speed", "tool", None),
+            ("tool/speed/limit", "tool", Some("tool/speed")),
+            ("kappa/B/threshold", "kappa", Some("kappa/B")),
+            ("success", "cell", None),
+            ("limit", "cell", None),
+        ] {
+            assert_eq!((group_of(name), limit_of(name)), (group, limit), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_value_in_force_is_the_last_one_and_its_side_is_known() {
+        let mut chart = Chart {
+            title: String::new(),
+            values: vec![(10, 1.0), (20, 2.0)],
+            limits: vec![(15, 1.5)],
+            at_least: false,
+            moving: true,
+        };
+        for (at_ms, value) in [(9, None), (10, Some(1.0)), (19, Some(1.0)), (99, Some(2.0))] {
+            assert_eq!(chart.at(at_ms), (value, Some(1.5)), "{at_ms}");
+        }
+        assert!(chart.is_past(2.0, 1.5) && !chart.is_past(1.5, 1.5) && chart.is_past(f64::NAN, 1.5));
+        chart.at_least = true;
+        assert!(chart.is_past(1.4, 1.5) && !chart.is_past(1.5, 1.5) && chart.is_past(f64::NAN, 1.5));
+    }
+}

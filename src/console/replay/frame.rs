@@ -1,0 +1,60 @@
+//! The whole screen of a replay: which parts there are at which size, and where.
+//!
+//! ```text
+//! header     what is replayed, how it ended; how it stood, how it plays, when
+//! robot      │ charts
+//! events
+//! time bar   marks, pictures, the cursor
+//! hints      keys, answer, or what is typed
+//! ```
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+
+use super::model::Model;
+use super::views::{bar, charts, events, header, help, hints, robot, tiny};
+use crate::console::look::Look;
+use crate::console::widgets::pen::{Fit, Pen, above, below, cut};
+
+/// Lines of the header.
+const HEAD: u16 = 2;
+
+/// Lines of the time bar and the hints.
+const FOOT: u16 = 3;
+
+/// Draws everything into `area`, which may have any size.
+pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
+    let area = area.intersection(buf.area);
+    if area.is_empty() {
+        return;
+    }
+    let mut pen = Pen { look, buf, fit: Fit::of(area.width, area.height) };
+    pen.clear(area);
+    if pen.fit == Fit::Tiny {
+        tiny::draw(model, &mut pen, area);
+    } else {
+        header::draw(model, &mut pen, above(area, HEAD));
+        let (body, foot) = cut(below(area, HEAD), area.height - HEAD - FOOT);
+        self::body(model, &mut pen, body);
+        bar::draw(model, &mut pen, above(foot, FOOT - 1));
+        hints::draw(model, &mut pen, below(foot, FOOT - 1));
+    }
+    if let Some(first) = model.help {
+        // The line with the way out stays in sight.
+        help::draw(first, &mut pen, above(area, area.height - u16::from(area.height > 1)));
+    }
+}
+
+/// Robot and charts beside each other over the events.
+fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let lower = match pen.fit {
+        Fit::Tiny | Fit::One => 3,
+        Fit::Two => area.height * 2 / 5,
+        Fit::Full => (area.height / 3).max(8),
+    };
+    let (upper, lower) = cut(area, area.height.saturating_sub(lower));
+    let (left, right) = pen.split(upper, upper.width * 5 / 9);
+    robot::draw(model, pen, left);
+    charts::draw(model, pen, right);
+    events::draw(model, pen, lower);
+}

@@ -1,0 +1,119 @@
+//! Where to jump: the text that is typed for it.
+
+/// Where to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// Virtual time, ms.
+    At(u64),
+    /// So many ms on.
+    On(u64),
+    /// So many ms back.
+    Back(u64),
+}
+
+/// A text that is no place to jump to.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "cannot jump to \"{0}\"; allowed are seconds `12.5s`, minutes `1:02.5`, a tick `t 3000`, and with + or - from here. \
+     Hint: times count from the store's beginning, as the events show them"
+)]
+pub struct JumpError(String);
+
+/// Reads a target: `12.5s`, `12.5`, `1:02.5`, `1:00:00`, `t 3000`, `+5s`, `-1:00`.
+///
+/// # Errors
+/// [`JumpError`] with the text, sanitised.
+pub fn parse(text: &str) -> Result<Target, JumpError> {
+    let wrong = || JumpError(crate::text::Untrusted::new(text).display(40).into_string());
+    let plain = text.trim().to_ascii_lowercase();
+    let time = |part: &str| span_ms(part.trim()).ok_or_else(wrong);
+    if let Some(on) = plain.strip_prefix('+') {
+        return time(on).map(Target::On);
+    }
+    if let Some(back) = plain.strip_prefix('-') {
+        return time(back).map(Target::Back);
+    }
+    time(&plain).map(Target::At)
+}
+
+/// The first ms of a tick.
+#[must_use]
+pub fn ms_of_tick(tick: u64) -> u64 {
+    let rate = u64::from(holdpoint_sim::io::RATE_HZ);
+    // Saturating first keeps a senseless number at the end of time.
+    tick.saturating_mul(1000).div_ceil(rate)
+}
+
+fn span_ms(text: &str) -> Option<u64> {
+    if let Some(tick) = text.strip_prefix("tick").or_else(|| text.strip_prefix('t')) {
+        return tick.trim().parse().ok().map(ms_of_tick);
+    }
+    let text = text.strip_suffix('s').unwrap_or(text).trim_end();
+    let mut parts = text.rsplit(':');
+    let mut total_ms = seconds_ms(parts.next()?)?;
+    for (part, unit_ms) in parts.by_ref().zip([60_000, 3_600_000u64]) {
+        let count: u64 = part.parse().ok()?;
+        total_ms = total_ms.checked_add(count.checked_mul(unit_ms)?)?;
+    }
+    parts.next().is_none().then_some(total_ms)
+}
+
+fn seconds_ms(text: &str) -> Option<u64> {
+    let is_number = text.starts_with(|sign: char| sign.is_ascii_digit() || sign == '.')
+        && text.chars().all(|sign| sign.is_ascii_digit() || sign == '.');
+    let secs: f64 = if is_number { text.parse().ok()? } else { return None };
+    let span = std::time::Duration::try_from_secs_f64(secs).ok()?;
+    u64::try_from(span.as_millis()).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::clock::tick_of;
+
+    #[test]
+    fn texts_and_targets() {
+        for (text, target) in [
+            ("12.5s", Target::At(12_500)),
+            (" 12.5 s ", Target::At(12_500)),
+            ("7", Target::At(7_000)),
+            (".5", Target::At(500)),
+            ("1:02.5", Target::At(62_500)),
+            ("1:00:00", Target::At(3_600_000)),
+            ("t 3000", Target::At(12_500)),
+            ("T240", Target::At(1_000)),
+            ("tick 1", Target::At(5)),
+            ("+5s", Target::On(5_000)),
+            ("- 1:00", Target::Back(60_000)),
+        ] {
+            assert_eq!(parse(text), Ok(target), "{text}");
+        }
+        for text in [
+            "",
+            "s",
+            "t",
+            "t -1",
+            "1:2:3:4",
+            "1e9",
+            "nan",
+            "inf",
+            "12..5",
+            "a:1",
+            "+-3",
+            "99999999999999999999999",
+        ] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.contains("allowed are seconds") && error.contains("Hint:"), "{error}");
+        }
+        assert!(parse("\u{1b}[2J").unwrap_err().to_string().contains("u{1b}"));
+    }
+
+    #[test]
+    fn a_tick_begins_in_its_first_ms() {
+        for tick in [0, 1, 2, 239, 240, 241, 182_640] {
+            let at_ms = ms_of_tick(tick);
+            assert_eq!(tick_of(at_ms), tick);
+            assert!(at_ms == 0 || tick_of(at_ms - 1) < tick, "{tick}");
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! What an event is on the time bar: sign, role, how grave it is, and whether it is a turn in the upgrade's story.
+
+use crate::console::look::{Glyph, Role};
+use crate::console::theme::Mark as Outcome;
+use crate::engine::event::EventKind;
+
+/// A mark on the time bar. Where several fall on one column the gravest is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mark {
+    /// Its sign.
+    pub glyph: Glyph,
+    /// Its role.
+    pub role: Role,
+    /// The larger, the graver.
+    pub weight: u8,
+    /// Whether it is a decision, an act of the monitor or a rollback.
+    pub is_turn: bool,
+}
+
+/// What the signs mean, for the help.
+pub const LEGEND: [(Glyph, &str); 7] = [
+    (Glyph::Good, "decided: passed, approved or confirmed"),
+    (Glyph::Bad, "decided: rejected; a rung failed; a fault"),
+    (Glyph::Warning, "decided: held or restricted; the monitor acted"),
+    (Glyph::Waiting, "people were asked"),
+    (Glyph::Up, "took over"),
+    (Glyph::Returned, "rolled back"),
+    (Glyph::Neutral, "sequence not done, or a limit passed"),
+];
+
+/// The mark of an event; absent for what is only told.
+#[must_use]
+pub fn of(kind: &EventKind) -> Option<Mark> {
+    let turn = |(glyph, role): (Glyph, Role), weight| Some(Mark { glyph, role, weight, is_turn: true });
+    let aside = |glyph, role, weight| Some(Mark { glyph, role, weight, is_turn: false });
+    match kind {
+        EventKind::RolledBack { .. } => turn((Glyph::Returned, Role::Bad), 9),
+        EventKind::Monitor { decision, .. } if decision == "rollback" => turn((Glyph::Bad, Role::Bad), 8),
+        EventKind::Monitor { .. } => turn((Glyph::Warning, Role::Warning), 7),
+        EventKind::Decided { outcome, .. } => {
+            let sign = Outcome::outcome(outcome);
+            turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
+        }
+        EventKind::Activated { .. } => turn((Glyph::Up, Role::Good), 7),
+        EventKind::Confirmed { .. } | EventKind::Continued { .. } => turn((Glyph::Good, Role::Good), 6),
+        EventKind::ApprovalReceived { decision, .. } if decision == "approve" => {
+            turn((Glyph::Good, Role::Good), 6)
+        }
+        EventKind::ApprovalReceived { .. } => turn((Glyph::Bad, Role::Bad), 8),
+        EventKind::ApprovalRequested { .. } => aside(Glyph::Waiting, Role::Waiting, 5),
+        EventKind::Rung { ok: false, .. } | EventKind::Fault { .. } => aside(Glyph::Bad, Role::Bad, 7),
+        EventKind::LiveFault { fault: Some(_) } | EventKind::Drift { kind: Some(_), .. } => {
+            aside(Glyph::Warning, Role::Warning, 4)
+        }
+        EventKind::Sequence { success, tasks, .. } => {
+            let failed = !success || tasks.iter().any(|task| task.violation);
+            failed.then_some(Mark { glyph: Glyph::Neutral, role: Role::Bad, weight: 1, is_turn: false })
+        }
+        EventKind::Rung { .. }
+        | EventKind::LiveFault { .. }
+        | EventKind::Drift { .. }
+        | EventKind::EngineStarted { .. }
+        | EventKind::Recovered { .. }
+        | EventKind::Registered { .. }
+        | EventKind::StageStarted { .. }
+        | EventKind::Progress { .. }
+        | EventKind::StateChanged { .. }
+        | EventKind::Pace { .. }
+        | EventKind::Alarm { .. }
+        | EventKind::Voided { .. }
+        | EventKind::AuditClosed { .. }
+        | EventKind::CommandRefused { .. } => None,
+    }
+}

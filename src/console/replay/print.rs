@@ -1,0 +1,42 @@
+//! The replay where there is no screen: one line an event, as the plain stream tells it.
+//!
+//! Must not move a cursor or wait: this is also what a screen reader gets.
+
+use std::io::{self, Write};
+
+use crate::engine::clock::tick_of;
+use crate::engine::told;
+use crate::scene::recording::Recording;
+use crate::text::Untrusted;
+
+/// Prints whose recording it is, its events with virtual time in seconds and tick, up to `to_ms`, and how it ended.
+///
+/// # Errors
+/// Where `out` takes no more.
+pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> io::Result<()> {
+    let about = &recording.about;
+    let against = about.predecessor.as_ref().map_or_else(String::new, |id| format!(" against {id}"));
+    let head = format!(
+        "{}{against}: profile {}, robot {}, seed {}, engine {}",
+        about.version, about.profile, about.robot, about.seed, about.engine_build
+    );
+    writeln!(out, "{}", Untrusted::new(head).line())?;
+    let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
+    for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
+        writeln!(out, "{:>8} {}", tick_of(event.at_ms), told::line(event))?;
+    }
+    let pictures = recording.pictures.iter().filter(|picture| is_shown(picture.at_ms)).count();
+    let all_shown = recording.span_ms().is_none_or(|(_, last_ms)| is_shown(last_ms));
+    let end = match (&recording.outcome, all_shown) {
+        (_, false) => "the recording goes on".to_owned(),
+        (Some(outcome), true) => format!("ended: {outcome}"),
+        (None, true) => "not closed: the recording ends before the upgrade did".to_owned(),
+    };
+    let (lost_pictures, lost_events) = recording.dropped;
+    let lost = if recording.dropped == (0, 0) {
+        String::new()
+    } else {
+        format!(", {lost_pictures} pictures and {lost_events} events were not kept")
+    };
+    writeln!(out, "{}; {pictures} pictures{lost}", Untrusted::new(end).line())
+}

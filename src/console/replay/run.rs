@@ -1,0 +1,204 @@
+//! The run loop of a replay: waits for a key, a signal or the next picture, folds it in, draws what changed.
+//!
+//! Owns terminal and clock while a replay is open. Nothing wakes it while nothing changes.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+
+use super::frame;
+use super::jump::ms_of_tick;
+use super::model::Model;
+use super::playing::wakes_in_ms;
+use super::speed::Speed;
+use super::timeline::Timeline;
+use super::update::{Effect, Msg, What, update};
+use crate::console::look::{Depth, Look, ThemeError};
+use crate::console::msg;
+use crate::console::options::Options;
+use crate::console::run::input;
+use crate::console::run::look;
+use crate::console::run::screen::Screen;
+use crate::console::terminal::guard::Guard;
+use crate::console::terminal::log::{LogFile, state_folder};
+use crate::console::terminal::{TerminalGuard, background, panic};
+use crate::console::theme::Themes;
+use crate::scene::recording::Recording;
+
+/// Keys that are folded in before a frame is drawn.
+const BATCH_MAX: usize = 64;
+
+/// How a replay is shown.
+#[derive(Clone, Debug)]
+pub struct ReplayOptions {
+    /// Where it begins; at the first moment where absent.
+    pub start_tick: Option<u64>,
+    /// How fast it plays.
+    pub speed: Speed,
+    /// Theme, colours and signs, as the console's settings have them.
+    pub console: Options,
+    /// The themes there are.
+    pub themes: Themes,
+}
+
+/// Why there was no replay, or none any more.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The theme does not exist.
+    #[error(transparent)]
+    Theme(#[from] ThemeError),
+    /// The recording has no moment.
+    #[error(
+        "the recording of \"{0}\" holds neither pictures nor events. Hint: `holdpoint explain` needs none"
+    )]
+    Empty(String),
+    /// The terminal, or what is needed beside it, cannot be used.
+    #[error(
+        "cannot use this terminal: {0}. Hint: without one `holdpoint replay --terminal` prints the events"
+    )]
+    Terminal(#[from] io::Error),
+    /// A fault of the replay's own; it is in the words that were printed before.
+    #[error("the replay failed; nothing was changed")]
+    Failed,
+}
+
+/// Replays a recording on this terminal until somebody leaves or a signal comes. Both standard input and output are
+/// a terminal's.
+///
+/// # Errors
+/// [`ReplayError`]; the terminal is as it was.
+pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayError> {
+    if recording.span_ms().is_none() {
+        return Err(ReplayError::Empty(recording.about.version.to_string()));
+    }
+    // What is wrong with the settings is said on the terminal as it is.
+    let look = look(&options.console, &options.themes, None)?;
+    let mut model = Model::new(Timeline::new(recording), options.speed);
+    if let Some(tick) = options.start_tick {
+        model.cursor = model.timeline.at(ms_of_tick(tick));
+    }
+    let guard = Guard::start()?;
+    panic::install();
+    let ended = catch_unwind(AssertUnwindSafe(|| on_screen(model, look, &options, guard)));
+    panic::uninstall();
+    ended.unwrap_or(Err(ReplayError::Failed))
+}
+
+/// Everything between taking the terminal and giving it back.
+fn on_screen(model: Model, look: Look, options: &ReplayOptions, guard: Guard) -> Result<(), ReplayError> {
+    // A replay without a log is better than none.
+    let log = state_folder().and_then(|folder| LogFile::open(&folder).ok());
+    let terminal = TerminalGuard::enter(log, false)?;
+    let look = if options.console.theme.is_none() && look.depth() != Depth::Mono {
+        // Nothing reads keys yet: the terminal's answer cannot be taken for some.
+        self::look(&options.console, &options.themes, background::is_light())?
+    } else {
+        look
+    };
+    let mut screen = Screen::new()?;
+    screen.draw(|area, buffer| frame::draw(&model, &look, area, buffer))?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+    let showing = Showing { begun: Instant::now(), model, look, screen, inputs: input::start()?, guard };
+    let ended = runtime.block_on(showing.run());
+    drop(terminal);
+    ended.map_err(ReplayError::Terminal)
+}
+
+/// A replay on the screen.
+struct Showing {
+    begun: Instant,
+    model: Model,
+    look: Look,
+    screen: Screen,
+    inputs: mpsc::Receiver<msg::What>,
+    guard: Guard,
+}
+
+/// What came first.
+enum Came {
+    Input(Option<msg::What>),
+    Ending,
+    Time,
+}
+
+impl Showing {
+    /// Works until somebody leaves; a terminal that is gone or a signal is leaving too.
+    async fn run(mut self) -> io::Result<()> {
+        loop {
+            let effects = match self.wait().await {
+                Came::Input(Some(what)) => self.fold_inputs(what)?,
+                Came::Input(None) | Came::Ending => return Ok(()),
+                Came::Time => self.fold(What::Tick),
+            };
+            if effects.contains(&Effect::Leave) {
+                return Ok(());
+            }
+            if effects.contains(&Effect::Draw) {
+                let (model, look) = (&self.model, &self.look);
+                self.screen.draw(|area, buffer| frame::draw(model, look, area, buffer))?;
+            }
+        }
+    }
+
+    async fn wait(&mut self) -> Came {
+        let wakes_in = wakes_in_ms(&self.model).map(Duration::from_millis);
+        tokio::select! {
+            biased;
+            _ = self.guard.ending() => Came::Ending,
+            what = self.inputs.recv() => Came::Input(what),
+            () = after(wakes_in) => Came::Time,
+        }
+    }
+
+    /// Keys that wait are folded in together, so that the frame shows their end.
+    fn fold_inputs(&mut self, first: msg::What) -> io::Result<Vec<Effect>> {
+        let mut effects = self.fold_input(first)?;
+        for _ in 0..BATCH_MAX {
+            let Ok(what) = self.inputs.try_recv() else { break };
+            effects.extend(self.fold_input(what)?);
+        }
+        Ok(effects)
+    }
+
+    fn fold_input(&mut self, what: msg::What) -> io::Result<Vec<Effect>> {
+        let what = match what {
+            msg::What::Key(key) => What::Key(key),
+            msg::What::Paste(text) => What::Paste(text),
+            msg::What::Resize(columns, rows) => {
+                self.screen.resize(columns, rows)?;
+                What::Resize
+            }
+            // The mouse was not taken, and no engine is here to tell the rest.
+            msg::What::Wheel(_)
+            | msg::What::EngineStarted
+            | msg::What::Events(_)
+            | msg::What::Answer { .. }
+            | msg::What::Lagged(_)
+            | msg::What::Snapshot(_)
+            | msg::What::Picture(_)
+            | msg::What::EngineEnded(_)
+            | msg::What::Identities(_)
+            | msg::What::Operator(_)
+            | msg::What::Done { .. }
+            | msg::What::Theme(_)
+            | msg::What::EndAsked
+            | msg::What::Tick => What::Tick,
+        };
+        Ok(self.fold(what))
+    }
+
+    fn fold(&mut self, what: What) -> Vec<Effect> {
+        let now_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
+        update(&mut self.model, Msg { now_ms, what })
+    }
+}
+
+/// Waits so long; for ever where there is nothing to wait for.
+async fn after(span: Option<Duration>) {
+    match span {
+        Some(span) => tokio::time::sleep(span).await,
+        None => std::future::pending().await,
+    }
+}

@@ -1,0 +1,93 @@
+//! How the version stood after each event, from the events alone.
+//!
+//! Must not guess: before the first word about it a state is not known.
+
+use crate::engine::event::{Event, EventKind};
+use crate::governance::ids::CapabilityId;
+use crate::governance::lifecycle::{Flags, Stage, State};
+
+/// How a version stood.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Standing {
+    /// Its state; absent before anything was said of it.
+    pub state: Option<State>,
+    /// Its flags.
+    pub flags: Flags,
+}
+
+impl Standing {
+    /// The name of the charts that matter most then.
+    #[must_use]
+    pub const fn charts(&self) -> &'static str {
+        match (self.flags.running, self.state) {
+            (Some(Stage::Shadow), _) => "shadow",
+            (Some(Stage::Validation | Stage::Sandbox | Stage::Activation), _) => "kappa",
+            (None, Some(State::Active | State::RolledBack)) => "monitor",
+            (None, Some(State::Shadowed)) => "shadow",
+            (
+                None,
+                Some(
+                    State::Validated
+                    | State::Sandboxed
+                    | State::Rejected
+                    | State::Demoted
+                    | State::Registered
+                    | State::Superseded,
+                )
+                | None,
+            ) => "kappa",
+        }
+    }
+
+    /// Whether the version is evaluated apart from the live cell.
+    #[must_use]
+    pub const fn is_apart(&self) -> bool {
+        matches!(self.flags.running, Some(Stage::Validation | Stage::Sandbox))
+    }
+}
+
+/// How `version` stood after each of the events.
+#[must_use]
+pub fn after_each(version: &CapabilityId, events: &[Event]) -> Vec<Standing> {
+    let mut standing = Standing::default();
+    let fold = |event: &Event| {
+        apply(&mut standing, version, &event.kind);
+        standing
+    };
+    events.iter().map(fold).collect()
+}
+
+fn apply(standing: &mut Standing, version: &CapabilityId, kind: &EventKind) {
+    let Standing { state, flags } = standing;
+    match kind {
+        EventKind::Registered { version: of, .. } if of == version => *state = Some(State::Registered),
+        EventKind::StateChanged { version: of, to, .. } if of == version => {
+            *state = Some(*to);
+            flags.running = None;
+            flags.awaiting_approval = false;
+            if *to != State::Active {
+                *flags = Flags::default();
+            }
+        }
+        EventKind::StageStarted { version: of, stage, .. } if of == version => flags.running = Some(*stage),
+        EventKind::Decided { version: of, .. } if of == version => flags.running = None,
+        EventKind::ApprovalRequested { version: of, .. } if of == version => flags.awaiting_approval = true,
+        EventKind::ApprovalReceived { version: of, have, needed, .. } if of == version && have >= needed => {
+            flags.awaiting_approval = false;
+        }
+        EventKind::Activated { version: of, provisional_episodes, .. } if of == version => {
+            *state = Some(State::Active);
+            *flags = Flags { provisional: *provisional_episodes > 0, ..Flags::default() };
+        }
+        EventKind::Confirmed { version: of, .. } if of == version => flags.provisional = false,
+        EventKind::Monitor { version: of, decision, .. } if of == version => match decision.as_str() {
+            "restrict" => flags.restricted = true,
+            "rollback" => flags.rollback_pending = true,
+            _ => {}
+        },
+        EventKind::Rung { version: of, .. } if of == version => flags.rollback_pending = true,
+        EventKind::RolledBack { version: of, .. } if of == version => *flags = Flags::default(),
+        // About other versions, or nothing that moves one.
+        _ => {}
+    }
+}

@@ -1,0 +1,99 @@
+//! The time bar: marks of what was decided and what failed, where there are pictures, and the cursor.
+//!
+//! ```text
+//!            ✔      ◷✔ ↑           ⚠↩
+//! 700.0 s ···━━━━━━━━━━┃━━━━━━━━━━━━━━━····· 890.0 s
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::secs;
+use crate::console::look::{Glyph, Role};
+use crate::console::replay::mark::Mark;
+use crate::console::replay::model::Model;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+
+/// Draws its two lines.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let area = area.intersection(pen.buf.area);
+    let (from_ms, to_ms) = model.timeline.span_ms();
+    let (begin, end) = (format!("{} ", secs(from_ms)), format!(" {}", secs(to_ms)));
+    let taken = u16::try_from(begin.len() + end.len()).unwrap_or(u16::MAX);
+    let Some(width) = area.width.checked_sub(taken).filter(|width| *width > 0 && area.height > 0) else {
+        return;
+    };
+    let left = u16::try_from(begin.len()).unwrap_or(0);
+    let bar = Rect { x: area.x + left, width, ..area };
+    let line = area.height - 1;
+    pen.row(area, line, &Row::of(Role::Muted, &begin));
+    pen.row(
+        Rect { x: bar.right(), width: area.right() - bar.right(), ..area },
+        line,
+        &Row::of(Role::Muted, &end),
+    );
+    let column = |at_ms| column(at_ms, (from_ms, to_ms), width);
+    pictures(model, pen, Rect { y: area.y + line, height: 1, ..bar }, &column);
+    if line > 0 {
+        marks(model, pen, Rect { height: 1, ..bar }, &column);
+    }
+    let here = bar.x + column(model.cursor.at_ms);
+    pen.cell(here, area.y + line, pen.look.glyph(Glyph::Limit), Role::Focus);
+}
+
+/// The column of a time; the last one for the end.
+fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
+    let span_ms = u128::from(to_ms.saturating_sub(from_ms).max(1));
+    let passed_ms = u128::from(at_ms.saturating_sub(from_ms));
+    let column = passed_ms * u128::from(width.saturating_sub(1)) / span_ms;
+    u16::try_from(column).unwrap_or(u16::MAX).min(width.saturating_sub(1))
+}
+
+/// Where there are pictures, and where there are none.
+fn pictures(model: &Model, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
+    let mut has_picture = vec![false; usize::from(area.width)];
+    for picture in &model.timeline.recording().pictures {
+        if let Some(has) = has_picture.get_mut(usize::from(column(picture.at_ms))) {
+            *has = true;
+        }
+    }
+    let full = if pen.look.ascii() { "=" } else { "━" };
+    for (x, has) in (area.left()..area.right()).zip(has_picture) {
+        let (sign, role) =
+            if has { (full, Role::Value) } else { (pen.look.glyph(Glyph::Ahead), Role::Muted) };
+        pen.cell(x, area.y, sign, role);
+    }
+}
+
+/// The gravest mark of each column.
+fn marks(model: &Model, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
+    let mut gravest: Vec<Option<Mark>> = vec![None; usize::from(area.width)];
+    for (at_ms, mark) in model.timeline.marks() {
+        if let Some(place) = gravest.get_mut(usize::from(column(at_ms)))
+            && place.is_none_or(|known| known.weight < mark.weight)
+        {
+            *place = Some(mark);
+        }
+    }
+    for (x, mark) in (area.left()..area.right()).zip(gravest) {
+        if let Some(mark) = mark {
+            pen.cell(x, area.y, pen.look.glyph(mark.glyph), mark.role);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_their_columns() {
+        for (at_ms, width, expected) in
+            [(100, 11, 0), (150, 11, 5), (200, 11, 10), (999, 11, 10), (0, 11, 0), (200, 1, 0)]
+        {
+            assert_eq!(column(at_ms, (100, 200), width), expected, "{at_ms} {width}");
+        }
+        assert_eq!(column(u64::MAX, (0, u64::MAX), 80), 79);
+        assert_eq!(column(5, (5, 5), 80), 0);
+    }
+}

@@ -1,0 +1,88 @@
+//! The charts of one kind, with their values and limits at the cursor. What has no room for a chart is a line.
+//!
+//! ```text
+//! ─ Shadow ──────────────────────────── 2 of 3, by stage ─
+//! output divergence                    0.112, at most 0.30
+//!  0.46           ⡄   │
+//!  0.30 ╌╌╌╌╌╌╌╌╌⡜⠸⡀╌╌│╌╌╌
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::plot;
+use crate::console::look::{Glyph, Role};
+use crate::console::replay::charts::{Chart, heading};
+use crate::console::replay::model::Model;
+use crate::console::widgets::pen::{Pen, above, below, cut};
+use crate::console::widgets::row::Row;
+
+/// Lines that a chart needs with its heading.
+const HEIGHT_MIN: u16 = 4;
+
+/// The most lines that a chart gets.
+const HEIGHT_MAX: u16 = 12;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let Some((place, group)) = model.shown_charts() else {
+        let inside = pen.pane(area, "Charts", false, "");
+        pen.text(inside, 0, Role::Muted, "This recording holds no charts");
+        return;
+    };
+    let count = model.timeline.groups().len();
+    let chosen = if model.charts.is_none() { ", by stage" } else { "" };
+    let right = format!("{} of {count}{chosen}", place + 1);
+    let inside = pen.pane(area, &heading(&group.name), false, &right);
+    let drawn = drawn(inside.height, group.charts.len());
+    let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
+    let mut rest = above(inside, inside.height - lines);
+    for (index, chart) in group.charts.iter().take(drawn).enumerate() {
+        let left = u16::try_from(drawn - index).unwrap_or(1).max(1);
+        let (part, below_it) = cut(rest, (rest.height / left).min(HEIGHT_MAX));
+        rest = below_it;
+        pen.row(part, 0, &told(chart, model, pen, part.width));
+        plot::draw(chart, model, pen, below(part, 1));
+    }
+    let foot = below(inside, inside.height - rest.height - lines);
+    for (chart, at) in group.charts.iter().skip(drawn).zip(0..lines) {
+        pen.row(foot, at, &told(chart, model, pen, inside.width));
+    }
+}
+
+/// How many charts are drawn; the others get a line each.
+fn drawn(height: u16, charts: usize) -> usize {
+    let fits = |drawn: &usize| {
+        let lines = charts - drawn;
+        usize::from(height) >= drawn * usize::from(HEIGHT_MIN) + lines
+    };
+    (0..=charts).rev().find(fits).unwrap_or(0)
+}
+
+/// A chart's name with its value and limit at the cursor.
+fn told(chart: &Chart, model: &Model, pen: &Pen<'_>, width: u16) -> Row {
+    let (value, limit) = chart.at(model.cursor.at_ms);
+    let bound = if chart.at_least { "at least" } else { "at most" };
+    let limited = limit.map_or_else(String::new, |limit| format!(", {bound} {limit:.2}"));
+    let (role, text) = match value {
+        None => (Role::Unknown, format!("{} no value yet{limited}", pen.look.glyph(Glyph::Unknown))),
+        Some(value) if limit.is_some_and(|limit| chart.is_past(value, limit)) => {
+            (Role::Past, format!("{} {value:.3}{limited}", pen.look.glyph(Glyph::Warning)))
+        }
+        Some(value) => (Role::Value, format!("{value:.3}{limited}")),
+    };
+    let room = usize::from(width).saturating_sub(text.chars().count() + 1);
+    Row::new().cell(Role::Text, &chart.title, room).with(Role::Text, " ").with(role, &text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_chart_has_a_line_at_least() {
+        for (height, charts, expected) in [(12, 3, 3), (11, 3, 2), (9, 3, 2), (4, 3, 0), (7, 4, 1), (0, 4, 0)]
+        {
+            assert_eq!(drawn(height, charts), expected, "{height} {charts}");
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! What happened, with the event at the cursor marked; what comes after it is muted. A line too long for the pane is
+//! told whole below the list.
+//!
+//! ```text
+//! ─ Events ─────────────────────────────────── 14 of 96 ─
+//!      760.1 state    place@1.1.0: sandboxed -> shadowed
+//! ▸ ⚠  761.0 decide   place@1.1.0: shadow -> hold …
+//! ```
+
+use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
+
+use crate::console::look::{Look, Role};
+use crate::console::replay::model::Model;
+use crate::console::widgets::list::{GUTTER, place};
+use crate::console::widgets::pen::{Pen, cut};
+use crate::console::widgets::row::{Row, wrap};
+use crate::engine::told;
+
+/// Lines of the pane from which a long event is told whole.
+const WHOLE_HEIGHT_MIN: u16 = 6;
+
+/// The most lines that it takes.
+const WHOLE_ROWS_MAX: usize = 3;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let count = model.timeline.recording().events.len();
+    let right = match model.cursor.event {
+        Some(event) => place(count, event),
+        None if count == 0 => String::new(),
+        None => format!("before the first of {count}"),
+    };
+    let inside = pen.pane(area, "Events", false, &right);
+    if count == 0 {
+        pen.text(inside, 0, Role::Muted, "No event was recorded");
+        return;
+    }
+    let whole = whole(model, inside);
+    let taken = u16::try_from(whole.len()).unwrap_or(0).min(inside.height);
+    let (list, foot) = cut(inside, inside.height - taken);
+    let look = pen.look;
+    pen.list(list, count, model.cursor.event, |event, _| row(model, look, event));
+    if model.cursor.event.is_none() && list.height > 0 {
+        pen.lay(list, Role::Muted);
+    }
+    pen.rows(foot, 0, &whole);
+}
+
+/// One event: its mark on the time bar, and its line of the plain stream.
+#[must_use]
+pub fn row(model: &Model, look: &Look, event: usize) -> Row {
+    let Some(told) = model.timeline.event(event).map(told::line) else { return Row::new() };
+    let (glyph, role) =
+        model.timeline.mark(event).map_or((" ", Role::Text), |mark| (look.glyph(mark.glyph), mark.role));
+    let is_past = model.cursor.event.is_some_and(|here| event <= here);
+    Row::of(role, glyph).with(if is_past { Role::Text } else { Role::Muted }, &told)
+}
+
+/// The event at the cursor in lines of its own, where its line does not hold it and the pane has room.
+fn whole(model: &Model, inside: Rect) -> Vec<Row> {
+    let width = inside.width.saturating_sub(GUTTER);
+    let here = model.cursor.event.and_then(|event| model.timeline.event(event));
+    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(told::line).unwrap_or_default();
+    if told.width() < usize::from(width) {
+        return Vec::new();
+    }
+    let lines = wrap(told.trim_start(), usize::from(width), WHOLE_ROWS_MAX);
+    lines.iter().map(|line| Row::of(Role::Text, "  ").with(Role::Text, line)).collect()
+}

@@ -1,0 +1,120 @@
+//! What is replayed and how it ended; below it how it stood at the cursor, how it plays, and when.
+//!
+//! ```text
+//!  REPLAY   ◇ SIM  arm-1  place@1.1.0 against place@1.0.0  seed 42                    ended: ✖ rejected
+//! ◌ running  sandboxed, in shadow                                  ‖ paused  1x  761.0 s  tick 182640
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::secs;
+use crate::console::look::{Glyph, Role};
+use crate::console::replay::model::Model;
+use crate::console::theme::Mark;
+use crate::console::views::short;
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+use crate::console::words;
+use crate::engine::clock::tick_of;
+
+/// Draws it.
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width);
+    let top = spread(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
+    pen.row(area, 0, &top);
+    let when = playing(model, pen).and(time(model, true));
+    let stands = stands(model, pen);
+    let when = if stands.width() + when.width() < width {
+        when
+    } else {
+        playing(model, pen).and(time(model, false))
+    };
+    pen.row(area, 1, &spread(vec![stands], Vec::new(), when, width));
+}
+
+/// What must be said at the left, what helps where there is room, and what stands at the right end.
+fn spread(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
+    let mut row = must.into_iter().fold(Row::new(), Row::and);
+    for piece in helps {
+        if row.width() + piece.width() + right.width() + 2 <= width {
+            row = row.and(piece);
+        }
+    }
+    if row.width() + 1 + right.width() <= width {
+        row = row.to_column(width - right.width()).and(right);
+    }
+    row
+}
+
+/// The word that tells a replay from the live cell.
+#[must_use]
+pub fn badge() -> Row {
+    Row::of(Role::ReadOnly, " REPLAY ").with(Role::Text, " ")
+}
+
+fn subject(model: &Model) -> Row {
+    Row::of(Role::Title, &model.timeline.recording().about.version.to_string())
+}
+
+/// The rest about the recording, the weightiest first.
+fn asides(model: &Model, pen: &Pen<'_>) -> Vec<Row> {
+    let recording = model.timeline.recording();
+    let about = &recording.about;
+    let mut rows = Vec::new();
+    if let Some(predecessor) = &about.predecessor {
+        rows.push(Row::of(Role::Text, &format!(" against {predecessor}")));
+    }
+    let (pictures, events) = recording.dropped;
+    if pictures + events > 0 {
+        let sign = pen.look.glyph(Glyph::Warning);
+        let text = format!("  {sign} {pictures} pictures and {events} events not kept");
+        rows.push(Row::of(Role::Warning, &text));
+    }
+    rows.push(
+        Row::of(Role::Text, "  ")
+            .with(Mark::profile(&about.profile).role, &pen.look.words(Mark::profile(&about.profile))),
+    );
+    rows.push(Row::of(Role::Text, &format!("  {}", short(&about.robot, 24))));
+    rows.push(Row::of(Role::Muted, &format!("  seed {}", about.seed)));
+    rows
+}
+
+fn outcome(model: &Model, pen: &Pen<'_>) -> Row {
+    match &model.timeline.recording().outcome {
+        Some(outcome) => {
+            let (glyph, role) = Mark::outcome(outcome);
+            Row::of(Role::Muted, "ended: ")
+                .with(role, &format!("{} {}", pen.look.glyph(glyph), short(outcome, 24)))
+        }
+        None => Row::of(Role::Unknown, &format!("{} not closed", pen.look.glyph(Glyph::Unknown))),
+    }
+}
+
+/// How the version stood at the cursor: sign, word, and where in the pipeline.
+fn stands(model: &Model, pen: &Pen<'_>) -> Row {
+    let standing = model.timeline.standing(model.cursor);
+    let Some(state) = standing.state else {
+        return Row::of(Role::Unknown, &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)));
+    };
+    let mark = Mark::version(state, &standing.flags);
+    let row = Row::of(mark.role, &pen.look.words(mark));
+    let words = words::standing(state, &standing.flags);
+    if words == mark.word { row } else { row.with(Role::Text, &format!("  {words}")) }
+}
+
+/// Whether it plays, and how fast.
+#[must_use]
+pub fn playing(model: &Model, pen: &Pen<'_>) -> Row {
+    let (glyph, word, role) = if model.playing {
+        (Glyph::Here, "playing", Role::Running)
+    } else {
+        (Glyph::Paused, "paused", Role::Held)
+    };
+    Row::of(role, &format!("{} {word}", pen.look.glyph(glyph)))
+        .with(Role::Text, &format!(" {}", model.speed.word()))
+}
+
+fn time(model: &Model, with_tick: bool) -> Row {
+    let row = Row::of(Role::Title, &format!("  {}", secs(model.cursor.at_ms)));
+    if with_tick { row.with(Role::Muted, &format!("  tick {}", tick_of(model.cursor.at_ms))) } else { row }
+}

@@ -1,0 +1,162 @@
+//! One chart over time, with its limit as it was then and the cursor in it.
+//!
+//! Many values share a dot column as their smallest and largest: a spike of one value survives any width. Moving
+//! values are joined only where they follow each other closely; a gap stays a gap. Values that hold until the next
+//! are drawn as steps.
+
+use ratatui::layout::Rect;
+
+use crate::console::look::Role;
+use crate::console::replay::charts::Chart;
+use crate::console::replay::model::Model;
+use crate::console::widgets::dots::{ACROSS, DOWN, Dots, Ink};
+use crate::console::widgets::pen::Pen;
+use crate::console::widgets::row::Row;
+
+/// Columns left of a chart, for its numbers.
+const SCALE: u16 = 6;
+
+/// What is shown of a moving value, ms: before and after the cursor.
+const WINDOW_MS: (u64, u64) = (15_000, 5_000);
+
+/// Moving values further apart are not joined, ms.
+const JOINED_MS: u64 = 1_000;
+
+/// What is drawn where.
+struct Frame {
+    from_ms: u64,
+    to_ms: u64,
+    low: f64,
+    high: f64,
+    across: usize,
+    down: usize,
+}
+
+impl Frame {
+    #[allow(clippy::cast_possible_truncation, reason = "a share of the dots across")]
+    fn x(&self, at_ms: u64) -> i64 {
+        let span_ms = (self.to_ms - self.from_ms).max(1) as f64;
+        let share = at_ms.saturating_sub(self.from_ms) as f64 / span_ms;
+        (share.clamp(0.0, 1.0) * self.across.saturating_sub(1) as f64).round() as i64
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "a share of the dots down")]
+    fn y(&self, value: f64) -> i64 {
+        let bottom = self.down.saturating_sub(1) as f64;
+        (bottom - (value - self.low) / (self.high - self.low) * bottom).round().clamp(0.0, bottom) as i64
+    }
+}
+
+/// Draws it. In an area too small for a chart, nothing.
+pub fn draw(chart: &Chart, model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let area = area.intersection(pen.buf.area);
+    if area.width <= SCALE + 2 || area.height == 0 {
+        return;
+    }
+    let plot = Rect { x: area.x + SCALE, width: area.width - SCALE, ..area };
+    let (from_ms, to_ms) = window_ms(chart, model);
+    let (low, high) = range(chart);
+    let (across, down) = (usize::from(plot.width) * ACROSS, usize::from(plot.height) * DOWN);
+    let frame = Frame { from_ms, to_ms, low, high, across, down };
+    scale(&frame, pen, area);
+    limit(chart, &frame, pen, plot);
+    cursor(model, &frame, pen, plot);
+    let mut dots = Dots::new(plot);
+    values(chart, &frame, &mut dots);
+    dots.draw(pen, plot);
+}
+
+/// What is shown: round the cursor of what moves, all of what holds.
+fn window_ms(chart: &Chart, model: &Model) -> (u64, u64) {
+    let (first_ms, last_ms) = model.timeline.span_ms();
+    let (before_ms, after_ms) = WINDOW_MS;
+    if !chart.moving || last_ms - first_ms <= before_ms + after_ms {
+        return (first_ms, last_ms);
+    }
+    let to_ms = model.cursor.at_ms.saturating_add(after_ms).clamp(first_ms + before_ms + after_ms, last_ms);
+    (to_ms - before_ms - after_ms, to_ms)
+}
+
+/// The smallest and largest number of the scale, of the whole recording so that it stands still.
+fn range(chart: &Chart) -> (f64, f64) {
+    let all =
+        chart.values.iter().chain(&chart.limits).map(|(_, value)| *value).filter(|value| value.is_finite());
+    let (low, high) =
+        all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let low = if chart.at_least { low } else { low.min(0.0) };
+    let room = if high > low { 0.1 * (high - low) } else { 0.1 * high.abs().max(1.0) };
+    // Room beyond, so that a limit is never the frame.
+    (if chart.at_least { low - room } else { low }, high + room)
+}
+
+fn scale(frame: &Frame, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(SCALE - 1);
+    let number = |value: f64| if value.abs() < 100.0 { format!("{value:.2}") } else { format!("{value:.0}") };
+    pen.row(area, 0, &Row::new().cell_right(Role::Muted, &number(frame.high), width));
+    if area.height > 1 {
+        pen.row(area, area.height - 1, &Row::new().cell_right(Role::Muted, &number(frame.low), width));
+    }
+}
+
+/// The limit in force in each column.
+fn limit(chart: &Chart, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
+    let line = if pen.look.ascii() { "-" } else { "╌" };
+    let span_ms = frame.to_ms - frame.from_ms;
+    for column in 0..plot.width {
+        let at_ms = frame.from_ms + span_ms * u64::from(column) / u64::from(plot.width);
+        let Some(limit) = chart.at(at_ms).1.filter(|limit| limit.is_finite()) else { continue };
+        let row = usize::try_from(frame.y(limit)).map_or(0, |dot| dot / DOWN);
+        let row = u16::try_from(row).unwrap_or(0).min(plot.height - 1);
+        pen.cell(plot.x + column, plot.y + row, line, Role::Limit);
+    }
+}
+
+fn cursor(model: &Model, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
+    let column = usize::try_from(frame.x(model.cursor.at_ms)).map_or(0, |dot| dot / ACROSS);
+    let column = u16::try_from(column).unwrap_or(0).min(plot.width - 1);
+    pen.divider(Rect { x: plot.x + column, width: 1, ..plot });
+    pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, Role::Focus);
+}
+
+fn values(chart: &Chart, frame: &Frame, dots: &mut Dots) {
+    let within =
+        |(at_ms, value): &&(u64, f64)| (frame.from_ms..=frame.to_ms).contains(at_ms) && value.is_finite();
+    let mut before: Option<(u64, i64, i64)> = None;
+    if !chart.moving
+        && let (Some(value), _) = chart.at(frame.from_ms)
+        && value.is_finite()
+    {
+        before = Some((frame.from_ms, frame.x(frame.from_ms), frame.y(value)));
+    }
+    let mut last_ink = ink(false);
+    for (at_ms, value) in chart.values.iter().filter(within) {
+        let past = chart.at(*at_ms).1.is_some_and(|limit| chart.is_past(*value, limit));
+        let here = (frame.x(*at_ms), frame.y(*value));
+        match before {
+            Some((before_ms, x, y)) if chart.moving && at_ms - before_ms <= JOINED_MS => {
+                dots.line((x, y), here, ink(past));
+            }
+            Some((_, x, y)) if !chart.moving => {
+                dots.line((x, y), (here.0, y), last_ink);
+                dots.line((here.0, y), here, ink(past));
+            }
+            _ => dots.dot(here.0, here.1, ink(past)),
+        }
+        last_ink = ink(past);
+        before = Some((*at_ms, here.0, here.1));
+    }
+    if let Some((_, x, y)) = before.filter(|_| !chart.moving) {
+        dots.line((x, y), (frame.x(frame.to_ms), y), last_ink);
+    }
+}
+
+const fn ink(past: bool) -> Ink {
+    if past {
+        Ink { role: Role::Past, ascii: "X", dashed: false }
+    } else {
+        Ink { role: Role::Value, ascii: "*", dashed: false }
+    }
+}

@@ -1,0 +1,161 @@
+//! Ends and mends files: few large chunks instead of many small ones, a footer, one file instead of segments.
+//!
+//! A new file is written beside the old one, synced, and put in its place: a kill leaves the one or the other.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use rerun::EntityPath;
+use rerun::log::Chunk;
+use sha2::{Digest as _, Sha256};
+
+use super::drawing::{Tail, tail};
+use super::file::{Framed, message, opening, store};
+use super::limits::CHUNK_ROWS_MAX;
+use super::read::{Contents, contents};
+use super::rows::{Ids, Rows};
+use super::{ReadError, blueprint};
+use crate::governance::ids::Digest;
+
+/// A file that is ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ended {
+    /// SHA-256 of its bytes.
+    pub digest: Digest,
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// Writes the segments of a recording as one file at `into`, which may be one of them; the others are removed.
+///
+/// # Errors
+/// Where a segment cannot be read, or the file not be written.
+pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: Option<&Tail>) -> Result<Ended, ReadError> {
+    let mut all = Vec::new();
+    for segment in segments {
+        all.extend(contents(segment)?.chunks);
+    }
+    if let Some(end) = end {
+        let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
+        tail(&mut rows, end);
+        all.extend(rows.take().0);
+    }
+    let ended = write_all(stem, all, into).map_err(|source| ReadError::file(into, source))?;
+    for segment in segments.iter().filter(|segment| segment.as_path() != into) {
+        // What is left behind is found and joined at the next start.
+        let _ = fs::remove_file(segment);
+    }
+    Ok(ended)
+}
+
+/// Ids of what is said at the end: after those of every segment.
+const LAST_SEGMENT: u32 = 0xf_ffff;
+
+/// Writes chunks as an ended file, and puts it in its place.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ended> {
+    let beside = into.with_extension("rrd.part");
+    let written = write_beside(stem, chunks, &beside).and_then(|ended| {
+        fs::rename(&beside, into)?;
+        if let Some(folder) = into.parent() {
+            File::open(folder)?.sync_all()?;
+        }
+        Ok(ended)
+    });
+    if written.is_err() {
+        let _ = fs::remove_file(&beside);
+    }
+    written
+}
+
+fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<Ended> {
+    let file = BufWriter::new(Summed { file: File::create(beside)?, sum: Sha256::new(), bytes: 0 });
+    let mut framed = Framed::ended(file)?;
+    let store = store(stem);
+    let mut ids = Ids::of_segment(LAST_SEGMENT + 1);
+    for layout in blueprint::messages()? {
+        framed.write(&layout)?;
+    }
+    framed.write(&opening(&store, &mut ids))?;
+    for chunk in few(chunks)? {
+        framed.write(&message(&store, &chunk.with_id(ids.chunk()))?)?;
+    }
+    let summed = framed.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?;
+    summed.file.sync_all()?;
+    Ok(Ended { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes })
+}
+
+/// The same rows in few chunks, ordered by entity.
+fn few(chunks: Vec<Chunk>) -> io::Result<Vec<Chunk>> {
+    let other = |error: rerun::log::ChunkError| io::Error::other(error.to_string());
+    let mut entities: BTreeMap<(EntityPath, bool), Vec<Chunk>> = BTreeMap::new();
+    for chunk in chunks {
+        let key = (chunk.entity_path().clone(), !chunk.is_static());
+        let parts = entities.entry(key).or_default();
+        let joined = match parts.last() {
+            Some(last) if last.concatenable(&chunk) => {
+                Some(Chunk::concat_and_sort(last, &chunk).map_err(other)?)
+            }
+            _ => None,
+        };
+        if joined.is_some() {
+            parts.pop();
+        }
+        let mut rest = joined.unwrap_or(chunk);
+        while rest.num_rows() > CHUNK_ROWS_MAX {
+            parts.push(rest.row_sliced_deep(0, CHUNK_ROWS_MAX));
+            rest = rest.row_sliced_deep(CHUNK_ROWS_MAX, rest.num_rows());
+        }
+        parts.push(rest);
+    }
+    Ok(entities.into_values().flatten().collect())
+}
+
+/// Counts and sums what passes.
+struct Summed {
+    file: File,
+    sum: Sha256,
+    bytes: u64,
+}
+
+impl Write for Summed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.sum.update(bytes.get(..written).unwrap_or(bytes));
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// What is found of a file at the start.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// It was ended in good order, with this outcome.
+    Ended(Ended, String),
+    /// It is readable; its upgrade may go on.
+    Open,
+}
+
+/// Looks at a file of an earlier life and mends it where a kill left it without an end.
+///
+/// # Errors
+/// Where it cannot be read or written.
+pub fn mend(stem: &str, path: &Path) -> Result<Found, ReadError> {
+    let Contents { chunks, ended, tail, .. } = contents(path)?;
+    if !ended {
+        write_all(stem, chunks, path).map_err(|source| ReadError::file(path, source))?;
+        return Ok(Found::Open);
+    }
+    let Some(outcome) = tail.and_then(|tail| tail.outcome) else { return Ok(Found::Open) };
+    let bytes = fs::read(path).map_err(|source| ReadError::file(path, source))?;
+    let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
+    Ok(Found::Ended(Ended { digest, bytes: bytes.len() as u64 }, outcome))
+}

@@ -1,0 +1,180 @@
+use std::fs::File;
+use std::io;
+
+use super::*;
+use crate::scene::pace::tests::picture;
+
+fn id(text: &str) -> CapabilityId {
+    text.parse().unwrap()
+}
+
+fn event(seq: u64, at_ms: u64, kind: EventKind) -> Event {
+    Event { seq, at_ms, kind }
+}
+
+fn registered(version: &str, parent: Option<&str>) -> EventKind {
+    EventKind::Registered {
+        version: id(version),
+        digest: Digest::of_parts("test", &[version.as_bytes()]),
+        author: "ada".to_owned(),
+        provenance: "refined".to_owned(),
+        risk: "low".to_owned(),
+        parent: parent.map(ToOwned::to_owned),
+    }
+}
+
+fn shadow(version: &str) -> EventKind {
+    EventKind::StageStarted { version: id(version), stage: Stage::Shadow, budget: 20 }
+}
+
+fn closed(version: &str) -> EventKind {
+    EventKind::AuditClosed { version: id(version), outcome: "confirmed".to_owned(), records: 3 }
+}
+
+fn desk(folder: &Path, open: Box<Open>) -> Desk {
+    Desk::new(folder.to_owned(), BTreeSet::new(), false, open)
+}
+
+fn plain() -> Box<Open> {
+    Box::new(|path| File::create(path))
+}
+
+/// An upgrade of a few seconds.
+fn work(desk: &mut Desk, version: &str, flush: bool) {
+    desk.events(&[event(1, 0, registered(version, Some("grasp@1.0.0")))], None, (0, 0));
+    desk.events(&[event(2, 10, shadow(version))], None, (0, 0));
+    for step in 1..200 {
+        desk.picture(picture(0, step * 33));
+        if flush && step % 7 == 0 {
+            desk.flush();
+        }
+    }
+}
+
+#[test]
+fn a_version_without_news_has_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut desk = desk(folder.path(), plain());
+    desk.events(&[event(1, 0, registered("grasp@1.0.0", None))], None, (0, 0));
+    desk.picture(picture(0, 33));
+    desk.end((0, 0));
+    assert!(recordings(folder.path()).is_empty());
+    assert!(desk.reports().is_empty());
+}
+
+#[test]
+fn a_full_disk_ends_one_recording_is_told_once_and_harms_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let open = |path: &Path| -> io::Result<File> {
+        let full = path.to_string_lossy().contains("1.1.0");
+        if full { File::options().write(true).open("/dev/full") } else { File::create(path) }
+    };
+    let mut desk = desk(folder.path(), Box::new(open));
+    work(&mut desk, "grasp@1.1.0", true);
+    work(&mut desk, "grasp@1.2.0", true);
+    desk.events(
+        &[event(9, 9_000, closed("grasp@1.1.0")), event(10, 9_000, closed("grasp@1.2.0"))],
+        None,
+        (0, 0),
+    );
+    let reports = desk.reports();
+    let failed: Vec<&Report> =
+        reports.iter().filter(|report| matches!(report, Report::Failed { .. })).collect();
+    let [Report::Failed { version: Some(version), text }] = failed.as_slice() else { panic!("{reports:?}") };
+    assert_eq!(*version, id("grasp@1.1.0"));
+    assert!(text.contains("cannot be written") && text.contains("Hint:"), "{text}");
+    assert!(reports.iter().any(
+        |report| matches!(report, Report::Closed(closed) if closed.version == id("grasp@1.2.0") && closed.pictures > 30)
+    ));
+}
+
+#[test]
+fn how_often_rows_are_written_changes_no_byte() {
+    let digests: Vec<Digest> = [false, true]
+        .into_iter()
+        .map(|flush| {
+            let folder = tempfile::tempdir().unwrap();
+            let mut desk = desk(folder.path(), plain());
+            work(&mut desk, "grasp@1.1.0", flush);
+            desk.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
+            let reports = desk.reports();
+            let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
+            closed.digest
+        })
+        .collect();
+    assert_eq!(digests.first(), digests.last());
+}
+
+#[test]
+fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = desk(folder.path(), plain());
+    work(&mut first, "grasp@1.1.0", true);
+    first.flush();
+    // As a kill leaves it: without an end, and torn in the last message.
+    let (name, path) = recordings(folder.path()).pop().unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    drop(first);
+    std::fs::write(&path, &bytes[..bytes.len() - 37]).unwrap();
+    let torn = read(&path).unwrap();
+    assert!(torn.pictures.len() > 20 && torn.outcome.is_none());
+
+    let mut second = desk(folder.path(), plain());
+    second.recover();
+    assert!(second.reports().is_empty());
+    let mended = read(&path).unwrap();
+    assert_eq!(mended, torn);
+    assert_eq!(compact::mend("x", &path).unwrap(), Found::Open);
+    let same = std::fs::read(&path).unwrap();
+
+    second.events(&[event(1, 20_000, registered("grasp@1.1.0", None))], None, (0, 0));
+    second.events(&[event(2, 20_010, shadow("grasp@1.1.0"))], None, (0, 0));
+    second.picture(picture(5, 20_033));
+    assert_eq!(std::fs::read(&path).unwrap(), same);
+    assert_eq!(recordings(folder.path()).len(), 2);
+    second.events(&[event(3, 21_000, closed("grasp@1.1.0"))], None, (4, 2));
+    let reports = second.reports();
+    let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
+    assert_eq!(closed.file, name);
+    assert_eq!(recordings(folder.path()).len(), 1);
+    let whole = read(&path).unwrap();
+    assert_eq!(whole.pictures.len(), torn.pictures.len() + 1);
+    assert_eq!(whole.pictures.len() as u64, closed.pictures);
+    assert_eq!((whole.outcome.as_deref(), whole.dropped), (Some("confirmed"), (4, 2)));
+}
+
+#[test]
+fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = desk(folder.path(), plain());
+    work(&mut first, "grasp@1.1.0", false);
+    first.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
+    let told = first.reports();
+    let [Report::Closed(ended)] = told.as_slice() else { panic!("{told:?}") };
+    let path = folder.path().join(&ended.file);
+    let bytes = std::fs::read(&path).unwrap();
+
+    let mut second = desk(folder.path(), plain());
+    second.recover();
+    assert_eq!(second.reports(), told);
+    let on_record = BTreeSet::from([ended.file.clone()]);
+    let mut third = Desk::new(folder.path().to_owned(), on_record, false, plain());
+    third.recover();
+    assert!(third.reports().is_empty());
+    work(&mut third, "grasp@1.1.0", false);
+    third.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
+    let [Report::Closed(again)] = &third.reports()[..] else { panic!() };
+    assert_eq!(again.file, ended.file.replace(".rrd", ".2.rrd"));
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
+}
+
+#[test]
+fn a_segments_name_is_told_from_a_version() {
+    for (name, wanted) in [
+        ("grasp-1.0.2-0a1b2c3d.rrd", ("grasp-1.0.2-0a1b2c3d", 1)),
+        ("grasp-1.0.2-0a1b2c3d.2.rrd", ("grasp-1.0.2-0a1b2c3d", 2)),
+        ("grasp-1.0.2.rrd", ("grasp-1.0.2", 1)),
+    ] {
+        assert_eq!(segment_of(name), wanted);
+    }
+}

@@ -1,0 +1,153 @@
+//! Turns what the engine tells into rows: one drawing per upgrade, and one for the live viewer.
+//!
+//! Owns which entity shows what. It reads events, snapshots and pictures and writes rows; it decides nothing about
+//! files. Entities: `world/..` is the scene, `plots/..` are charts, `phase`, `log/..` and `upgrade` say how far the
+//! upgrade is, and `record/..` is what reading back needs and a viewer need not show.
+
+mod plots;
+mod record;
+mod scenery;
+mod style;
+mod tell;
+mod world;
+
+use std::collections::BTreeMap;
+
+pub use record::{Frame, Head, Tail, head, paths, tail};
+
+use super::rows::{Ids, Moment, Rows};
+use crate::engine::event::Event;
+use crate::engine::picture::{Picture, Point, Scenery};
+use crate::engine::snapshot::Snapshot;
+use crate::governance::ids::CapabilityId;
+
+/// A drawing: rows that wait, and what has to be remembered between two of them.
+#[derive(Debug)]
+pub struct Drawing {
+    rows: Rows,
+    /// Whose charts are drawn; absent until the live viewer's drawing knows.
+    version: Option<CapabilityId>,
+    since_ms: Option<u64>,
+    sequence: u64,
+    wall_clock: bool,
+    path_every_ms: u64,
+    trails: [Trail; 2],
+    twin_shown: bool,
+    /// Limits by path: when they were last said, ms, and what.
+    limits: BTreeMap<String, (u64, f64)>,
+    /// Points of the shadow series that are drawn.
+    shadow_drawn: usize,
+    /// Pairs that are drawn.
+    pairs_drawn: u64,
+    /// Episodes of the monitor that are drawn.
+    monitored: u32,
+    /// What is drawn of the upgrade's document.
+    told: tell::Told,
+}
+
+/// The way of one tool in the running sequence.
+#[derive(Debug, Default)]
+struct Trail {
+    sequence: u64,
+    points: Vec<Point>,
+    said_ms: Option<u64>,
+}
+
+impl Drawing {
+    /// An empty one. The paths of the tools are renewed every `path_every_ms`.
+    #[must_use]
+    pub fn new(ids: Ids, version: Option<CapabilityId>, wall_clock: bool, path_every_ms: u64) -> Self {
+        Self {
+            rows: Rows::new(ids),
+            version,
+            since_ms: None,
+            sequence: 0,
+            wall_clock,
+            path_every_ms,
+            trails: [Trail::default(), Trail::default()],
+            twin_shown: false,
+            limits: BTreeMap::new(),
+            shadow_drawn: 0,
+            pairs_drawn: 0,
+            monitored: 0,
+            told: tell::Told::default(),
+        }
+    }
+
+    /// What holds always: the scene that does not move, and how everything is drawn.
+    pub fn begin(&mut self, scenery: &Scenery) {
+        scenery::draw(&mut self.rows, scenery);
+        style::draw(&mut self.rows);
+    }
+
+    /// A moment of the live cell.
+    pub fn picture(&mut self, picture: &Picture) {
+        self.sequence = picture.sequence;
+        let moment = self.moment(picture.at_ms, picture.sequence);
+        self.draw_world(picture, &moment);
+        self.draw_tool(picture, &moment);
+        record::frame(&mut self.rows, picture, &moment);
+    }
+
+    /// Something that happened.
+    pub fn event(&mut self, event: &Event) {
+        let moment = self.moment(event.at_ms, self.sequence);
+        self.draw_event(event, &moment);
+        self.tell(event, &moment);
+        record::event(&mut self.rows, event, &moment);
+    }
+
+    /// How things stand: what of it is new.
+    pub fn snapshot(&mut self, snapshot: &Snapshot) {
+        let moment = self.moment(snapshot.at_ms, self.sequence);
+        self.draw_snapshot(snapshot, &moment);
+    }
+
+    /// Draws another version's charts from now on.
+    pub fn turn_to(&mut self, version: &CapabilityId) {
+        if self.version.as_ref() != Some(version) {
+            self.version = Some(version.clone());
+            self.shadow_drawn = 0;
+            self.pairs_drawn = 0;
+            self.monitored = 0;
+            self.told = tell::Told::default();
+        }
+    }
+
+    /// The rows that wait.
+    pub const fn rows(&mut self) -> &mut Rows {
+        &mut self.rows
+    }
+
+    fn moment(&mut self, at_ms: u64, sequence: u64) -> Moment {
+        let since_ms = *self.since_ms.get_or_insert(at_ms);
+        let wall = self.wall_clock.then(wall_nanos);
+        Moment::new(at_ms, since_ms, sequence, wall)
+    }
+}
+
+/// The machine's time, ns since 1970.
+fn wall_nanos() -> i64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// A foreign name as one part of an entity's path: small letters, digits, `-` and `_`.
+fn part(name: &str) -> String {
+    let kept: String = name
+        .chars()
+        .take(48)
+        .map(|letter| if letter.is_ascii_alphanumeric() || letter == '-' { letter } else { '_' })
+        .collect();
+    if kept.is_empty() { "_".to_owned() } else { kept }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_foreign_name_is_one_part_of_a_path() {
+        for (name, part) in [("fixture wall", "fixture_wall"), ("a/b\u{1b}[", "a_b__"), ("", "_")] {
+            assert_eq!(super::part(name), part);
+        }
+    }
+}

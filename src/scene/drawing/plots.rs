@@ -1,0 +1,146 @@
+//! Charts: what is measured of the tool, the pairs, the shadow, the four kappas and the monitor, with its limits.
+
+use rerun::Scalars;
+
+use super::{Drawing, part, style};
+use crate::engine::event::{DimensionResult, Event, EventKind};
+use crate::engine::picture::Picture;
+use crate::engine::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
+use crate::governance::decision::Dimension;
+use crate::scene::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};
+use crate::scene::rows::Moment;
+use crate::text::Untrusted;
+
+impl Drawing {
+    pub(super) fn draw_tool(&mut self, picture: &Picture, moment: &Moment) {
+        let values = [picture.speed_m_s, picture.force_n, picture.contact_n];
+        for (chart, value) in style::tool_charts().into_iter().zip(values) {
+            self.value(chart, f64::from(value), moment);
+        }
+        let Some(envelope) = picture.envelope else { return };
+        let limits = [envelope.speed_m_s, envelope.force_n, envelope.contact_n];
+        for (chart, limit) in style::tool_charts().into_iter().zip(limits) {
+            self.limit(chart, f64::from(limit), picture.at_ms, moment);
+        }
+    }
+
+    pub(super) fn draw_event(&mut self, event: &Event, moment: &Moment) {
+        if let EventKind::Decided { version, dimensions, .. } = &event.kind
+            && self.version.as_ref() == Some(version)
+        {
+            for dimension in dimensions {
+                self.draw_kappa(dimension, event.at_ms, moment);
+            }
+        }
+    }
+
+    fn draw_kappa(&mut self, dimension: &DimensionResult, at_ms: u64, moment: &Moment) {
+        let letter = match dimension.dimension {
+            Dimension::Interface => "I",
+            Dimension::Policy => "P",
+            Dimension::Behavior => "B",
+            Dimension::Recovery => "R",
+            Dimension::Composition
+            | Dimension::Shadow
+            | Dimension::Gate
+            | Dimension::Approval
+            | Dimension::Monitor => return,
+        };
+        if let Some(kappa) = dimension.kappa {
+            let chart = format!("kappa/{letter}");
+            self.value(&chart, kappa, moment);
+            self.limits.remove(&chart);
+            self.limit(&chart, dimension.threshold, at_ms, moment);
+        }
+    }
+
+    pub(super) fn draw_snapshot(&mut self, snapshot: &Snapshot, moment: &Moment) {
+        let Some(version) = self.version.clone() else { return };
+        if let Some(view) = snapshot.candidates.iter().find(|view| view.version == version) {
+            self.draw_candidate(view, snapshot.at_ms, moment);
+        }
+        if let Some(monitor) = snapshot.live.monitors.iter().find(|monitor| monitor.version == version) {
+            self.draw_monitor(monitor, snapshot.at_ms, moment);
+        }
+    }
+
+    fn draw_candidate(&mut self, view: &CandidateView, at_ms: u64, moment: &Moment) {
+        if let Some(pairs) = &view.pairs {
+            self.draw_pairs(pairs, moment);
+        }
+        if let Some(shadow) = &view.shadow {
+            self.draw_shadow(shadow, at_ms, moment);
+        }
+    }
+
+    fn draw_pairs(&mut self, pairs: &PairsView, moment: &Moment) {
+        if pairs.n == self.pairs_drawn || pairs.n == 0 {
+            return;
+        }
+        self.pairs_drawn = pairs.n;
+        for (who, means) in [("active", &pairs.active), ("candidate", &pairs.candidate)] {
+            self.value(&format!("pairs/success/{who}"), means.success, moment);
+            self.value(&format!("pairs/violations/{who}"), means.violation, moment);
+            self.value(&format!("pairs/anomalies/{who}"), means.anomaly, moment);
+        }
+    }
+
+    /// Only what is new of the series: one value for each shadowed sequence.
+    fn draw_shadow(&mut self, shadow: &ShadowView, at_ms: u64, moment: &Moment) {
+        // A shadow that is begun anew counts from 0 again.
+        let drawn = if shadow.series.len() < self.shadow_drawn { 0 } else { self.shadow_drawn };
+        let Some([output, governance, envelope]) = shadow.series.last().copied() else { return };
+        if shadow.series.len() == drawn {
+            return;
+        }
+        self.shadow_drawn = shadow.series.len();
+        // Where several came since the last look, the last one is drawn: they have no time of their own.
+        let values = [("output", output), ("governance", governance), ("envelope", envelope)];
+        for ((name, value), limit) in values.into_iter().zip(shadow.limits) {
+            let chart = format!("shadow/{name}");
+            self.value(&chart, f64::from(value), moment);
+            if let Some(limit) = limit {
+                self.limit(&chart, limit, at_ms, moment);
+            }
+        }
+    }
+
+    fn draw_monitor(&mut self, monitor: &MonitorView, at_ms: u64, moment: &Moment) {
+        if monitor.episodes == self.monitored {
+            return;
+        }
+        let first = self.monitored == 0;
+        self.monitored = monitor.episodes;
+        for (index, (name, value, limit)) in monitor.charts.iter().enumerate() {
+            let chart = format!("monitor/{}", part(name));
+            if first {
+                let shown = Untrusted::new(name).display(TEXT_WIDTH_MAX).into_string();
+                let look = style::line(&shown, style::monitor_color(index), false);
+                self.rows.always(&format!("plots/{chart}"), &look);
+                let look = style::line(&format!("limit of {shown}"), style::monitor_color(index), true);
+                self.rows.always(&format!("plots/{chart}/limit"), &look);
+            }
+            self.value(&chart, *value, moment);
+            self.limit(&chart, *limit, at_ms, moment);
+        }
+    }
+
+    fn value(&mut self, chart: &str, value: f64, moment: &Moment) {
+        // What is no number has no place in a chart.
+        if value.is_finite() {
+            self.rows.at(&format!("plots/{chart}"), moment, &Scalars::single(value));
+        }
+    }
+
+    /// A limit, where it changed or was not said for a while.
+    fn limit(&mut self, chart: &str, limit: f64, at_ms: u64, moment: &Moment) {
+        let said = self.limits.get(chart).is_some_and(|(said_ms, said)| {
+            *said == limit && at_ms >= *said_ms && at_ms < said_ms.saturating_add(LIMIT_EVERY_MS)
+        });
+        if said || !limit.is_finite() {
+            return;
+        }
+        self.limits.insert(chart.to_owned(), (at_ms, limit));
+        self.rows.at(&format!("plots/{chart}/limit"), moment, &Scalars::single(limit));
+    }
+}

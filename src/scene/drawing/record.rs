@@ -1,0 +1,128 @@
+//! What reading back needs beyond what a viewer draws, as JSON text in entities of its own.
+
+use serde::{Deserialize, Serialize};
+
+use rerun::TextLog;
+
+use crate::engine::event::Event;
+use crate::engine::picture::{Envelope, Picture, Scenery};
+use crate::governance::ids::CapabilityId;
+use crate::scene::recording::About;
+use crate::scene::rows::{Moment, Rows};
+
+/// Where it is kept.
+pub mod paths {
+    /// One text: a [`super::Head`].
+    pub const HEAD: &str = "record/head";
+    /// One text: a [`super::Tail`], in ended files.
+    pub const TAIL: &str = "record/tail";
+    /// A text for each picture: a [`super::Frame`].
+    pub const FRAME: &str = "record/frame";
+    /// A text for each event.
+    pub const EVENT: &str = "record/event";
+}
+
+/// What is known when a recording begins.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Head {
+    /// Whose it is.
+    pub about: About,
+    /// What does not move.
+    pub scenery: Scenery,
+}
+
+/// What is known when it ends.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tail {
+    /// How the upgrade ended; absent where only the program did.
+    pub outcome: Option<String>,
+    /// Pictures and events that were dropped before they came here.
+    pub dropped: (u64, u64),
+}
+
+/// What a picture holds beside its geometry. Short names: there is one for each picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// [`Picture::sequence`].
+    #[serde(rename = "s")]
+    pub sequence: u64,
+    /// [`Picture::at_ms`].
+    #[serde(rename = "t")]
+    pub at_ms: u64,
+    /// [`Picture::at_secs`].
+    #[serde(rename = "w")]
+    pub at_secs: f64,
+    /// [`Picture::task`].
+    #[serde(rename = "k", default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<String>,
+    /// [`Picture::version`].
+    #[serde(rename = "v", default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<CapabilityId>,
+    /// The twin's version.
+    #[serde(rename = "n", default, skip_serializing_if = "Option::is_none")]
+    pub twin: Option<CapabilityId>,
+    /// Held, held by the twin, unexpected contact, stopped.
+    #[serde(rename = "x")]
+    pub flags: [bool; 4],
+    /// Half the object's edge, m: the live world's and the twin's.
+    #[serde(rename = "h")]
+    pub half_m: [f32; 2],
+    /// Speed, force at the pads, force on the surroundings.
+    #[serde(rename = "f")]
+    pub tool: [f32; 3],
+    /// [`Picture::envelope`].
+    #[serde(rename = "e", default, skip_serializing_if = "Option::is_none")]
+    pub envelope: Option<Envelope>,
+    /// The contacts' forces, which arrows show scaled.
+    #[serde(rename = "c", default, skip_serializing_if = "Vec::is_empty")]
+    pub forces_n: Vec<[f32; 3]>,
+}
+
+/// Writes the head.
+pub fn head(rows: &mut Rows, head: &Head) {
+    always(rows, paths::HEAD, head);
+}
+
+/// Writes the tail.
+pub fn tail(rows: &mut Rows, tail: &Tail) {
+    always(rows, paths::TAIL, tail);
+}
+
+fn always<T: Serialize>(rows: &mut Rows, path: &str, value: &T) {
+    if let Ok(text) = serde_json::to_string(value) {
+        rows.always(path, &TextLog::new(text));
+    }
+}
+
+/// Writes an event.
+pub(super) fn event(rows: &mut Rows, event: &Event, moment: &Moment) {
+    if let Ok(text) = serde_json::to_string(event) {
+        rows.at(paths::EVENT, moment, &TextLog::new(text));
+    }
+}
+
+/// Writes what a picture holds beside its geometry.
+pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment) {
+    let twin = picture.twin.as_ref();
+    let frame = Frame {
+        sequence: picture.sequence,
+        at_ms: picture.at_ms,
+        at_secs: picture.at_secs,
+        task: picture.task.clone(),
+        version: picture.version.clone(),
+        twin: twin.map(|twin| twin.version.clone()),
+        flags: [
+            picture.body.held,
+            twin.is_some_and(|twin| twin.body.held),
+            picture.unexpected_contact,
+            picture.stopped,
+        ],
+        half_m: [picture.body.object_half_m, twin.map_or(0.0, |twin| twin.body.object_half_m)],
+        tool: [picture.speed_m_s, picture.force_n, picture.contact_n],
+        envelope: picture.envelope,
+        forces_n: picture.contacts.iter().map(|contact| contact.force_n).collect(),
+    };
+    if let Ok(text) = serde_json::to_string(&frame) {
+        rows.at(paths::FRAME, moment, &TextLog::new(text));
+    }
+}

@@ -1,0 +1,90 @@
+//! The scene that does not move, and how what moves is drawn.
+
+use rerun::{
+    Arrows3D, Boxes3D, Capsules3D, Color, FillMode, LineStrips3D, Points3D, ViewCoordinates,
+    archetypes::TextLog,
+};
+
+use super::part;
+use super::world::Whose;
+use crate::engine::picture::{Region, Scenery};
+use crate::scene::limits::TEXT_WIDTH_MAX;
+use crate::scene::rows::Rows;
+use crate::text::Untrusted;
+
+/// Draws both.
+pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
+    rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
+    for fixture in &scenery.fixtures {
+        let color = if fixture.name == "table" {
+            Color::from_rgb(92, 96, 104)
+        } else {
+            Color::from_rgb(74, 108, 140)
+        };
+        let solid = boxed(fixture).with_colors([color]).with_fill_mode(FillMode::Solid);
+        rows.always(&format!("world/{}", part(&fixture.name)), &solid);
+    }
+    for zone in &scenery.keep_outs {
+        let name = Untrusted::new(&zone.name).display(TEXT_WIDTH_MAX).into_string();
+        let ghost = boxed(zone)
+            .with_colors([Color::from_unmultiplied_rgba(214, 60, 60, 36)])
+            .with_fill_mode(FillMode::Solid)
+            .with_labels([name])
+            .with_show_labels(false);
+        rows.always(&format!("world/zones/{}", part(&zone.name)), &ghost);
+    }
+    if let Some(workspace) = &scenery.workspace {
+        let outline = boxed(workspace)
+            .with_colors([Color::from_unmultiplied_rgba(120, 150, 190, 110)])
+            .with_radii([0.0015])
+            .with_fill_mode(FillMode::MajorWireframe);
+        rows.always("world/zones/workspace", &outline);
+    }
+    for whose in [Whose::Live, Whose::Twin] {
+        looks(rows, whose);
+    }
+    rows.always("world/contacts", &Arrows3D::update_fields().with_radii([0.003]));
+    rows.always("log/audit", &TextLog::update_fields().with_color(Color::from_rgb(200, 206, 214)));
+}
+
+/// Colours and sizes of a body, which stay.
+fn looks(rows: &mut Rows, whose: Whose) {
+    let root = whose.root();
+    let (arm, joint, hand, path) = match whose {
+        Whose::Live => (
+            Color::from_rgb(205, 210, 218),
+            Color::from_rgb(70, 140, 255),
+            Color::from_rgb(60, 66, 76),
+            Color::from_rgb(70, 140, 255),
+        ),
+        Whose::Twin => (
+            Color::from_unmultiplied_rgba(255, 150, 40, 70),
+            Color::from_unmultiplied_rgba(255, 150, 40, 110),
+            Color::from_unmultiplied_rgba(255, 150, 40, 90),
+            Color::from_unmultiplied_rgba(255, 150, 40, 160),
+        ),
+    };
+    let arm = Capsules3D::update_fields()
+        .with_radii([whose.link_m()])
+        .with_colors([arm])
+        .with_fill_mode(FillMode::Solid);
+    rows.always(&format!("{root}/arm/links"), &arm);
+    let joints = Points3D::update_fields().with_radii([whose.link_m() + 0.004]).with_colors([joint]);
+    rows.always(&format!("{root}/arm/joints"), &joints);
+    let pads = Boxes3D::update_fields().with_colors([hand]).with_fill_mode(FillMode::Solid);
+    rows.always(&format!("{root}/gripper"), &pads);
+    rows.always(&format!("{root}/object"), &Boxes3D::update_fields().with_fill_mode(FillMode::Solid));
+    let path = LineStrips3D::update_fields().with_radii([0.0025]).with_colors([path]);
+    rows.always(&format!("{root}/path"), &path);
+}
+
+fn boxed(region: &Region) -> Boxes3D {
+    let pair = |combine: fn(f32, f32) -> f32| {
+        let [x, y, z] = region.min;
+        let [to_x, to_y, to_z] = region.max;
+        [combine(x, to_x), combine(y, to_y), combine(z, to_z)]
+    };
+    let center = pair(|min, max| f32::midpoint(min, max));
+    let half = pair(|min, max| ((max - min) / 2.0).abs());
+    Boxes3D::from_centers_and_half_sizes([center], [half])
+}

@@ -1,0 +1,77 @@
+//! How charts look: names, colours and widths, said once for each line.
+
+use rerun::{Color, SeriesLines, components::InterpolationMode};
+
+use crate::scene::rows::Rows;
+
+/// A line of a chart: path beneath `plots/`, name, colour, whether it is a limit.
+type Line = (&'static str, &'static str, [u8; 3], bool);
+
+const BLUE: [u8; 3] = [70, 140, 255];
+const ORANGE: [u8; 3] = [255, 150, 40];
+const GREEN: [u8; 3] = [88, 214, 120];
+const VIOLET: [u8; 3] = [190, 130, 255];
+const RED: [u8; 3] = [226, 80, 80];
+
+const LINES: [Line; 26] = [
+    ("tool/speed", "speed, m/s", BLUE, false),
+    ("tool/speed/limit", "limit", RED, true),
+    ("tool/force", "force at the pads, N", GREEN, false),
+    ("tool/force/limit", "limit of the fingers", RED, true),
+    ("tool/contact", "force on the surroundings, N", ORANGE, false),
+    ("tool/contact/limit", "limit on the surroundings", VIOLET, true),
+    ("pairs/success/active", "success, active", BLUE, false),
+    ("pairs/success/candidate", "success, candidate", ORANGE, false),
+    ("pairs/violations/active", "violations, active", BLUE, false),
+    ("pairs/violations/candidate", "violations, candidate", ORANGE, false),
+    ("pairs/anomalies/active", "anomalies, active", BLUE, false),
+    ("pairs/anomalies/candidate", "anomalies, candidate", ORANGE, false),
+    ("shadow/output", "output", BLUE, false),
+    ("shadow/output/limit", "limit of output", BLUE, true),
+    ("shadow/governance", "governance", ORANGE, false),
+    ("shadow/governance/limit", "limit of governance", ORANGE, true),
+    ("shadow/envelope", "envelope", GREEN, false),
+    ("shadow/envelope/limit", "limit of envelope", GREEN, true),
+    ("kappa/I", "interface", BLUE, false),
+    ("kappa/I/limit", "limit of interface", BLUE, true),
+    ("kappa/P", "policy", VIOLET, false),
+    ("kappa/P/limit", "limit of policy", VIOLET, true),
+    ("kappa/B", "behaviour", ORANGE, false),
+    ("kappa/B/limit", "limit of behaviour", ORANGE, true),
+    ("kappa/R", "recovery", GREEN, false),
+    ("kappa/R/limit", "limit of recovery", GREEN, true),
+];
+
+/// Says how each chart's lines look.
+pub(super) fn draw(rows: &mut Rows) {
+    for (path, name, rgb, limit) in LINES {
+        rows.always(&format!("plots/{path}"), &line(name, rgb, limit));
+    }
+}
+
+/// How one line looks.
+pub(super) fn line(name: &str, [red, green, blue]: [u8; 3], limit: bool) -> SeriesLines {
+    let (alpha, width) = if limit { (150, 1.0) } else { (255, 2.0) };
+    let look = SeriesLines::new()
+        .with_names([name])
+        .with_colors([Color::from_unmultiplied_rgba(red, green, blue, alpha)])
+        .with_widths([width]);
+    if limit { look.with_interpolation_mode(InterpolationMode::StepAfter) } else { look }
+}
+
+/// Colours of a monitor's charts, in turn.
+pub(super) const fn monitor_color(index: usize) -> [u8; 3] {
+    match index % 5 {
+        0 => BLUE,
+        1 => ORANGE,
+        2 => GREEN,
+        3 => VIOLET,
+        _ => RED,
+    }
+}
+
+/// The tool's charts beneath `plots/`: what has a value in every picture.
+#[must_use]
+pub const fn tool_charts() -> [&'static str; 3] {
+    ["tool/speed", "tool/force", "tool/contact"]
+}

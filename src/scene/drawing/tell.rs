@@ -1,0 +1,76 @@
+//! What is told in words: the upgrade's phase, the log of events and alarms, and the upgrade's document.
+
+use rerun::{StateChange, TextDocument, TextLog, TextLogLevel};
+
+use super::Drawing;
+use crate::engine::event::{Event, EventKind};
+use crate::engine::told;
+use crate::scene::limits::TEXT_WIDTH_MAX;
+use crate::scene::recording::About;
+use crate::scene::rows::Moment;
+use crate::scene::words;
+use crate::text::Untrusted;
+
+/// What is known of the upgrade.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    about: Option<About>,
+    decided: Option<Event>,
+    phase: Option<String>,
+    outcome: Option<String>,
+}
+
+impl Drawing {
+    /// Writes the upgrade's document at the beginning.
+    pub fn introduce(&mut self, about: &About, at_ms: u64) {
+        let moment = self.moment(at_ms, self.sequence);
+        self.told.about = Some(about.clone());
+        self.write_document(&moment);
+    }
+
+    pub(super) fn tell(&mut self, event: &Event, moment: &Moment) {
+        self.log(event, moment);
+        let ours =
+            words::version_of(&event.kind).is_some_and(|version| self.version.as_ref() == Some(version));
+        if !ours {
+            return;
+        }
+        if let Some(phase) = words::phase(&event.kind)
+            && self.told.phase.as_deref() != Some(phase.as_str())
+        {
+            self.rows.at("phase", moment, &StateChange::single(phase.as_str()));
+            self.told.phase = Some(phase);
+        }
+        match &event.kind {
+            EventKind::Decided { .. } | EventKind::Monitor { .. } | EventKind::RolledBack { .. } => {
+                self.told.decided = Some(event.clone());
+            }
+            EventKind::AuditClosed { outcome, .. } => self.told.outcome = Some(outcome.clone()),
+            EventKind::Activated { .. } | EventKind::Confirmed { .. } => {}
+            _ => return,
+        }
+        self.write_document(moment);
+    }
+
+    fn log(&mut self, event: &Event, moment: &Moment) {
+        let (path, level) = match &event.kind {
+            // A line for each episode would bury the rest.
+            EventKind::Progress { .. } => return,
+            EventKind::Alarm { priority, state, .. } => ("log/alarms", words::alarm_level(priority, state)),
+            kind => ("log/audit", words::level(kind)),
+        };
+        let text = Untrusted::new(told::told(event)).display(TEXT_WIDTH_MAX).into_string();
+        self.rows.at(path, moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
+    }
+
+    fn write_document(&mut self, moment: &Moment) {
+        let Some(about) = &self.told.about else { return };
+        let text = words::document(
+            about,
+            self.told.phase.as_deref(),
+            self.told.decided.as_ref(),
+            self.told.outcome.as_deref(),
+        );
+        self.rows.at("upgrade", moment, &TextDocument::from_markdown(text));
+    }
+}

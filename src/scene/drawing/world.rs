@@ -1,0 +1,234 @@
+//! The scene that moves: arm, gripper, object, contacts, the tool's way, and the candidate's twin as a ghost.
+
+use rerun::{
+    Arrows3D, Boxes3D, Capsules3D, Clear, Color, LineStrips3D, Points3D, Quaternion, components::RotationQuat,
+};
+
+use super::{Drawing, Trail};
+use crate::engine::picture::{Body, Contact, Picture, Point, Turn};
+use crate::scene::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
+use crate::scene::rows::Moment;
+
+/// Whether a body is the one that drives, or the ghost of the one that would.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Whose {
+    /// The live world's.
+    Live,
+    /// The twin's.
+    Twin,
+}
+
+impl Whose {
+    /// Where it is drawn.
+    pub const fn root(self) -> &'static str {
+        match self {
+            Self::Live => "world",
+            Self::Twin => "world/twin",
+        }
+    }
+
+    /// How thick its links are, m. The ghost is a hair thicker, so that equal surfaces do not flicker.
+    pub const fn link_m(self) -> f32 {
+        match self {
+            Self::Live => 0.032,
+            Self::Twin => 0.034,
+        }
+    }
+
+    /// How much larger its boxes are.
+    const fn swell(self) -> f32 {
+        match self {
+            Self::Live => 1.0,
+            Self::Twin => 1.04,
+        }
+    }
+}
+
+/// Half the size of a finger's pad, m: drawn, not simulated.
+const PAD_HALF_M: [f32; 3] = [0.012, 0.005, 0.018];
+
+/// Length of a contact's arrow, m for 1 N, and the longest.
+const ARROW_M_PER_N: f32 = 0.008;
+const ARROW_MAX_M: f32 = 0.25;
+
+/// A force that is drawn in the colour of the strongest, N.
+const STRONG_N: f32 = 20.0;
+
+/// A point on the grid.
+pub fn on_grid(point: Point) -> Point {
+    point.map(|value| (value * GRID_PER_M).round() / GRID_PER_M)
+}
+
+impl Drawing {
+    pub(super) fn draw_world(&mut self, picture: &Picture, moment: &Moment) {
+        self.draw_body(&picture.body, Whose::Live, picture, moment);
+        self.draw_contacts(&picture.contacts, moment);
+        match &picture.twin {
+            Some(twin) => {
+                self.twin_shown = true;
+                self.draw_body(&twin.body, Whose::Twin, picture, moment);
+            }
+            None if self.twin_shown => {
+                self.twin_shown = false;
+                self.rows.at("world/twin", moment, &Clear::new(true));
+            }
+            None => {}
+        }
+    }
+
+    fn draw_body(&mut self, body: &Body, whose: Whose, picture: &Picture, moment: &Moment) {
+        let root = whose.root();
+        let joints: Vec<Point> = body.links.iter().copied().map(on_grid).collect();
+        self.rows.at(&format!("{root}/arm/links"), moment, &links(&joints));
+        self.rows.at(
+            &format!("{root}/arm/joints"),
+            moment,
+            &Points3D::update_fields().with_positions(joints.iter().copied()),
+        );
+        let pads = Boxes3D::update_fields()
+            .with_half_sizes([PAD_HALF_M.map(|half| half * whose.swell()); 2])
+            .with_centers(body.pads.map(on_grid))
+            .with_quaternions([quaternion(body.hand); 2]);
+        self.rows.at(&format!("{root}/gripper"), moment, &pads);
+        let object = Boxes3D::update_fields()
+            .with_half_sizes([[body.object_half_m * whose.swell(); 3]])
+            .with_centers([on_grid(body.object)])
+            .with_quaternions([quaternion(body.object_turn)])
+            .with_colors([object_color(whose, body.held)]);
+        self.rows.at(&format!("{root}/object"), moment, &object);
+        self.draw_path(body, whose, picture, moment);
+    }
+
+    fn draw_path(&mut self, body: &Body, whose: Whose, picture: &Picture, moment: &Moment) {
+        let every_ms = self.path_every_ms;
+        let [live, twin] = &mut self.trails;
+        let trail = match whose {
+            Whose::Live => live,
+            Whose::Twin => twin,
+        };
+        let Some(&tool) = body.links.last() else { return };
+        if trail.follow(on_grid(tool), picture, every_ms) {
+            let strip = LineStrips3D::update_fields().with_strips([trail.points.clone()]);
+            self.rows.at(&format!("{}/path", whose.root()), moment, &strip);
+        }
+    }
+
+    fn draw_contacts(&mut self, contacts: &[Contact], moment: &Moment) {
+        let length = |contact: &Contact| contact.force_n.iter().map(|part| part * part).sum::<f32>().sqrt();
+        let vectors = contacts.iter().map(|contact| {
+            let newton = length(contact);
+            let scale =
+                if newton * ARROW_M_PER_N > ARROW_MAX_M { ARROW_MAX_M / newton } else { ARROW_M_PER_N };
+            contact.force_n.map(|part| part * scale)
+        });
+        let colors = contacts.iter().map(|contact| {
+            let strength = (length(contact) / STRONG_N).clamp(0.0, 1.0);
+            heat(strength)
+        });
+        let arrows = Arrows3D::update_fields()
+            .with_vectors(vectors)
+            .with_origins(contacts.iter().map(|contact| on_grid(contact.at)))
+            .with_colors(colors);
+        self.rows.at("world/contacts", moment, &arrows);
+    }
+}
+
+impl Trail {
+    /// Follows the tool; tells whether the path is due.
+    fn follow(&mut self, tool: Point, picture: &Picture, every_ms: u64) -> bool {
+        if self.sequence != picture.sequence || self.said_ms.is_none() {
+            *self = Self { sequence: picture.sequence, points: vec![tool], said_ms: Some(picture.at_ms) };
+            return true;
+        }
+        let far = self.points.last().is_none_or(|last| {
+            last.iter().zip(&tool).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt() >= PATH_STEP_M
+        });
+        if far {
+            if self.points.len() >= PATH_POINTS_MAX {
+                // Every other point is enough from here on: the path keeps its shape and its bound.
+                let mut index = 0_usize;
+                self.points.retain(|_| {
+                    index += 1;
+                    index % 2 == 1
+                });
+            }
+            self.points.push(tool);
+        }
+        let due = self.said_ms.is_none_or(|said| picture.at_ms >= said.saturating_add(every_ms));
+        if due {
+            self.said_ms = Some(picture.at_ms);
+        }
+        due
+    }
+}
+
+/// A capsule from each joint to the next.
+fn links(joints: &[Point]) -> Capsules3D {
+    let pairs = || joints.iter().zip(joints.iter().skip(1));
+    let along = |(from, to): (&Point, &Point)| [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
+    let norm = |way: Point| way.iter().map(|part| part * part).sum::<f32>().sqrt();
+    Capsules3D::update_fields()
+        // Links do not stretch: a rounded length is the same number in every row.
+        .with_lengths(pairs().map(|pair| (norm(along(pair)) * 512.0).round() / 512.0))
+        .with_translations(pairs().map(|(from, _)| *from))
+        .with_quaternions(pairs().map(|pair| {
+            let way = along(pair);
+            quaternion(turn_from_z(way, norm(way)))
+        }))
+}
+
+/// The shortest turn that brings z into a direction.
+fn turn_from_z(way: Point, length: f32) -> Turn {
+    if length <= f32::EPSILON {
+        return crate::engine::picture::NO_TURN;
+    }
+    let [x, y, z] = way.map(|part| part / length);
+    let turn = [-y, x, 0.0, 1.0 + z];
+    let norm = turn.iter().map(|part| part * part).sum::<f32>().sqrt();
+    if norm < 1e-4 { [1.0, 0.0, 0.0, 0.0] } else { turn.map(|part| part / norm) }
+}
+
+fn quaternion(turn: Turn) -> RotationQuat {
+    RotationQuat::from(Quaternion::from_xyzw(turn.map(|part| (part * GRID_PER_M).round() / GRID_PER_M)))
+}
+
+fn object_color(whose: Whose, held: bool) -> Color {
+    match (whose, held) {
+        (Whose::Live, true) => Color::from_rgb(88, 214, 120),
+        (Whose::Live, false) => Color::from_rgb(226, 182, 74),
+        (Whose::Twin, true) => Color::from_unmultiplied_rgba(150, 235, 170, 70),
+        (Whose::Twin, false) => Color::from_unmultiplied_rgba(255, 205, 120, 70),
+    }
+}
+
+/// From a calm yellow to red.
+fn heat(strength: f32) -> Color {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 200")]
+    let green = (200.0 * (1.0 - strength)).round() as u8;
+    Color::from_rgb(255, green, 40)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_link_points_from_joint_to_joint() {
+        for way in [[0.0, 0.0, 1.0], [0.0, 0.0, -2.0], [0.3, -0.4, 0.1]] {
+            let length = way.iter().map(|part: &f32| part * part).sum::<f32>().sqrt();
+            let [x, y, z, w] = turn_from_z(way, length);
+            // z turned by the quaternion.
+            let turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+            for (turned, wanted) in turned.iter().zip(way) {
+                assert!((turned - wanted / length).abs() < 1e-4, "{way:?} gave {turned}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_grid_is_finer_than_what_is_seen() {
+        let [x, y, z] = on_grid([0.123_456, -1.0, 0.000_02]);
+        assert!((x - 0.123_456).abs() < 4e-5);
+        assert_eq!([y, z], [-1.0, 0.0]);
+    }
+}

@@ -1,0 +1,135 @@
+//! Rows, gathered per entity, and the chunks that are made of them.
+//!
+//! Ids are counted, never drawn: the same rows give the same bytes.
+
+use std::collections::BTreeMap;
+
+use rerun::external::re_log_types::external::re_tuid::Tuid;
+use rerun::log::{Chunk, ChunkId, RowId};
+use rerun::time::{TimeCell, TimePoint};
+use rerun::{AsComponents, EntityPath};
+
+use super::limits::BLOCK_ROWS;
+use crate::engine::clock::tick_of;
+
+/// The timeline of the cell's ticks.
+pub const TICK: &str = "tick";
+
+/// When a row is.
+#[derive(Clone, Debug)]
+pub struct Moment(TimePoint);
+
+impl Moment {
+    /// Virtual time in ms, when the recording began, the live world's sequence, and the machine's time in ns.
+    #[must_use]
+    pub fn new(at_ms: u64, since_ms: u64, sequence: u64, wall_nanos: Option<i64>) -> Self {
+        let signed = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
+        let mut point = TimePoint::default();
+        point.insert_cell(TICK, TimeCell::from_sequence(signed(tick_of(at_ms))));
+        let nanos = signed(at_ms).saturating_sub(signed(since_ms)).saturating_mul(1_000_000);
+        point.insert_cell("sim_time", TimeCell::from_duration_nanos(nanos));
+        point.insert_cell("episode", TimeCell::from_sequence(signed(sequence)));
+        if let Some(nanos) = wall_nanos {
+            point.insert_cell("wall", TimeCell::from_timestamp_nanos_since_epoch(nanos));
+        }
+        Self(point)
+    }
+}
+
+/// Counts ids of rows and chunks. Those of a later segment come after those of an earlier one.
+#[derive(Clone, Debug)]
+pub struct Ids(Tuid);
+
+impl Ids {
+    /// The ids of a segment, counting from 1.
+    #[must_use]
+    pub fn of_segment(segment: u32) -> Self {
+        Self(Tuid::from_nanos_and_inc(u64::from(segment) << 40, 0))
+    }
+
+    fn next(&mut self) -> Tuid {
+        self.0 = self.0.next();
+        self.0
+    }
+
+    /// The next row's.
+    pub fn row(&mut self) -> RowId {
+        RowId::from_tuid(self.next())
+    }
+
+    /// The next chunk's.
+    pub fn chunk(&mut self) -> ChunkId {
+        ChunkId::from_tuid(self.next())
+    }
+
+    /// As it is, for what is no row.
+    pub fn plain(&mut self) -> Tuid {
+        self.next()
+    }
+}
+
+/// A row that waits: its id, its time (none for what does not change), its columns.
+type Waiting = (RowId, TimePoint, Vec<rerun::SerializedComponentBatch>);
+
+/// Rows that wait to be written.
+#[derive(Debug)]
+pub struct Rows {
+    ids: Ids,
+    waiting: BTreeMap<(String, bool), Vec<Waiting>>,
+    longest: usize,
+}
+
+impl Rows {
+    /// None yet.
+    #[must_use]
+    pub const fn new(ids: Ids) -> Self {
+        Self { ids, waiting: BTreeMap::new(), longest: 0 }
+    }
+
+    /// The ids.
+    pub const fn ids(&mut self) -> &mut Ids {
+        &mut self.ids
+    }
+
+    /// A row that holds from a moment on.
+    pub fn at(&mut self, path: &str, moment: &Moment, what: &dyn AsComponents) {
+        self.push((path.to_owned(), false), moment.0.clone(), what);
+    }
+
+    /// A row that holds always.
+    pub fn always(&mut self, path: &str, what: &dyn AsComponents) {
+        self.push((path.to_owned(), true), TimePoint::STATIC, what);
+    }
+
+    fn push(&mut self, key: (String, bool), point: TimePoint, what: &dyn AsComponents) {
+        let row = self.ids.row();
+        let rows = self.waiting.entry(key).or_default();
+        rows.push((row, point, what.as_serialized_batches()));
+        self.longest = self.longest.max(rows.len());
+    }
+
+    /// Whether an entity has so many rows that they are worth a chunk.
+    #[must_use]
+    pub const fn are_many(&self) -> bool {
+        self.longest >= BLOCK_ROWS
+    }
+
+    /// All rows as chunks; none are left. Rows that make no chunk (a fault of ours) are left out and counted.
+    pub fn take(&mut self) -> (Vec<Chunk>, u64) {
+        self.longest = 0;
+        let mut left_out = 0;
+        let mut chunks = Vec::with_capacity(self.waiting.len());
+        for ((path, _), rows) in std::mem::take(&mut self.waiting) {
+            let count = rows.len() as u64;
+            let mut builder = Chunk::builder_with_id(self.ids.chunk(), EntityPath::parse_forgiving(&path));
+            for (row, point, batches) in rows {
+                builder = builder.with_serialized_batches(row, point, batches);
+            }
+            match builder.build() {
+                Ok(chunk) => chunks.push(chunk),
+                Err(_) => left_out += count,
+            }
+        }
+        (chunks, left_out)
+    }
+}

@@ -1,0 +1,198 @@
+//! The sink's thread: takes what waits in the queue, hands it to the files and to the live viewer, tells what became
+//! of it.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use super::desk::{Desk, folder_shown};
+use super::limits::{FLUSH_EVERY, PATIENCE, REPORTS_MAX, SEND_EVERY};
+use super::live::Live;
+use super::tap::{Drain, Item, Tap, queue};
+use super::writer::Open;
+use super::{Report, SceneConfig, SceneError};
+use crate::engine::snapshot::Snapshot;
+
+/// The running sink. Dropped, it ends by itself and nobody waits for it.
+#[derive(Debug)]
+pub struct Scenes {
+    tap: Tap,
+    reports: Receiver<Report>,
+}
+
+impl Scenes {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made, or no thread be started. A port that is taken is no error but a report.
+    pub fn start(config: SceneConfig) -> Result<Self, SceneError> {
+        Self::start_with(config, Box::new(|path| std::fs::File::create(path)))
+    }
+
+    /// As above, with files made by `open`.
+    fn start_with(config: SceneConfig, open: Box<Open>) -> Result<Self, SceneError> {
+        if let Some(folder) = &config.recordings {
+            std::fs::create_dir_all(folder)
+                .map_err(|source| SceneError::Folder { path: folder_shown(folder), source })?;
+        }
+        let (tap, drain) = queue();
+        let (sender, reports) = sync_channel(REPORTS_MAX);
+        std::thread::Builder::new()
+            .name("scene".to_owned())
+            .spawn(move || Worker::new(config, open, sender).run(&drain))
+            .map_err(SceneError::Thread)?;
+        Ok(Self { tap, reports })
+    }
+
+    /// The queue's open end, for the engine.
+    #[must_use]
+    pub fn tap(&self) -> Tap {
+        self.tap.clone()
+    }
+
+    /// What there is to tell; never waits.
+    #[must_use]
+    pub fn reports(&mut self) -> Vec<Report> {
+        self.reports.try_iter().collect()
+    }
+
+    /// Ends it: writes what waits and ends every file in good order, and waits at most `patience` for that.
+    #[must_use]
+    pub fn finish(self, patience: Duration) -> Vec<Report> {
+        let until = Instant::now() + patience;
+        let mut reports = Vec::new();
+        let mut asked = self.tap.end();
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            // A full queue is asked again.
+            let wait = if asked { left } else { left.min(Duration::from_millis(10)) };
+            match self.reports.recv_timeout(wait) {
+                Ok(report) => reports.push(report),
+                Err(RecvTimeoutError::Disconnected) => return reports,
+                Err(RecvTimeoutError::Timeout) if left.is_zero() => return reports,
+                Err(RecvTimeoutError::Timeout) => asked = asked || self.tap.end(),
+            }
+        }
+    }
+}
+
+impl Drop for Scenes {
+    fn drop(&mut self) {
+        // Where the queue is full, the thread ends when the engine's tap is gone too.
+        let _ = self.tap.end();
+    }
+}
+
+/// The thread's state.
+struct Worker {
+    desk: Option<Desk>,
+    live: Option<Live>,
+    view: Option<SocketAddr>,
+    reports: SyncSender<Report>,
+    last: Option<Box<Snapshot>>,
+    flushed: Instant,
+    sent: Instant,
+}
+
+impl Worker {
+    fn new(config: SceneConfig, open: Box<Open>, reports: SyncSender<Report>) -> Self {
+        let SceneConfig { recordings, closed, view, wall_clock } = config;
+        let desk = recordings.map(|folder| Desk::new(folder, closed, wall_clock, open));
+        Self { desk, live: None, view, reports, last: None, flushed: Instant::now(), sent: Instant::now() }
+    }
+
+    fn run(mut self, drain: &Drain) {
+        if let Some(address) = self.view.take() {
+            self.serve(address);
+        }
+        if let Some(desk) = &mut self.desk {
+            desk.recover();
+        }
+        self.tell();
+        loop {
+            match drain.next(PATIENCE) {
+                Ok(Some(Item::End)) | Err(_) => break,
+                Ok(Some(item)) => self.take(item, drain),
+                Ok(None) => {}
+            }
+            if self.sent.elapsed() >= SEND_EVERY {
+                self.sent = Instant::now();
+                if let Some(live) = &mut self.live {
+                    live.flush();
+                }
+            }
+            if self.flushed.elapsed() >= FLUSH_EVERY {
+                self.flushed = Instant::now();
+                if let Some(desk) = &mut self.desk {
+                    desk.flush();
+                }
+            }
+            self.tell();
+        }
+        if let Some(live) = &mut self.live {
+            live.flush();
+        }
+        if let Some(desk) = &mut self.desk {
+            desk.end(drain.dropped.counts());
+        }
+        self.tell();
+    }
+
+    fn take(&mut self, item: Item, drain: &Drain) {
+        match item {
+            Item::Picture(picture) => {
+                if let Some(live) = &mut self.live {
+                    live.picture(&picture);
+                }
+                if let Some(desk) = &mut self.desk {
+                    desk.picture(Arc::new(*picture));
+                }
+            }
+            Item::Events(events, snapshot) => {
+                if let Some(live) = &mut self.live {
+                    live.events(&events, snapshot.as_deref());
+                    live.flush();
+                }
+                if let Some(desk) = &mut self.desk {
+                    desk.events(&events, snapshot.as_deref(), drain.dropped.counts());
+                }
+                if snapshot.is_some() {
+                    self.last = snapshot;
+                }
+            }
+            Item::Serve(address) => self.serve(address),
+            Item::End => {}
+        }
+    }
+
+    fn serve(&mut self, address: SocketAddr) {
+        if self.live.is_some() {
+            let text = "a viewer is served already. Hint: connect to the address that was told".to_owned();
+            self.say(Report::NotServing { text });
+            return;
+        }
+        match Live::start(address) {
+            Ok((mut live, report)) => {
+                if let Some(snapshot) = &self.last {
+                    live.look(snapshot);
+                }
+                self.live = Some(live);
+                self.say(report);
+            }
+            Err(text) => self.say(Report::NotServing { text }),
+        }
+    }
+
+    fn tell(&mut self) {
+        let reports = self.desk.as_mut().map(Desk::reports).unwrap_or_default();
+        for report in reports {
+            self.say(report);
+        }
+    }
+
+    fn say(&self, report: Report) {
+        // Who does not listen misses it: an ended file that is not on record is told again at the next start.
+        let _ = self.reports.try_send(report);
+    }
+}

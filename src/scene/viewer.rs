@@ -1,0 +1,383 @@
+//! The rerun viewer that is installed on this machine: finding it, and starting it beside this program.
+//!
+//! Owns how it is looked for, which versions are taken, and that it shares neither terminal nor process group with
+//! this program. Must not wait for it: what it does, and whether it lives, changes nothing here. Knows no recording's
+//! insides and needs no scene crate.
+
+use std::ffi::{OsStr, OsString};
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::Read;
+use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::{Duration, Instant};
+
+/// The oldest viewer that reads what this program writes.
+pub const OLDEST: Version = Version([0, 36, 0]);
+
+/// How to get one that fits.
+pub const INSTALL: &str = "pip install rerun-sdk==0.36.3";
+
+/// The name of the viewer's program.
+const PROGRAM: &str = "rerun";
+
+/// What its answer to `--version` begins with; another program of the same name says something else.
+const ANSWER_START: &str = "rerun-cli ";
+
+/// How long a program may take to tell its version.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// How often it is looked whether it has.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// The most of an answer that is read, bytes.
+const ANSWER_BYTES_MAX: u64 = 4_096;
+
+/// The most folders of a Python installation that are looked into.
+const PYTHONS_MAX: usize = 32;
+
+/// The largest log of a viewer that is added to, bytes; a larger one is begun anew.
+const LOG_BYTES_MAX: u64 = 1 << 20;
+
+/// The name of the viewer's log in the folder of logs.
+pub const LOG_NAME: &str = "viewer.log";
+
+/// A viewer's version: major, minor, patch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Version(pub [u64; 3]);
+
+impl fmt::Display for Version {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self([major, minor, patch]) = self;
+        write!(out, "{major}.{minor}.{patch}")
+    }
+}
+
+impl Version {
+    /// Reads `rerun-cli 0.36.3 (...) ...`.
+    fn parse(answer: &str) -> Option<Self> {
+        let word = answer.strip_prefix(ANSWER_START)?.split_whitespace().next()?;
+        // 0.37.0-alpha.1 counts as 0.37.0.
+        let number = word.split(['-', '+']).next()?;
+        let mut parts = number.split('.').map(|part| part.parse::<u64>().ok());
+        let mut next = || parts.next().flatten();
+        Some(Self([next()?, next()?, next()?]))
+    }
+}
+
+/// A viewer that was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Viewer {
+    /// The program itself, not a script that starts it.
+    pub program: PathBuf,
+    /// Its version.
+    pub version: Version,
+}
+
+/// Why there is no viewer, or why it could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewerError {
+    /// None is installed.
+    #[error("there is no scene viewer: no `rerun` on PATH. Hint: {INSTALL}")]
+    NotFound,
+    /// The installed one is too old.
+    #[error("the scene viewer {program:?} is version {found}; {OLDEST} or newer is needed. Hint: {INSTALL}")]
+    TooOld {
+        /// The program.
+        program: PathBuf,
+        /// Its version.
+        found: Version,
+    },
+    /// There is no screen to show a window on.
+    #[error("there is no screen for the scene viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")]
+    NoScreen,
+    /// Its log cannot be written.
+    #[error("cannot write the scene viewer's log {path:?}: {source}")]
+    Log {
+        /// The log.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It cannot be started.
+    #[error("cannot start the scene viewer {program:?}: {source}. Hint: {INSTALL}")]
+    Start {
+        /// The program.
+        program: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+impl ViewerError {
+    /// What is wrong, and what would help, with `; ` behind it for more to follow; empty where nothing is known to.
+    #[must_use]
+    pub fn what_and_hint(&self) -> (String, String) {
+        let text = self.to_string();
+        match text.split_once(". Hint: ") {
+            Some((what, hint)) => (what.to_owned(), format!("{hint}; ")),
+            None => (text, String::new()),
+        }
+    }
+}
+
+/// A viewer that was started. Dropping this does not end it.
+#[derive(Debug)]
+pub struct Opened {
+    /// Its process, which leads a process group of its own.
+    pub process: u32,
+    /// Where it writes what it has to say.
+    pub log: PathBuf,
+    ended: Receiver<bool>,
+}
+
+impl Opened {
+    /// Whether it ended within this time, and if so whether in good order. `None` while it runs.
+    ///
+    /// A viewer that cannot draw ends at once; who started it for a person may want to say so.
+    #[must_use]
+    pub fn ended_within(&self, patience: Duration) -> Option<bool> {
+        self.ended.recv_timeout(patience).ok()
+    }
+}
+
+/// Whether there is a screen to show a window on, as far as the environment tells.
+#[must_use]
+pub fn has_screen() -> bool {
+    let set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    cfg!(target_os = "macos") || set("DISPLAY") || set("WAYLAND_DISPLAY")
+}
+
+/// The first viewer among the folders of `path`, a value of PATH.
+///
+/// Asks what it finds for its version and waits up to five seconds for each answer, so it is not for a thread that
+/// draws.
+///
+/// # Errors
+/// [`ViewerError::NotFound`], [`ViewerError::TooOld`].
+pub fn find(path: Option<&OsStr>) -> Result<Viewer, ViewerError> {
+    for folder in std::env::split_paths(path.unwrap_or_default()) {
+        let named = folder.join(PROGRAM);
+        if !is_executable(&named) {
+            continue;
+        }
+        let program = behind_script(&named).unwrap_or(named);
+        let Some(version) = version_of(&program) else { continue };
+        if version < OLDEST {
+            return Err(ViewerError::TooOld { program, found: version });
+        }
+        return Ok(Viewer { program, version });
+    }
+    Err(ViewerError::NotFound)
+}
+
+impl Viewer {
+    /// Starts it on recordings (files) or a live scene (an address), with its output in a log in the folder `logs`.
+    ///
+    /// It gets a process group of its own, so that what ends this program's group does not end it, and it can be
+    /// ended as one. A thread waits for its end, so that none is left behind as a zombie.
+    ///
+    /// # Errors
+    /// [`ViewerError::Log`], [`ViewerError::Start`].
+    pub fn open<T: AsRef<OsStr>>(&self, shown: &[T], logs: &Path) -> Result<Opened, ViewerError> {
+        let log = logs.join(LOG_NAME);
+        let refused = |source| ViewerError::Log { path: log.clone(), source };
+        let output = open_log(&log).map_err(refused)?;
+        let errors = output.try_clone().map_err(refused)?;
+        // A viewer listens, too: for programs on this machine alone, and never at the port of a live scene.
+        let child = Command::new(&self.program)
+            .args(["--bind", "127.0.0.1", "--port", "auto", "--"])
+            .args(shown)
+            .stdin(Stdio::null())
+            .stdout(output)
+            .stderr(errors)
+            .process_group(0)
+            .spawn()
+            .map_err(|source| ViewerError::Start { program: self.program.clone(), source })?;
+        let process = child.id();
+        let ended =
+            reap(child).map_err(|source| ViewerError::Start { program: self.program.clone(), source })?;
+        Ok(Opened { process, log, ended })
+    }
+}
+
+/// Waits for a child on a thread of its own and tells whether it ended in good order.
+fn reap(mut child: Child) -> std::io::Result<Receiver<bool>> {
+    let (tell, ended) = sync_channel(1);
+    std::thread::Builder::new().name("viewer-reaper".to_owned()).spawn(move || {
+        let in_order = child.wait().is_ok_and(|status| status.success());
+        // Nobody may be listening any more.
+        let _ = tell.try_send(in_order);
+    })?;
+    Ok(ended)
+}
+
+/// A log that is added to, until it is large.
+fn open_log(path: &Path) -> std::io::Result<File> {
+    let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path)?;
+    if file.metadata()?.len() > LOG_BYTES_MAX {
+        file.set_len(0)?;
+    }
+    Ok(file)
+}
+
+fn is_executable(path: &Path) -> bool {
+    path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
+}
+
+/// The program that pip's script of the same name starts; `None` where it is no such script.
+///
+/// The script waits for the program, and whoever ends the script leaves the program running.
+fn behind_script(named: &Path) -> Option<PathBuf> {
+    let script = named.canonicalize().ok()?;
+    let mut start = [0; 2];
+    File::open(&script).ok()?.read_exact(&mut start).ok()?;
+    if &start != b"#!" {
+        return None;
+    }
+    // <prefix>/bin/rerun beside <prefix>/lib/python3.N/site-packages/rerun_sdk/rerun_cli.
+    let prefix = script.parent()?.parent()?;
+    let libraries = ["lib", "lib64"].map(|name| prefix.join(name));
+    let entries = libraries.iter().filter_map(|library| std::fs::read_dir(library).ok()).flatten();
+    let is_python =
+        |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("python"));
+    let pythons = entries.flatten().map(|entry| entry.path()).filter(is_python).take(PYTHONS_MAX);
+    let inside = |python: PathBuf| {
+        ["site-packages", "dist-packages"].into_iter().flat_map(move |packages| {
+            let folder = python.join(packages).join("rerun_sdk").join("rerun_cli");
+            [folder.join("Rerun.app/Contents/MacOS/Rerun"), folder.join(PROGRAM)]
+        })
+    };
+    // One folder may have two names (lib64); several Pythons may share the script: the last is taken.
+    let programs = pythons.flat_map(inside).filter(|path| is_executable(path));
+    programs.filter_map(|path| path.canonicalize().ok()).max()
+}
+
+/// What a program answers to `--version`; `None` where it is no viewer, or does not answer.
+fn version_of(program: &Path) -> Option<Version> {
+    let mut child = Command::new(program)
+        .arg("--version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .ok()?;
+    let since = Instant::now();
+    let ended = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status.success(),
+            Ok(None) if since.elapsed() < PATIENCE => std::thread::sleep(PAUSE),
+            Ok(None) | Err(_) => break false,
+        }
+    };
+    if !ended {
+        // It has a group of its own: what it started ends with it.
+        if let Some(group) = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+            let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
+        }
+        let _ = child.wait();
+        return None;
+    }
+    let mut answer = Vec::new();
+    child.stdout.take()?.take(ANSWER_BYTES_MAX).read_to_end(&mut answer).ok()?;
+    Version::parse(&String::from_utf8_lossy(&answer))
+}
+
+/// What PATH says now.
+#[must_use]
+pub fn path() -> Option<OsString> {
+    std::env::var_os("PATH")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A program of the name `rerun` that answers like this and writes its arguments down.
+    fn program(folder: &Path, answer: &str) -> PathBuf {
+        std::fs::create_dir_all(folder).unwrap();
+        let path = folder.join(PROGRAM);
+        let text = format!(
+            "#!/bin/sh\n[ \"$1\" = --version ] && echo '{answer}' && exit 0\necho \"$@\" > \"$0.asked\"\necho said\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        std::fs::set_permissions(&path, mode).unwrap();
+        path
+    }
+
+    #[test]
+    fn versions() {
+        for (answer, expected) in [
+            ("rerun-cli 0.36.3 (base) [rustc 1.95.0]", Some([0, 36, 3])),
+            ("rerun-cli 0.37.0-alpha.1+dev", Some([0, 37, 0])),
+            ("rerun-cli 1.2.3\nVideo features", Some([1, 2, 3])),
+            ("rerun 0.13.0", None),
+            ("rerun-cli 0.36", None),
+            ("", None),
+        ] {
+            assert_eq!(Version::parse(answer), expected.map(Version), "{answer}");
+        }
+        assert!(Version([0, 36, 3]) >= OLDEST && Version([0, 35, 9]) < OLDEST && Version([1, 0, 0]) > OLDEST);
+    }
+
+    #[test]
+    fn the_first_viewer_on_the_path_is_taken() {
+        let root = tempfile::tempdir().unwrap();
+        let (other, good) = (root.path().join("other"), root.path().join("good"));
+        program(&other, "rerun 0.13.0");
+        let expected = program(&good, "rerun-cli 0.36.3 (base)");
+        let path = std::env::join_paths([root.path().join("none"), other, good]).unwrap();
+        let found = find(Some(&path)).unwrap();
+        assert_eq!(found, Viewer { program: expected, version: Version([0, 36, 3]) });
+        assert!(matches!(find(None), Err(ViewerError::NotFound)));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_said_with_what_to_do() {
+        let root = tempfile::tempdir().unwrap();
+        program(root.path(), "rerun-cli 0.35.2 (base)");
+        let error = find(Some(root.path().as_os_str())).unwrap_err();
+        assert!(matches!(error, ViewerError::TooOld { found: Version([0, 35, 2]), .. }), "{error}");
+        assert!(error.to_string().ends_with("Hint: pip install rerun-sdk==0.36.3"), "{error}");
+        let program = root.path().join(PROGRAM);
+        std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();
+        let error = find(Some(root.path().as_os_str())).unwrap_err();
+        assert!(error.to_string().contains("pip install rerun-sdk==0.36.3"), "{error}");
+    }
+
+    #[test]
+    fn the_program_behind_pips_script_is_taken() {
+        let root = tempfile::tempdir().unwrap();
+        let inside = root.path().join("lib/python3.12/site-packages/rerun_sdk/rerun_cli");
+        let behind = program(&inside, "rerun-cli 0.36.3 (base)");
+        program(&root.path().join("bin"), "rerun-cli 0.36.3 (script)");
+        let shim = root.path().join("shim");
+        std::fs::create_dir(&shim).unwrap();
+        std::os::unix::fs::symlink(root.path().join("bin/rerun"), shim.join(PROGRAM)).unwrap();
+        for folder in [root.path().join("bin"), shim] {
+            let found = find(Some(folder.as_os_str())).unwrap().program;
+            assert_eq!(found.canonicalize().unwrap(), behind.canonicalize().unwrap(), "{folder:?}");
+        }
+    }
+
+    #[test]
+    fn it_is_started_on_its_own_and_its_words_go_to_the_log() {
+        let root = tempfile::tempdir().unwrap();
+        let program = program(root.path(), "rerun-cli 0.36.3");
+        let viewer = Viewer { program: program.clone(), version: OLDEST };
+        let opened = viewer.open(&["a b.rrd", "-c.rrd"], root.path()).unwrap();
+        assert_eq!(opened.ended_within(Duration::from_secs(30)), Some(true));
+        let asked = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
+        assert_eq!(asked, "--bind 127.0.0.1 --port auto -- a b.rrd -c.rrd\n");
+        assert_eq!(std::fs::read_to_string(&opened.log).unwrap(), "said\n");
+        let nowhere = viewer.open(&["a.rrd"], &root.path().join("none")).unwrap_err();
+        assert!(matches!(nowhere, ViewerError::Log { .. }), "{nowhere}");
+        let gone = Viewer { program: root.path().join("gone"), version: OLDEST };
+        assert!(matches!(gone.open(&["a.rrd"], root.path()), Err(ViewerError::Start { .. })));
+    }
+}

@@ -1,0 +1,192 @@
+//! What a recording says in words: whose an event is, the upgrade's phase, levels of log lines, the document.
+//!
+//! Foreign text passes the sanitiser, and loses what Markdown would act on.
+
+use crate::engine::event::{DimensionResult, Event, EventKind};
+use crate::governance::decision::{Dimension, Reason};
+use crate::governance::ids::CapabilityId;
+use crate::text::Untrusted;
+
+use super::limits::TEXT_WIDTH_MAX;
+use super::recording::About;
+
+/// Whose an event is; absent where it is everybody's.
+#[must_use]
+pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
+    match kind {
+        EventKind::Recovered { version, .. }
+        | EventKind::Registered { version, .. }
+        | EventKind::StageStarted { version, .. }
+        | EventKind::Progress { version, .. }
+        | EventKind::Decided { version, .. }
+        | EventKind::StateChanged { version, .. }
+        | EventKind::ApprovalRequested { version, .. }
+        | EventKind::ApprovalReceived { version, .. }
+        | EventKind::Activated { version, .. }
+        | EventKind::Confirmed { version, .. }
+        | EventKind::Monitor { version, .. }
+        | EventKind::Rung { version, .. }
+        | EventKind::RolledBack { version, .. }
+        | EventKind::Continued { version, .. }
+        | EventKind::AuditClosed { version, .. } => Some(version),
+        EventKind::EngineStarted { .. }
+        | EventKind::Sequence { .. }
+        | EventKind::Drift { .. }
+        | EventKind::LiveFault { .. }
+        | EventKind::Pace { .. }
+        | EventKind::Alarm { .. }
+        | EventKind::Voided { .. }
+        | EventKind::CommandRefused { .. }
+        | EventKind::Fault { .. } => None,
+    }
+}
+
+/// The upgrade's phase after an event; absent where it does not change.
+#[must_use]
+pub fn phase(kind: &EventKind) -> Option<String> {
+    Some(match kind {
+        EventKind::StageStarted { stage, .. } => stage.name().to_owned(),
+        EventKind::StateChanged { to, .. } => to.name().to_owned(),
+        EventKind::ApprovalRequested { .. } => "waits for people".to_owned(),
+        EventKind::Activated { .. } => "active, provisional".to_owned(),
+        EventKind::Confirmed { .. } => "active, confirmed".to_owned(),
+        EventKind::Monitor { decision, .. } => {
+            format!("active, {}", Untrusted::new(decision).display(40).as_str())
+        }
+        EventKind::Rung { .. } => "rollback ladder".to_owned(),
+        EventKind::RolledBack { .. } => "rolled back".to_owned(),
+        _ => return None,
+    })
+}
+
+/// How much a line of the log matters.
+#[must_use]
+pub fn level(kind: &EventKind) -> &'static str {
+    match kind {
+        EventKind::RolledBack { .. } | EventKind::Fault { .. } => "ERROR",
+        EventKind::Rung { ok: false, .. } => "ERROR",
+        EventKind::Rung { .. }
+        | EventKind::Monitor { .. }
+        | EventKind::CommandRefused { .. }
+        | EventKind::Voided { .. }
+        | EventKind::Drift { kind: Some(_), .. }
+        | EventKind::LiveFault { fault: Some(_) }
+        | EventKind::Sequence { success: false, .. } => "WARN",
+        EventKind::Sequence { .. } | EventKind::Pace { .. } => "DEBUG",
+        _ => "INFO",
+    }
+}
+
+/// How much an alarm matters.
+#[must_use]
+pub fn alarm_level(priority: &str, state: &str) -> &'static str {
+    match (state, priority) {
+        ("normal", _) => "INFO",
+        (_, "high" | "critical") => "ERROR",
+        _ => "WARN",
+    }
+}
+
+/// The upgrade in a page of Markdown.
+#[must_use]
+pub fn document(
+    about: &About,
+    phase: Option<&str>,
+    decided: Option<&Event>,
+    outcome: Option<&str>,
+) -> String {
+    let predecessor = about.predecessor.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+    let mut page = format!(
+        "# {}\n\n| | |\n|---|---|\n| replaces | {} |\n| digest | `{}` |\n| profile | {} |\n| robot | {} |\n| seed | {} \
+         |\n| engine | {} |\n| phase | **{}** |\n",
+        plain(&about.version.to_string()),
+        plain(&predecessor),
+        about.digest.short(),
+        plain(&about.profile),
+        plain(&about.robot),
+        about.seed,
+        plain(&about.engine_build),
+        plain(phase.unwrap_or("registered")),
+    );
+    if let Some(outcome) = outcome {
+        page.push_str(&format!("| outcome | **{}** |\n", plain(outcome)));
+    }
+    if let Some(event) = decided {
+        page.push_str(&decision(event));
+    }
+    page
+}
+
+fn decision(event: &Event) -> String {
+    let secs = event.at_ms / 1000;
+    match &event.kind {
+        EventKind::Decided { stage, outcome, dimensions, reasons, .. } => {
+            let mut text = format!("\n## {}: {}\n\nat {secs} s\n\n", plain(stage.name()), plain(outcome));
+            text.push_str("| dimension | value | limit | outcome |\n|---|---|---|---|\n");
+            for dimension in dimensions {
+                text.push_str(&row(dimension));
+            }
+            text + &list(reasons)
+        }
+        EventKind::Monitor { decision, reasons, .. } => {
+            format!("\n## monitor: {}\n\nat {secs} s\n{}", plain(decision), list(reasons))
+        }
+        EventKind::RolledBack { restored, trigger, recovered, .. } => {
+            let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
+            let end = if *recovered { "the family works again" } else { "the family does not work" };
+            format!("\n## rolled back\n\nat {secs} s to {}: {}; {end}\n", plain(&restored), plain(trigger))
+        }
+        _ => String::new(),
+    }
+}
+
+fn row(dimension: &DimensionResult) -> String {
+    let name = match dimension.dimension {
+        Dimension::Interface => "interface",
+        Dimension::Policy => "policy",
+        Dimension::Behavior => "behaviour",
+        Dimension::Recovery => "recovery",
+        Dimension::Composition => "composition",
+        Dimension::Shadow => "shadow",
+        Dimension::Gate => "gate",
+        Dimension::Approval => "approval",
+        Dimension::Monitor => "monitor",
+    };
+    let value = dimension.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
+    format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, plain(&dimension.outcome))
+}
+
+fn list(reasons: &[Reason]) -> String {
+    let lines = reasons.iter().take(8).map(|reason| format!("* {}\n", plain(&reason.to_string())));
+    "\n".to_owned() + &lines.collect::<String>()
+}
+
+/// Foreign text on one line, without what Markdown acts on.
+fn plain(text: &str) -> String {
+    let shown = Untrusted::new(text).display(TEXT_WIDTH_MAX);
+    let mut plain = String::with_capacity(shown.as_str().len());
+    for letter in shown.as_str().chars() {
+        if matches!(letter, '\\' | '`' | '*' | '_' | '[' | ']' | '<' | '>' | '#' | '|' | '!') {
+            plain.push('\\');
+        }
+        plain.push(letter);
+    }
+    plain
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn foreign_text_draws_no_table_and_no_link() {
+        assert_eq!(plain("a|b [x](y) \u{1b}[31m"), r"a\|b \[x\](y) \\u{1b}\[31m");
+    }
+
+    #[test]
+    fn an_alarm_that_is_over_is_no_error() {
+        assert_eq!(alarm_level("high", "normal"), "INFO");
+        assert_eq!(alarm_level("high", "unacknowledged"), "ERROR");
+        assert_eq!(alarm_level("low", "unacknowledged"), "WARN");
+    }
+}

@@ -1,0 +1,284 @@
+//! One upgrade's file: rows become chunks in it, and every fault of the disk ends it and nothing else.
+
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use rerun::{AnyValues, RecordingInfo, StoreId, components};
+
+use super::compact;
+use super::drawing::{self, Drawing, Head, Tail};
+use super::file::{Framed, message, opening, store};
+use super::limits::{FILE_BYTES_MAX, PATH_EVERY_MS};
+use super::pace::{News, Pace};
+use super::rows::Ids;
+use super::{Closed, ReadError, blueprint, words};
+use crate::engine::event::{Event, EventKind};
+use crate::engine::picture::Picture;
+use crate::engine::snapshot::Snapshot;
+use crate::governance::lifecycle::Stage;
+use crate::text::Untrusted;
+
+/// How a file is made; tests make some that cannot be written.
+pub type Open = dyn Fn(&std::path::Path) -> io::Result<File> + Send;
+
+/// The file an upgrade is recorded in.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// The recording's name.
+    pub stem: String,
+    /// Its segments that are not closed, in order; the last one is written now.
+    pub segments: Vec<PathBuf>,
+    /// The number of the last one, counting from 1.
+    pub segment: u32,
+}
+
+/// One upgrade's recording.
+pub struct Writer {
+    /// Whose it is.
+    pub head: Head,
+    place: Place,
+    store: StoreId,
+    framed: Framed<BufWriter<File>>,
+    drawing: Drawing,
+    pace: Pace,
+    shadow: bool,
+    active: bool,
+    pictures: u64,
+    /// The live world's last sequence that ended.
+    worked: Option<u64>,
+    /// The newest shadowed sequence in which twin and live world did not agree.
+    disagreed: Option<u64>,
+}
+
+impl Writer {
+    /// Begins a file with what is known.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn begin(head: Head, place: Place, wall_clock: bool, at_ms: u64, open: &Open) -> io::Result<Self> {
+        let path = place.segments.last().ok_or_else(|| io::Error::other("no file is named"))?;
+        let mut framed = Framed::open_ended(BufWriter::new(open(path)?))?;
+        let store = store(&place.stem);
+        let mut ids = Ids::of_segment(place.segment);
+        for layout in blueprint::messages()? {
+            framed.write(&layout)?;
+        }
+        framed.write(&opening(&store, &mut ids))?;
+        let version = head.about.version.clone();
+        let mut drawing = Drawing::new(ids, Some(version), wall_clock, PATH_EVERY_MS);
+        drawing.begin(&head.scenery);
+        drawing::head(drawing.rows(), &head);
+        properties(&mut drawing, &head);
+        drawing.introduce(&head.about, at_ms);
+        let pace = Pace::default();
+        let mut writer = Self {
+            head,
+            place,
+            store,
+            framed,
+            drawing,
+            pace,
+            shadow: false,
+            active: false,
+            pictures: 0,
+            worked: None,
+            disagreed: None,
+        };
+        writer.flush()?;
+        Ok(writer)
+    }
+
+    /// Whether pictures that come now are part of it.
+    #[must_use]
+    pub const fn takes_pictures(&self) -> bool {
+        self.shadow || self.active
+    }
+
+    /// A picture that is part of it.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn picture(&mut self, picture: &Arc<Picture>) -> io::Result<()> {
+        let mut chosen = self.pace.came(picture);
+        if picture.stopped || picture.unexpected_contact {
+            chosen.extend(self.pace.happened(Some(picture.sequence), News::Noted));
+        }
+        self.draw(&chosen)
+    }
+
+    /// Pictures of before, that turn out to be part of it.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
+    pub fn earlier(&mut self, pictures: Vec<Arc<Picture>>) -> io::Result<()> {
+        let chosen = self.pace.new_ones(pictures);
+        self.draw(&chosen)
+    }
+
+    fn draw(&mut self, chosen: &[Arc<Picture>]) -> io::Result<()> {
+        for picture in chosen {
+            if self.is_full() {
+                return Ok(());
+            }
+            self.pictures += 1;
+            self.drawing.picture(picture);
+            if self.drawing.rows().are_many() {
+                self.flush()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the file is so large that no more pictures go in.
+    fn is_full(&self) -> bool {
+        self.framed.written() >= FILE_BYTES_MAX
+    }
+
+    /// Something that happened.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn event(&mut self, event: &Event) -> io::Result<()> {
+        let ours = words::version_of(&event.kind).is_none_or(|version| *version == self.head.about.version);
+        if matches!(event.kind, EventKind::Progress { .. }) && (!ours || self.is_full()) {
+            return Ok(());
+        }
+        self.drawing.event(event);
+        if let EventKind::Sequence { index, .. } = &event.kind {
+            self.worked = Some(*index);
+        }
+        if ours {
+            self.turn(&event.kind);
+            if let Some((sequence, news)) = news(&event.kind) {
+                let held_back = self.pace.happened(sequence, news);
+                if self.takes_pictures() {
+                    self.draw(&held_back)?;
+                }
+            }
+        }
+        if ours && matters(&event.kind) {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Which pictures are part of it from now on.
+    fn turn(&mut self, kind: &EventKind) {
+        match kind {
+            EventKind::StageStarted { stage: Stage::Shadow, .. } => self.shadow = true,
+            EventKind::Decided { stage: Stage::Shadow, .. } => self.shadow = false,
+            EventKind::Activated { .. }
+            | EventKind::Monitor { .. }
+            | EventKind::Rung { .. }
+            | EventKind::RolledBack { .. } => self.active = true,
+            _ => {}
+        }
+    }
+
+    /// How things stand.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn snapshot(&mut self, snapshot: &Snapshot) -> io::Result<()> {
+        self.drawing.snapshot(snapshot);
+        let view = snapshot.candidates.iter().find(|view| view.version == self.head.about.version);
+        let Some(shadow) = view.and_then(|view| view.shadow.as_ref()) else { return Ok(()) };
+        let newest = shadow.disagreements.first().map(|disagreement| disagreement.index);
+        if newest.is_none() || newest == self.disagreed {
+            return Ok(());
+        }
+        self.disagreed = newest;
+        let held_back = self.pace.happened(self.worked, News::Noted);
+        self.draw(&held_back)
+    }
+
+    /// Writes the rows that wait.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
+    pub fn flush(&mut self) -> io::Result<()> {
+        for chunk in self.drawing.rows().take().0 {
+            self.framed.write(&message(&self.store, &chunk)?)?;
+        }
+        self.framed.flush()
+    }
+
+    /// Ends the file: for good with an outcome, or for this life of the program.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn end(mut self, outcome: Option<&str>, dropped: (u64, u64)) -> Result<Option<Closed>, ReadError> {
+        let into = self.place.segments.first().cloned().unwrap_or_default();
+        let failed = |source| ReadError::file(&into, source);
+        self.flush().map_err(failed)?;
+        self.framed.finish().map_err(failed)?;
+        let Some(outcome) = outcome else {
+            if let Some(last) = self.place.segments.last() {
+                compact::mend(&self.place.stem, last)?;
+            }
+            return Ok(None);
+        };
+        let tail = Tail { outcome: Some(outcome.to_owned()), dropped };
+        let ended = compact::join(&self.place.stem, &self.place.segments, &into, Some(&tail))?;
+        Ok(Some(Closed {
+            version: self.head.about.version.clone(),
+            outcome: outcome.to_owned(),
+            file: into.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+            digest: ended.digest,
+            bytes: ended.bytes,
+            pictures: self.pictures,
+            dropped,
+        }))
+    }
+}
+
+/// What makes a sequence worth its full rate.
+fn news(kind: &EventKind) -> Option<(Option<u64>, News)> {
+    match kind {
+        EventKind::Sequence { index, success: false, .. } => Some((Some(*index), News::Noted)),
+        EventKind::Sequence { index, tasks, .. }
+            if tasks.iter().any(|task| task.violation || task.anomaly) =>
+        {
+            Some((Some(*index), News::Noted))
+        }
+        EventKind::Monitor { .. } | EventKind::Rung { .. } | EventKind::RolledBack { .. } => {
+            Some((None, News::Decisive))
+        }
+        EventKind::Alarm { state, .. } if state != "normal" => Some((None, News::Noted)),
+        _ => None,
+    }
+}
+
+/// What should be on the disk at once.
+const fn matters(kind: &EventKind) -> bool {
+    matches!(
+        kind,
+        EventKind::Decided { .. }
+            | EventKind::Activated { .. }
+            | EventKind::Monitor { .. }
+            | EventKind::Rung { .. }
+            | EventKind::RolledBack { .. }
+            | EventKind::Sequence { .. }
+            | EventKind::AuditClosed { .. }
+    )
+}
+
+/// The recording's properties, which a viewer shows in its selection panel.
+fn properties(drawing: &mut Drawing, head: &Head) {
+    let about = &head.about;
+    let text = |text: &str| components::Text::from(Untrusted::new(text).line().as_str());
+    let name = format!("upgrade {}", about.version);
+    drawing.rows().always("__properties", &RecordingInfo::new().with_name(name.as_str()));
+    let predecessor = about.predecessor.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+    let facts = AnyValues::default()
+        .with_component::<components::Text>("candidate", [text(&about.version.to_string())])
+        .with_component::<components::Text>("digest", [text(&about.digest.to_string())])
+        .with_component::<components::Text>("predecessor", [text(&predecessor)])
+        .with_component::<components::Text>("profile", [text(&about.profile)])
+        .with_component::<components::Text>("robot", [text(&about.robot)])
+        .with_component::<components::Text>("seed", [text(&about.seed.to_string())])
+        .with_component::<components::Text>("engine", [text(&about.engine_build)]);
+    drawing.rows().always("__properties/upgrade", &facts);
+}
