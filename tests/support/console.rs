@@ -37,7 +37,8 @@ pub fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()
 }
 
-fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
+/// A reason for a decision.
+pub fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
     Reason { code, dimension, text: text.to_owned(), evidence: Some(0.871), limit: Some(0.9) }
 }
 

@@ -102,7 +102,7 @@ pub fn heading(group: &str) -> String {
     match group {
         "tool" => "Tool".to_owned(),
         "shadow" => "Shadow".to_owned(),
-        "kappa" => "Compatibility".to_owned(),
+        "kappa" => "Kappas".to_owned(),
         "monitor" => "Monitor".to_owned(),
         "cell" => "Live cell".to_owned(),
         other => other.to_owned(),

@@ -53,7 +53,9 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Fit::Full => (area.height / 3).max(8),
     };
     let (upper, lower) = cut(area, area.height.saturating_sub(lower));
-    let (left, right) = pen.split(upper, upper.width * 5 / 9);
+    // Below 30 columns the arm is drawn from the side alone, and larger.
+    let left = if pen.fit <= Fit::One { 29 } else { upper.width * 5 / 9 };
+    let (left, right) = pen.split(upper, left);
     robot::draw(model, pen, left);
     charts::draw(model, pen, right);
     events::draw(model, pen, lower);

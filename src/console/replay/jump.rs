@@ -51,7 +51,7 @@ fn span_ms(text: &str) -> Option<u64> {
     let text = text.strip_suffix('s').unwrap_or(text).trim_end();
     let mut parts = text.rsplit(':');
     let mut total_ms = seconds_ms(parts.next()?)?;
-    for (part, unit_ms) in parts.by_ref().zip([60_000, 3_600_000u64]) {
+    for (unit_ms, part) in [60_000u64, 3_600_000].into_iter().zip(parts.by_ref()) {
         let count: u64 = part.parse().ok()?;
         total_ms = total_ms.checked_add(count.checked_mul(unit_ms)?)?;
     }
