@@ -168,7 +168,9 @@ fn poisoned() -> Recording {
         match &mut event.kind {
             EventKind::Decided { reasons, outcome, .. } => {
                 poison(outcome);
-                reasons.iter_mut().for_each(|reason| poison(&mut reason.text));
+                for reason in reasons {
+                    poison(&mut reason.text);
+                }
             }
             EventKind::StateChanged { reason, .. } => poison(reason),
             EventKind::Registered { author, .. } => poison(author),

@@ -37,8 +37,7 @@ pub fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()
 }
 
-/// A reason for a decision.
-pub fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
+fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
     Reason { code, dimension, text: text.to_owned(), evidence: Some(0.871), limit: Some(0.9) }
 }
 

@@ -5,13 +5,13 @@ use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::timeline::Timeline;
 use holdpoint::engine::event::{Event, EventKind, TaskSummary};
 use holdpoint::engine::picture::{Envelope, Picture, Twin};
-use holdpoint::governance::decision::{Dimension, ReasonCode};
+use holdpoint::governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint::governance::lifecycle::{Stage, State};
 use holdpoint::governance::outcome::ActivationMode;
 use holdpoint::governance::rollback::{RollbackRecord, Trigger, TriggerKind};
 use holdpoint::scene::recording::{About, Recording, Series};
 
-use super::support::{digest, id, picture, reason, snapshot};
+use super::support::{digest, id, picture, snapshot};
 
 /// The candidate.
 const NEW: &str = "place@1.1.0";
@@ -29,6 +29,10 @@ const SEQUENCES: [(u64, bool); 5] =
 /// Pictures of a sequence, and the time between two of them, ms.
 const PICTURES: u64 = 180;
 const EVERY_MS: u64 = 50;
+
+fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
+    Reason { code, dimension, text: text.to_owned(), evidence: Some(0.971), limit: Some(0.9) }
+}
 
 fn at(at_ms: u64, kind: EventKind) -> (u64, EventKind) {
     (at_ms, kind)
@@ -250,9 +254,9 @@ fn series() -> Vec<Series> {
         SEQUENCES.iter().zip(values).map(|((start_ms, _), value)| (start_ms + 9_000, value)).collect()
     };
     let mut series = vec![
-        one("shadow/output", after_sequences([0.09, 0.36, 0.112])),
+        one("shadow/output", after_sequences([0.09, 0.36, 0.12])),
         one("shadow/output/limit", vec![(757_200, 0.3)]),
-        one("shadow/governance", after_sequences([0.0, 0.05, 0.021])),
+        one("shadow/governance", after_sequences([0.0, 0.05, 0.02])),
         one("shadow/governance/limit", vec![(757_200, 0.1)]),
         one("shadow/envelope", after_sequences([0.04, 0.06, 0.051])),
         one("monitor/success", vec![(839_000, 0.6), (851_000, 2.1)]),
@@ -261,7 +265,8 @@ fn series() -> Vec<Series> {
         one("monitor/force/limit", vec![(825_100, 4.6)]),
     ];
     for (name, value, limit) in [("I", 1.0, 0.9), ("P", 0.97, 0.95), ("B", 0.931, 0.9), ("R", 0.82, 0.85)] {
-        let drawn_near = (1..8).map(|part| (700_500 + part * 7_000, value - 0.14 / f64::from(part as u32)));
+        let drawn_near =
+            (1..8u32).map(|part| (700_500 + u64::from(part) * 7_000, value - 0.14 / f64::from(part)));
         let points = if name == "I" || name == "P" { vec![(700_400, value)] } else { drawn_near.collect() };
         series.push(one(&format!("kappa/{name}"), points));
         series.push(one(&format!("kappa/{name}/limit"), vec![(700_400, limit)]));

@@ -48,7 +48,7 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
 /// Robot and charts beside each other over the events.
 fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let lower = match pen.fit {
-        Fit::Tiny | Fit::One => 3,
+        Fit::Tiny | Fit::One => 1,
         Fit::Two => area.height * 2 / 5,
         Fit::Full => (area.height / 3).max(8),
     };

@@ -7,7 +7,7 @@ use super::timeline::GAP_MS;
 use crate::console::words::duration;
 
 /// How long playing stands on an event that it has jumped to, ms.
-const REST_MS: u64 = 900;
+pub const REST_MS: u64 = 900;
 
 /// The longest step, ms: a terminal that was stopped does not make the replay leap.
 const STEP_MS_MAX: u64 = 1_000;

@@ -275,7 +275,14 @@ fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     assert_eq!(model.cursor.at_ms, 40_000);
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 40_050);
-    keys(&mut model, "s");
+    // So does an event that somebody went to.
+    keys(&mut model, "d");
+    pass(&mut model, 800);
+    assert_eq!(model.cursor.at_ms, 41_500);
+    pass(&mut model, 150);
+    assert_eq!(model.cursor.at_ms, 50_000);
+    keys(&mut model, "s,");
+    model.rests_until_ms = 0;
     model.cursor = model.timeline.at(30_000);
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 30_050);
@@ -328,6 +335,7 @@ fn how_it_stood_follows_the_events() {
     assert!(stood(12_000).is_apart());
     assert_eq!((stood(19_500).state, stood(19_500).flags.running), (Some(State::Sandboxed), None));
     assert_eq!(stood(50_000).state, Some(State::Rejected));
+    assert_eq!(model.timeline.stretches_ms(), [(20_000, 21_000), (40_000, 41_000)]);
     // Gaps are told from the last picture to the next one.
     let gap = |at_ms| model.timeline.gap_ms(model.timeline.at(at_ms));
     assert_eq!(

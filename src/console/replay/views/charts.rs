@@ -67,12 +67,14 @@ fn drawn(height: u16, charts: usize) -> usize {
 /// A chart's name with its value and limit at the cursor, the limit in as many words as there is room for.
 fn told(chart: &Chart, model: &Model, pen: &Pen<'_>, width: u16) -> Row {
     let (value, limit) = chart.at(model.cursor.at_ms);
-    let (role, said) = match value {
+    let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
+    let what = if chart.limits_mean { "mean " } else { "" };
+    let (role, said) = match judged {
         None => (Role::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
-        Some(value) if limit.is_some_and(|limit| chart.is_past(value, limit)) => {
-            (Role::Past, format!("{} {value:.3}", pen.look.glyph(Glyph::Warning)))
+        Some(judged) if limit.is_some_and(|limit| chart.is_past(judged, limit)) => {
+            (Role::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
         }
-        Some(value) => (Role::Value, format!("{value:.3}")),
+        Some(judged) => (Role::Value, format!("{what}{judged:.3}")),
     };
     let (long, short) = if chart.at_least { ("at least", "min") } else { ("at most", "max") };
     let limited = |word: &str| limit.map_or_else(String::new, |limit| format!(", {word} {limit:.2}"));
