@@ -281,6 +281,11 @@ fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     assert_eq!(model.cursor.at_ms, 41_500);
     pass(&mut model, 150);
     assert_eq!(model.cursor.at_ms, 50_000);
+    // Less long where it plays fast.
+    keys(&mut model, "++++D");
+    let left_ms = model.rests_until_ms - model.now_ms;
+    keys(&mut model, "----");
+    assert_eq!(left_ms, 150);
     keys(&mut model, "s,");
     model.rests_until_ms = 0;
     model.cursor = model.timeline.at(30_000);

@@ -178,7 +178,7 @@ fn go(model: &mut Model, cursor: Cursor) {
 /// On an event, playing stands for a moment, so that it can be read before what follows.
 fn go_to_event(model: &mut Model, cursor: Cursor) {
     go(model, cursor);
-    model.rests_until_ms = model.now_ms.saturating_add(playing::REST_MS);
+    playing::rest(model);
 }
 
 fn picture_on(model: &mut Model) {
