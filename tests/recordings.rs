@@ -62,7 +62,8 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let cache = tempfile::tempdir().unwrap();
     let fresh = || tempfile::tempdir().unwrap();
     let plain = fresh();
-    let without = events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
+    let without =
+        events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
     assert!(without.len() > 20, "{without:?}");
     assert!(shelf::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
 
@@ -89,9 +90,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     assert!(recording.pictures.iter().any(|picture| picture.twin.is_some()), "the twin is in it");
     assert!(recording.pictures.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms));
     let decided = |events: &[Event]| -> Vec<Event> {
-        let ours = |event: &&Event| {
-            matches!(&event.kind, EventKind::Decided { version, .. } if *version == recording.about.version)
-        };
+        let ours = |event: &&Event| matches!(&event.kind, EventKind::Decided { version, .. } if *version == recording.about.version);
         events.iter().filter(ours).cloned().collect()
     };
     assert!(decided(&with).len() >= 3);
@@ -107,7 +106,8 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let viewed = fresh();
     let port = free_port();
     let mut run = script(IN_SHADOW, viewed.path(), cache.path());
-    let mut child = run.arg("--view").arg(format!("127.0.0.1:{port}")).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child =
+        run.arg("--view").arg(format!("127.0.0.1:{port}")).stdout(Stdio::piped()).spawn().unwrap();
     let stalled = connect(port);
     let mut out = child.stdout.take().unwrap();
     let text = std::io::read_to_string(&mut out).unwrap();

@@ -29,6 +29,7 @@ mod prune;
 pub mod recordings;
 pub mod refine;
 pub mod registry;
+#[cfg(feature = "console")]
 pub mod replay;
 pub mod run;
 #[cfg(feature = "console")]
@@ -110,6 +111,7 @@ pub enum Verb {
     Pool(pool::PoolArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    #[cfg(feature = "console")]
     /// Shows what was recorded of an upgrade.
     Replay(replay::ReplayArgs),
     /// Lists, verifies and prunes recordings of upgrades.
@@ -241,6 +243,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        #[cfg(feature = "console")]
         Some(Verb::Replay(args)) => replay::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),
         Some(Verb::Refine(args)) => refine::run(args, out),

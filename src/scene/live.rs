@@ -44,6 +44,12 @@ impl Live {
         Ok((Self { server, store, drawing, begun: false }, report))
     }
 
+    /// Where a viewer connects.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        self.server.url()
+    }
+
     /// A moment of the live cell.
     pub fn picture(&mut self, picture: &Picture) {
         self.drawing.picture(picture);

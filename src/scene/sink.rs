@@ -1,7 +1,9 @@
 //! The sink's thread: takes what waits in the queue, hands it to the files and to the live viewer, tells what became
 //! of it.
 
+use std::fs::File;
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
@@ -27,7 +29,7 @@ impl Scenes {
     /// # Errors
     /// Where the folder cannot be made, or no thread be started. A port that is taken is no error but a report.
     pub fn start(config: SceneConfig) -> Result<Self, SceneError> {
-        Self::start_with(config, Box::new(|path| std::fs::File::create(path)))
+        Self::start_with(config, Box::new(open))
     }
 
     /// As above, with files made by `open`.
@@ -75,6 +77,15 @@ impl Scenes {
             }
         }
     }
+}
+
+/// Makes a recording's file. In a build that checks itself `HOLDPOINT_TEST_DISK=full` makes one on a disk without room.
+fn open(path: &Path) -> std::io::Result<File> {
+    let full = || std::env::var_os("HOLDPOINT_TEST_DISK").is_some_and(|value| value == "full");
+    if cfg!(debug_assertions) && full() {
+        return File::options().write(true).open("/dev/full");
+    }
+    File::create(path)
 }
 
 impl Drop for Scenes {
@@ -167,9 +178,9 @@ impl Worker {
     }
 
     fn serve(&mut self, address: SocketAddr) {
-        if self.live.is_some() {
-            let text = "a viewer is served already. Hint: connect to the address that was told".to_owned();
-            self.say(Report::NotServing { text });
+        if let Some(live) = &self.live {
+            // There is one live scene; who asks again is told where.
+            self.say(Report::Serving { url: live.url().to_owned() });
             return;
         }
         match Live::start(address) {

@@ -36,6 +36,9 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }
+        // About a file, not about what is in it.
+        | EventKind::RecordingKept { .. }
+        | EventKind::Scene { .. }
         | EventKind::CommandRefused { .. }
         | EventKind::Fault { .. } => None,
     }

@@ -79,7 +79,10 @@ fn main() {
         values[values.len() / 2]
     };
     let off = median(&turns[0], |turn| turn.tick_us);
-    println!("{:<28} {:>12} {:>9} {:>16} {:>14} {:>8}", "sink", "CPU a tick", "to off", "longest hand-over", "MiB a minute", "dropped");
+    println!(
+        "{:<28} {:>12} {:>9} {:>16} {:>14} {:>8}",
+        "sink", "CPU a tick", "to off", "longest hand-over", "MiB a minute", "dropped"
+    );
     for (turns, (_, name)) in turns.iter().zip(WAYS) {
         let tick_us = median(turns, |turn| turn.tick_us);
         println!(
@@ -114,11 +117,7 @@ fn turn(way: Way) -> Turn {
     let folder = data.path().join("recordings");
     let to_file = matches!(way, Way::File | Way::Both);
     let view = matches!(way, Way::Live | Way::Both).then(free);
-    let config = SceneConfig {
-        recordings: to_file.then(|| folder.clone()),
-        view,
-        ..SceneConfig::default()
-    };
+    let config = SceneConfig { recordings: to_file.then(|| folder.clone()), view, ..SceneConfig::default() };
     let scenes = (to_file || view.is_some()).then(|| Scenes::start(config).unwrap());
     if let Some(scenes) = &scenes {
         scenes.tap().events(&started, || engine.snapshot());
@@ -141,7 +140,8 @@ fn turn(way: Way) -> Turn {
     while worked < SEQUENCES {
         engine.advance();
         let events = engine.drain_events();
-        worked += events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
+        worked +=
+            events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
         match &scenes {
             Some(scenes) if !events.is_empty() => scenes.tap().events(&events, || engine.snapshot()),
             // The thread that works the cell is the one that is measured, not this one.

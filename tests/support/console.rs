@@ -27,7 +27,6 @@ const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
 /// Virtual time of the fixture, ms.
 pub const NOW_MS: u64 = 761_000;
 
-/// The digest of a text.
 pub fn digest(text: &str) -> Digest {
     Digest::of_parts("test", &[text.as_bytes()])
 }
@@ -43,16 +42,16 @@ fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
 
 fn dimensions(kappas: [Option<f64>; 4]) -> Vec<DimensionResult> {
     let which = [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+    let outcome = |kappa: Option<f64>, threshold| match kappa {
+        None => "no-data",
+        Some(kappa) if kappa >= threshold => "compatible",
+        Some(_) => "suspicious",
+    };
     let parts = which.into_iter().zip(kappas).zip(LIMITS);
     parts
         .map(|((dimension, kappa), threshold)| DimensionResult {
             dimension,
-            outcome: match kappa {
-                None => "no-data",
-                Some(kappa) if kappa >= threshold => "compatible",
-                Some(_) => "suspicious",
-            }
-            .to_owned(),
+            outcome: outcome(kappa, threshold).to_owned(),
             kappa,
             interval: kappa
                 .filter(|kappa| *kappa < 1.0)

@@ -42,11 +42,8 @@ pub(super) enum Shown {
 pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
     let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
     let filed = shelf::list(recordings).map_err(|error| format!("cannot read {}: {error}", shown()))?;
-    let own: Vec<PathBuf> = filed
-        .into_iter()
-        .filter(|filed| filed.name.version == *version)
-        .map(|filed| filed.path)
-        .collect();
+    let own: Vec<PathBuf> =
+        filed.into_iter().filter(|filed| filed.name.version == *version).map(|filed| filed.path).collect();
     if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
 }
 

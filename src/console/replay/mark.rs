@@ -69,6 +69,8 @@ pub fn of(kind: &EventKind) -> Option<Mark> {
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }
         | EventKind::AuditClosed { .. }
+        | EventKind::RecordingKept { .. }
+        | EventKind::Scene { .. }
         | EventKind::CommandRefused { .. } => None,
     }
 }

@@ -220,11 +220,15 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
     assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
     let taken = taken.lock().unwrap();
     assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "pictures are in order of time");
-    assert!(taken.iter().any(|picture| picture.task.as_deref() == Some("grasp") && picture.envelope.is_some()));
+    assert!(
+        taken.iter().any(|picture| picture.task.as_deref() == Some("grasp") && picture.envelope.is_some())
+    );
     assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
     // The ladder ends with the tool clear of everything, and the arm under no task.
     let raised = |picture: &&crate::engine::picture::Picture| {
-        picture.task.is_none() && picture.stopped && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
+        picture.task.is_none()
+            && picture.stopped
+            && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
     };
     assert!(taken.iter().filter(raised).count() > 3, "{} pictures", taken.len());
 }
