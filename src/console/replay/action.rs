@@ -38,41 +38,41 @@ macro_rules! actions {
 actions! {
     /// Play, or pause
     Play = "play", "space p";
-    /// The next picture, paused
+    /// One picture on
     NextPicture = "picture", "right l";
-    /// The picture before, paused
+    /// one picture back
     PreviousPicture = "picture back", "left h";
     /// One second on
     SecondOn = "second", ". shift-right";
-    /// One second back
+    /// one second back
     SecondBack = "second back", ", shift-left";
-    /// Play faster, up to 64 times
+    /// Play faster, up to 64x
     Faster = "faster", "+ up =";
-    /// Play slower, down to a quarter
+    /// slower, down to 1/4x
     Slower = "slower", "- down _";
-    /// The next event
+    /// Next event
     NextEvent = "event", "n ]";
-    /// The event before
+    /// the one before
     PreviousEvent = "event back", "N [";
-    /// The next decision, act of the monitor or rollback
+    /// Next decision, monitor act, rollback
     NextTurn = "decision", "d";
-    /// The decision, act of the monitor or rollback before
+    /// before
     PreviousTurn = "decision back", "D";
-    /// The recording's first moment
+    /// To the beginning
     First = "begin", "g home";
-    /// The recording's last moment
+    /// to the end
     Last = "end", "G end";
-    /// Jump to a second or tick; typing a number does it too
+    /// Jump: 12.5s, 1:02, t 3000; or type a number
     Jump = "jump", ":";
-    /// The next charts, and after the last those that fit the stage
+    /// Other charts
     NextCharts = "charts", "tab";
-    /// The charts before
+    /// the ones before
     PreviousCharts = "charts back", "shift-tab";
-    /// Skip what has no pictures while playing, or do not
+    /// Skip what has no pictures while playing, or not
     SkipGaps = "skip gaps", "s";
     /// This help
     Help = "help", "? f1";
-    /// Close what is open, or leave the replay
+    /// Close what is open, or leave
     Leave = "leave", "q esc ctrl-c";
 }
 

@@ -34,6 +34,8 @@ pub struct Chart {
     pub at_least: bool,
     /// Whether the values are moments of a movement; else each holds until the next.
     pub moving: bool,
+    /// Whether the limit is the mean's and not each value's, as with what shadow finds in a sequence.
+    pub limits_mean: bool,
 }
 
 impl Chart {
@@ -42,6 +44,14 @@ impl Chart {
     pub fn at(&self, at_ms: u64) -> (Option<f64>, Option<f64>) {
         let limit = in_force(&self.limits, at_ms).or_else(|| self.limits.first().map(|(_, limit)| *limit));
         (in_force(&self.values, at_ms), limit)
+    }
+
+    /// The mean of the values up to a time; absent where there is none.
+    #[must_use]
+    pub fn mean(&self, at_ms: u64) -> Option<f64> {
+        let next = self.values.partition_point(|(time_ms, _)| *time_ms <= at_ms);
+        let values = self.values.get(..next).filter(|values| !values.is_empty())?;
+        Some(values.iter().map(|(_, value)| value).sum::<f64>() / values.len() as f64)
     }
 
     /// Whether a value is on the wrong side of a limit. What is no number is.
@@ -74,6 +84,7 @@ pub fn groups(recording: &Recording) -> Vec<Group> {
             limits: limits.map(|limits| limits.points.clone()).unwrap_or_default(),
             at_least: name == "kappa",
             moving: name == "tool",
+            limits_mean: name == "shadow",
         };
         match groups.iter_mut().find(|group| group.name == name) {
             Some(group) => group.charts.push(chart),
@@ -102,8 +113,9 @@ pub fn heading(group: &str) -> String {
     match group {
         "tool" => "Tool".to_owned(),
         "shadow" => "Shadow".to_owned(),
-        "kappa" => "Compatibility".to_owned(),
+        "kappa" => "Kappas".to_owned(),
         "monitor" => "Monitor".to_owned(),
+        "pairs" => "Paired episodes".to_owned(),
         "cell" => "Live cell".to_owned(),
         other => other.to_owned(),
     }
@@ -112,8 +124,8 @@ pub fn heading(group: &str) -> String {
 fn title(name: &str) -> String {
     match name {
         "tool/speed" => "speed, m/s".to_owned(),
-        "tool/force" => "finger force, N".to_owned(),
-        "tool/contact" => "contact force, N".to_owned(),
+        "tool/force" => "force at the pads, N".to_owned(),
+        "tool/contact" => "force on surroundings, N".to_owned(),
         "shadow/output" => "output divergence".to_owned(),
         "shadow/governance" => "governance divergence".to_owned(),
         "shadow/envelope" => "envelope divergence".to_owned(),
@@ -174,11 +186,15 @@ mod tests {
             limits: vec![(15, 1.5)],
             at_least: false,
             moving: true,
+            limits_mean: false,
         };
         for (at_ms, value) in [(9, None), (10, Some(1.0)), (19, Some(1.0)), (99, Some(2.0))] {
             assert_eq!(chart.at(at_ms), (value, Some(1.5)), "{at_ms}");
         }
         assert!(chart.is_past(2.0, 1.5) && !chart.is_past(1.5, 1.5) && chart.is_past(f64::NAN, 1.5));
+        for (at_ms, mean) in [(9, None), (10, Some(1.0)), (20, Some(1.5))] {
+            assert_eq!(chart.mean(at_ms), mean, "{at_ms}");
+        }
         chart.at_least = true;
         assert!(chart.is_past(1.4, 1.5) && !chart.is_past(1.5, 1.5) && chart.is_past(f64::NAN, 1.5));
     }

@@ -48,12 +48,14 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
 /// Robot and charts beside each other over the events.
 fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let lower = match pen.fit {
-        Fit::Tiny | Fit::One => 3,
+        Fit::Tiny | Fit::One => 1,
         Fit::Two => area.height * 2 / 5,
         Fit::Full => (area.height / 3).max(8),
     };
     let (upper, lower) = cut(area, area.height.saturating_sub(lower));
-    let (left, right) = pen.split(upper, upper.width * 5 / 9);
+    // Below 30 columns the arm is drawn from the side alone, and larger.
+    let left = if pen.fit <= Fit::One { 29 } else { upper.width * 5 / 9 };
+    let (left, right) = pen.split(upper, left);
     robot::draw(model, pen, left);
     charts::draw(model, pen, right);
     events::draw(model, pen, lower);

@@ -6,8 +6,9 @@ use super::model::Model;
 use super::timeline::GAP_MS;
 use crate::console::words::duration;
 
-/// How long playing stands on an event that it has jumped to, ms.
-const REST_MS: u64 = 900;
+/// How long playing stands on an event that it has jumped to, ms: long enough to read it, and less where somebody
+/// wants to get on.
+const REST_MS: (u64, u64) = (150, 900);
 
 /// The longest step, ms: a terminal that was stopped does not make the replay leap.
 const STEP_MS_MAX: u64 = 1_000;
@@ -59,11 +60,18 @@ fn skip(model: &mut Model) -> bool {
     let is_picture = model.picture_age_ms() == Some(0);
     if !is_picture {
         // Nothing moves here: the event is given time to be read.
-        model.rests_until_ms = model.now_ms.saturating_add(REST_MS);
+        rest(model);
     }
     model
         .tell(format!("skipped {} without pictures; s plays them through", duration(next_ms - at_ms)), false);
     true
+}
+
+/// Playing stands for a moment.
+pub fn rest(model: &mut Model) {
+    let (least_ms, most_ms) = REST_MS;
+    let rest_ms = model.speed.real_ms(most_ms).clamp(least_ms, most_ms);
+    model.rests_until_ms = model.now_ms.saturating_add(rest_ms);
 }
 
 /// In how many ms something changes by itself; absent where nothing does before a key.

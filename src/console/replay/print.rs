@@ -36,7 +36,7 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let lost = if recording.dropped == (0, 0) {
         String::new()
     } else {
-        format!(", {lost_pictures} pictures and {lost_events} events were not kept")
+        format!("; not kept: {lost_pictures} pictures, {lost_events} events")
     };
     writeln!(out, "{}; {pictures} pictures{lost}", Untrusted::new(end).line())
 }

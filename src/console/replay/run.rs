@@ -136,6 +136,8 @@ impl Showing {
                 return Ok(());
             }
             if effects.contains(&Effect::Draw) {
+                #[cfg(debug_assertions)]
+                fail_if_asked();
                 let (model, look) = (&self.model, &self.look);
                 self.screen.draw(|area, buffer| frame::draw(model, look, area, buffer))?;
             }
@@ -192,6 +194,15 @@ impl Showing {
     fn fold(&mut self, what: What) -> Vec<Effect> {
         let now_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         update(&mut self.model, Msg { now_ms, what })
+    }
+}
+
+/// The test of the panic policy: a screen that fails while it is drawn. Not in a release.
+#[cfg(debug_assertions)]
+#[allow(clippy::panic, reason = "that is what is tested")]
+fn fail_if_asked() {
+    if std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui") {
+        std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
     }
 }
 

@@ -1,1 +1,350 @@
-//! The reducer's table.
+//! The reducer's tables: keys, stepping, jumping, playing.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use super::super::model::{Model, NOTICE_MS};
+use super::super::playing::wakes_in_ms;
+use super::super::speed::Speed;
+use super::super::timeline::Timeline;
+use super::{Effect, Msg, What, update};
+use crate::engine::event::{Event, EventKind};
+use crate::engine::picture::{Body, NO_TURN, Picture, Scenery};
+use crate::governance::ids::Digest;
+use crate::governance::lifecycle::{Stage, State};
+use crate::scene::recording::{About, Recording};
+
+/// Pictures every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
+fn pictures() -> Vec<Picture> {
+    let mut times: Vec<u64> = (0..=10).flat_map(|step| [20_000 + step * 100, 40_000 + step * 100]).collect();
+    times.push(20_500);
+    times.sort_unstable();
+    let body = Body {
+        links: vec![[0.0; 3], [0.1; 3]],
+        pads: [[0.1; 3]; 2],
+        hand: NO_TURN,
+        object: [0.2; 3],
+        object_turn: NO_TURN,
+        object_half_m: 0.02,
+        held: false,
+    };
+    let of = |at_ms| Picture {
+        sequence: 0,
+        at_ms,
+        at_secs: 0.0,
+        task: None,
+        version: None,
+        body: body.clone(),
+        speed_m_s: 0.1,
+        force_n: 1.0,
+        contact_n: 0.0,
+        envelope: None,
+        contacts: Vec::new(),
+        unexpected_contact: false,
+        stopped: false,
+        twin: None,
+    };
+    times.into_iter().map(of).collect()
+}
+
+fn recording() -> Recording {
+    let version: crate::governance::ids::CapabilityId = "grasp@1.1.0".parse().unwrap();
+    let decided = |stage, outcome: &str| EventKind::Decided {
+        version: version.clone(),
+        stage,
+        outcome: outcome.to_owned(),
+        dimensions: Vec::new(),
+        composite: None,
+        reasons: Vec::new(),
+        conditions: Vec::new(),
+    };
+    let moved = |from, to| EventKind::StateChanged {
+        version: version.clone(),
+        from,
+        to,
+        reason: "it passed".to_owned(),
+    };
+    let progress = |done| EventKind::Progress {
+        version: version.clone(),
+        stage: Stage::Sandbox,
+        what: "pairs".to_owned(),
+        done,
+        budget: 9,
+    };
+    let kinds = [
+        (10_000, moved(State::Registered, State::Validated)),
+        (10_000, EventKind::StageStarted { version: version.clone(), stage: Stage::Sandbox, budget: 9 }),
+        (13_000, progress(3)),
+        (16_000, progress(6)),
+        (19_500, decided(Stage::Sandbox, "sandboxed")),
+        (19_500, moved(State::Validated, State::Sandboxed)),
+        (41_500, decided(Stage::Shadow, "rejected")),
+        (50_000, moved(State::Sandboxed, State::Rejected)),
+    ];
+    Recording {
+        about: About {
+            version: version.clone(),
+            digest: Digest::of_parts("test", &[b"grasp"]),
+            predecessor: None,
+            profile: "sim".to_owned(),
+            robot: "arm-1".to_owned(),
+            seed: 1,
+            engine_build: "test".to_owned(),
+        },
+        outcome: Some("rejected".to_owned()),
+        scenery: Scenery::default(),
+        pictures: pictures(),
+        events: (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
+        series: Vec::new(),
+        dropped: (0, 0),
+    }
+}
+
+fn model() -> Model {
+    Model::new(Timeline::new(recording()), Speed::default())
+}
+
+fn press(model: &mut Model, code: KeyCode) -> Vec<Effect> {
+    let now_ms = model.now_ms;
+    update(model, Msg { now_ms, what: What::Key(KeyEvent::new(code, KeyModifiers::NONE)) })
+}
+
+fn keys(model: &mut Model, keys: &str) {
+    for key in keys.chars() {
+        press(model, KeyCode::Char(key));
+    }
+}
+
+fn pass(model: &mut Model, real_ms: u64) -> Vec<Effect> {
+    let now_ms = model.now_ms + real_ms;
+    update(model, Msg { now_ms, what: What::Tick })
+}
+
+fn said(model: &Model) -> &str {
+    model.notice.as_ref().map_or("", |notice| &notice.text)
+}
+
+#[test]
+fn keys_move_the_cursor() {
+    // From a time, the keys, and the time, picture and event after them.
+    let table = [
+        (10_000, "", 10_000, None, Some(1)),
+        (10_000, "l", 20_000, Some(0), Some(5)),
+        (20_450, "l", 20_500, Some(5), Some(5)),
+        (20_450, "ll", 20_500, Some(6), Some(5)),
+        (20_450, "lll", 20_600, Some(7), Some(5)),
+        (20_450, "h", 20_300, Some(3), Some(5)),
+        // What is old is gone back to first.
+        (30_000, "h", 21_000, Some(11), Some(5)),
+        (30_000, "hh", 20_900, Some(10), Some(5)),
+        (20_450, ".", 21_450, Some(11), Some(5)),
+        (20_450, ",", 19_450, None, Some(3)),
+        (10_500, ",", 10_000, None, Some(1)),
+        (10_000, "n", 13_000, None, Some(2)),
+        (10_000, "N", 10_000, None, Some(0)),
+        (10_000, "nnnn", 19_500, None, Some(5)),
+        (19_500, "N", 19_500, None, Some(4)),
+        (19_600, "N", 19_500, None, Some(5)),
+        (10_000, "d", 19_500, None, Some(4)),
+        (10_000, "dd", 41_500, Some(22), Some(6)),
+        (50_000, "D", 41_500, Some(22), Some(6)),
+        (50_000, "DD", 19_500, None, Some(4)),
+        (30_000, "g", 10_000, None, Some(1)),
+        (30_000, "G", 50_000, Some(22), Some(7)),
+        (30_000, "20\n", 20_000, Some(0), Some(5)),
+        (30_000, ":t 4800\n", 20_000, Some(0), Some(5)),
+        (30_000, ":+5s\n", 35_000, Some(11), Some(5)),
+        (30_000, ":-1:00\n", 10_000, None, Some(1)),
+        (30_000, ":x\n", 30_000, Some(11), Some(5)),
+        (30_000, ":20\u{1b}", 30_000, Some(11), Some(5)),
+    ];
+    for (from_ms, typed, at_ms, picture, event) in table {
+        let mut model = model();
+        model.cursor = model.timeline.at(from_ms);
+        for key in typed.chars() {
+            let code = match key {
+                '\n' => KeyCode::Enter,
+                '\u{1b}' => KeyCode::Esc,
+                other => KeyCode::Char(other),
+            };
+            assert_eq!(press(&mut model, code), [Effect::Draw], "{typed}");
+        }
+        let cursor = model.cursor;
+        assert_eq!(
+            (cursor.at_ms, cursor.picture, cursor.event),
+            (at_ms, picture, event),
+            "{from_ms} {typed:?}"
+        );
+        assert!(model.typing.is_none() && !model.playing, "{typed:?}");
+    }
+}
+
+#[test]
+fn ends_are_said() {
+    for (from_ms, key, words) in [
+        (50_000, 'l', "no picture after this one"),
+        (10_000, 'h', "no picture before this one"),
+        (50_000, 'n', "no event after this"),
+        (50_000, 'd', "no decision after this"),
+        (10_000, 'D', "no decision before this"),
+    ] {
+        let mut model = model();
+        model.cursor = model.timeline.at(from_ms);
+        let before = model.cursor;
+        keys(&mut model, &key.to_string());
+        assert_eq!((said(&model), model.cursor), (words, before));
+    }
+    let mut model = model();
+    keys(&mut model, "99");
+    press(&mut model, KeyCode::Enter);
+    assert_eq!((model.cursor.at_ms, said(&model)), (50_000, "the recording goes from 10.0 s to 50.0 s"));
+    keys(&mut model, ":nowhere");
+    press(&mut model, KeyCode::Enter);
+    assert!(model.notice.as_ref().is_some_and(|notice| notice.bad && notice.text.contains("\"nowhere\"")));
+}
+
+#[test]
+fn leaves_by_q_and_esc_and_closes_first_what_is_open() {
+    let mut model = model();
+    assert_eq!(press(&mut model, KeyCode::Char('q')), [Effect::Leave]);
+    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Leave]);
+    keys(&mut model, "?");
+    assert_eq!(model.help, Some(0));
+    // What the help lies over does not move.
+    let before = model.cursor;
+    keys(&mut model, "n");
+    press(&mut model, KeyCode::Down);
+    assert_eq!((model.cursor, model.help), (before, Some(1)));
+    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Draw]);
+    assert_eq!(model.help, None);
+    keys(&mut model, ":q");
+    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Draw]);
+    assert!(model.typing.is_none());
+    keys(&mut model, ":1");
+    press(&mut model, KeyCode::Backspace);
+    press(&mut model, KeyCode::Backspace);
+    assert!(model.typing.is_none());
+}
+
+#[test]
+fn playing_follows_the_clock_and_stops_at_the_end() {
+    let mut model = model();
+    model.cursor = model.timeline.at(20_000);
+    assert_eq!((pass(&mut model, 500), model.cursor.at_ms), (Vec::new(), 20_000));
+    keys(&mut model, " ");
+    assert_eq!((pass(&mut model, 50), model.cursor.at_ms), (vec![Effect::Draw], 20_050));
+    keys(&mut model, "++");
+    pass(&mut model, 50);
+    assert_eq!(model.cursor.at_ms, 20_250);
+    keys(&mut model, "----");
+    // Quarters of a ms are carried on.
+    for _ in 0..4 {
+        pass(&mut model, 1);
+    }
+    assert_eq!(model.cursor.at_ms, 20_251);
+    keys(&mut model, " ");
+    pass(&mut model, 5_000);
+    assert_eq!(model.cursor.at_ms, 20_251);
+    model.cursor = model.timeline.at(49_990);
+    keys(&mut model, " ++++");
+    pass(&mut model, 50);
+    assert_eq!(model.cursor.at_ms, 50_000);
+    pass(&mut model, 50);
+    assert!(!model.playing && said(&model).starts_with("end of the recording"));
+    keys(&mut model, " ");
+    assert!(model.playing && model.cursor.at_ms == 10_000);
+}
+
+#[test]
+fn gaps_are_skipped_from_telling_event_to_event_and_said() {
+    let mut model = model();
+    keys(&mut model, " ");
+    // Progress is no reason to stop: the next that tells something is the decision.
+    pass(&mut model, 50);
+    assert_eq!((model.cursor.at_ms, model.cursor.event), (19_500, Some(5)));
+    assert_eq!(said(&model), "skipped 9 s without pictures; s plays them through");
+    // It stands there to be read, and then goes on.
+    pass(&mut model, 800);
+    assert_eq!(model.cursor.at_ms, 19_500);
+    pass(&mut model, 150);
+    assert!(model.cursor.at_ms > 19_500);
+    // The last picture before a gap is shown before the gap is skipped, and a picture needs no rest.
+    model.cursor = model.timeline.at(20_980);
+    pass(&mut model, 900);
+    assert_eq!(model.cursor.at_ms, 21_000);
+    pass(&mut model, 50);
+    assert_eq!(model.cursor.at_ms, 40_000);
+    pass(&mut model, 50);
+    assert_eq!(model.cursor.at_ms, 40_050);
+    // So does an event that somebody went to.
+    keys(&mut model, "d");
+    pass(&mut model, 800);
+    assert_eq!(model.cursor.at_ms, 41_500);
+    pass(&mut model, 150);
+    assert_eq!(model.cursor.at_ms, 50_000);
+    // Less long where it plays fast.
+    keys(&mut model, "++++D");
+    let left_ms = model.rests_until_ms - model.now_ms;
+    keys(&mut model, "----");
+    assert_eq!(left_ms, 150);
+    keys(&mut model, "s,");
+    model.rests_until_ms = 0;
+    model.cursor = model.timeline.at(30_000);
+    pass(&mut model, 50);
+    assert_eq!(model.cursor.at_ms, 30_050);
+}
+
+#[test]
+fn nothing_wakes_a_replay_that_stands() {
+    let mut model = model();
+    assert_eq!(wakes_in_ms(&model), None);
+    keys(&mut model, "h");
+    assert_eq!(wakes_in_ms(&model), Some(NOTICE_MS));
+    assert_eq!(pass(&mut model, NOTICE_MS), [Effect::Draw]);
+    assert_eq!((model.notice.is_none(), wakes_in_ms(&model)), (true, None));
+    // At most twenty frames a second, and no fewer than four.
+    for (at_ms, speed, wakes_ms) in
+        [(20_000, 1.0, 100), (20_000, 8.0, 50), (20_000, 0.25, 250), (30_000, 1.0, 250)]
+    {
+        model.cursor = model.timeline.at(at_ms);
+        model.speed = Speed::of(speed).unwrap();
+        model.playing = true;
+        assert_eq!(wakes_in_ms(&model), Some(wakes_ms), "{at_ms} {speed}");
+    }
+}
+
+#[test]
+fn charts_follow_the_stage_until_others_are_chosen() {
+    let mut recording = recording();
+    let series =
+        |name: &str| crate::scene::recording::Series { name: name.to_owned(), points: vec![(10_000, 1.0)] };
+    recording.series = ["monitor/time", "kappa/B", "shadow/output"].map(series).to_vec();
+    let mut model = Model::new(Timeline::new(recording), Speed::default());
+    let shown = |model: &Model| model.shown_charts().map(|(_, group)| group.name.clone()).unwrap_or_default();
+    assert_eq!(shown(&model), "kappa");
+    let mut seen = Vec::new();
+    for _ in 0..4 {
+        press(&mut model, KeyCode::Tab);
+        seen.push(shown(&model));
+    }
+    assert_eq!(seen, ["monitor", "tool", "shadow", "kappa"]);
+    assert_eq!(model.charts, None);
+    press(&mut model, KeyCode::BackTab);
+    assert_eq!(shown(&model), "shadow");
+}
+
+#[test]
+fn how_it_stood_follows_the_events() {
+    let model = model();
+    let stood = |at_ms| model.timeline.standing(model.timeline.at(at_ms));
+    assert_eq!(stood(10_000).state, Some(State::Validated));
+    assert!(stood(12_000).is_apart());
+    assert_eq!((stood(19_500).state, stood(19_500).flags.running), (Some(State::Sandboxed), None));
+    assert_eq!(stood(50_000).state, Some(State::Rejected));
+    assert_eq!(model.timeline.stretches_ms(), [(20_000, 21_000), (40_000, 41_000)]);
+    // Gaps are told from the last picture to the next one.
+    let gap = |at_ms| model.timeline.gap_ms(model.timeline.at(at_ms));
+    assert_eq!(
+        [gap(12_000), gap(20_050), gap(21_400), gap(21_600), gap(49_000)],
+        [Some((10_000, 20_000)), None, None, Some((21_000, 40_000)), Some((41_000, 50_000))]
+    );
+}

@@ -22,6 +22,7 @@ pub struct Timeline {
     standings: Vec<Standing>,
     marks: Vec<Option<Mark>>,
     moments_ms: Vec<u64>,
+    stretches_ms: Vec<(u64, u64)>,
     groups: Vec<Group>,
 }
 
@@ -56,6 +57,7 @@ impl Timeline {
             span_ms: recording.span_ms().unwrap_or_default(),
             standings: standing::after_each(&recording.about.version, &recording.events),
             marks: recording.events.iter().map(|event| mark::of(&event.kind)).collect(),
+            stretches_ms: stretches_ms(&recording.pictures),
             groups: charts::groups(&recording),
             moments_ms,
             recording,
@@ -78,6 +80,12 @@ impl Timeline {
     #[must_use]
     pub fn groups(&self) -> &[Group] {
         &self.groups
+    }
+
+    /// Stretches in which pictures follow each other without a gap: first and last picture, ms.
+    #[must_use]
+    pub fn stretches_ms(&self) -> &[(u64, u64)] {
+        &self.stretches_ms
     }
 
     /// How events are marked on the time bar: virtual time, ms, and mark, in order.
@@ -163,6 +171,12 @@ impl Timeline {
         let is_seen = begins.is_some() && cursor.at_ms.saturating_sub(begins_ms) <= super::FRESH_MS;
         (!is_seen && ends_ms.saturating_sub(begins_ms) > GAP_MS).then_some((begins_ms, ends_ms))
     }
+}
+
+fn stretches_ms(pictures: &[Picture]) -> Vec<(u64, u64)> {
+    let joined = |a: &Picture, b: &Picture| b.at_ms.saturating_sub(a.at_ms) <= GAP_MS;
+    let ends = |stretch: &[Picture]| Some((stretch.first()?.at_ms, stretch.last()?.at_ms));
+    pictures.chunk_by(joined).filter_map(ends).collect()
 }
 
 /// Whether playing stops at an event on its way through a gap. Progress is told by its end.

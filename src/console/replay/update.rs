@@ -172,8 +172,13 @@ fn seek(model: &mut Model, at_ms: u64) {
 fn go(model: &mut Model, cursor: Cursor) {
     model.cursor = cursor;
     model.carried_quarters = 0;
-    // Where somebody went on purpose, playing lets them look first.
     model.rests_until_ms = 0;
+}
+
+/// On an event, playing stands for a moment, so that it can be read before what follows.
+fn go_to_event(model: &mut Model, cursor: Cursor) {
+    go(model, cursor);
+    playing::rest(model);
 }
 
 fn picture_on(model: &mut Model) {
@@ -202,7 +207,7 @@ fn event_on(model: &mut Model, turns: bool) {
         next += 1;
     }
     match model.timeline.on_event(next) {
-        Some(cursor) => go(model, cursor),
+        Some(cursor) => go_to_event(model, cursor),
         None if turns => model.tell("no decision after this", false),
         None => model.tell("no event after this", false),
     }
@@ -219,7 +224,7 @@ fn event_back(model: &mut Model, turns: bool) {
     };
     let last = model.cursor.event.map_or(0, |event| event + 1);
     match (0..last).rev().find(is_before).and_then(|event| model.timeline.on_event(event)) {
-        Some(cursor) => go(model, cursor),
+        Some(cursor) => go_to_event(model, cursor),
         None if turns => model.tell("no decision before this", false),
         None => model.tell("no event before this", false),
     }

@@ -58,8 +58,8 @@ pub fn draw_picture(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, are
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
     // Beside or below each other, as the arm is larger; the side view alone where there is no room for both.
-    let beside =
-        (views.width >= BESIDE_COLUMNS_MIN).then_some(Rect { width: (views.width - 3) / 2, ..views });
+    let beside = (views.width >= BESIDE_COLUMNS_MIN)
+        .then_some(Rect { width: views.width.saturating_sub(3) / 2, ..views });
     let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });
     let dots_per_m = |area: Option<Rect>| {
         let size = area.map_or((0, 0), |area| Dots::new(area).size());

@@ -51,17 +51,14 @@ fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
 
 /// Where there are pictures, and where there are none.
 fn pictures(model: &Model, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
-    let mut has_picture = vec![false; usize::from(area.width)];
-    for picture in &model.timeline.recording().pictures {
-        if let Some(has) = has_picture.get_mut(usize::from(column(picture.at_ms))) {
-            *has = true;
-        }
-    }
     let full = if pen.look.ascii() { "=" } else { "━" };
-    for (x, has) in (area.left()..area.right()).zip(has_picture) {
-        let (sign, role) =
-            if has { (full, Role::Value) } else { (pen.look.glyph(Glyph::Ahead), Role::Muted) };
-        pen.cell(x, area.y, sign, role);
+    for x in area.left()..area.right() {
+        pen.cell(x, area.y, pen.look.glyph(Glyph::Ahead), Role::Muted);
+    }
+    for (first_ms, last_ms) in model.timeline.stretches_ms() {
+        for place in column(*first_ms)..=column(*last_ms) {
+            pen.cell(area.x + place, area.y, full, Role::Value);
+        }
     }
 }
 

@@ -8,6 +8,7 @@
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::plot;
 use crate::console::look::{Glyph, Role};
@@ -18,6 +19,9 @@ use crate::console::widgets::row::Row;
 
 /// Lines that a chart needs with its heading.
 const HEIGHT_MIN: u16 = 4;
+
+/// Columns of a pane's first line that are neither heading nor place.
+const ROOM_ROUND_HEADING: usize = 7;
 
 /// The most lines that a chart gets.
 const HEIGHT_MAX: u16 = 12;
@@ -31,8 +35,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     };
     let count = model.timeline.groups().len();
     let chosen = if model.charts.is_none() { ", by stage" } else { "" };
+    let heading = heading(&group.name);
     let right = format!("{} of {count}{chosen}", place + 1);
-    let inside = pen.pane(area, &heading(&group.name), false, &right);
+    let fits = heading.len() + right.len() + ROOM_ROUND_HEADING <= usize::from(area.width);
+    let inside = pen.pane(area, &heading, false, if fits { &right } else { "" });
     let drawn = drawn(inside.height, group.charts.len());
     let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
     let mut rest = above(inside, inside.height - lines);
@@ -58,20 +64,30 @@ fn drawn(height: u16, charts: usize) -> usize {
     (0..=charts).rev().find(fits).unwrap_or(0)
 }
 
-/// A chart's name with its value and limit at the cursor.
+/// A chart's name with its value and limit at the cursor, the limit in as many words as there is room for.
 fn told(chart: &Chart, model: &Model, pen: &Pen<'_>, width: u16) -> Row {
     let (value, limit) = chart.at(model.cursor.at_ms);
-    let bound = if chart.at_least { "at least" } else { "at most" };
-    let limited = limit.map_or_else(String::new, |limit| format!(", {bound} {limit:.2}"));
-    let (role, text) = match value {
-        None => (Role::Unknown, format!("{} no value yet{limited}", pen.look.glyph(Glyph::Unknown))),
-        Some(value) if limit.is_some_and(|limit| chart.is_past(value, limit)) => {
-            (Role::Past, format!("{} {value:.3}{limited}", pen.look.glyph(Glyph::Warning)))
+    let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
+    let what = if chart.limits_mean { "mean " } else { "" };
+    let (role, said) = match judged {
+        None => (Role::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
+        Some(judged) if limit.is_some_and(|limit| chart.is_past(judged, limit)) => {
+            (Role::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
         }
-        Some(value) => (Role::Value, format!("{value:.3}{limited}")),
+        Some(judged) => (Role::Value, format!("{what}{judged:.3}")),
     };
-    let room = usize::from(width).saturating_sub(text.chars().count() + 1);
-    Row::new().cell(Role::Text, &chart.title, room).with(Role::Text, " ").with(role, &text)
+    let (long, short) = if chart.at_least { ("at least", "min") } else { ("at most", "max") };
+    let limited = |word: &str| limit.map_or_else(String::new, |limit| format!(", {word} {limit:.2}"));
+    let width = usize::from(width);
+    let wordings = [limited(long), limited(short), String::new()];
+    let room = |limited: &str| width.saturating_sub(said.chars().count() + limited.len() + 1);
+    let limited = wordings.iter().find(|limited| room(limited) >= chart.title.width());
+    let limited = limited.map_or("", String::as_str);
+    Row::new()
+        .cell(Role::Text, &chart.title, room(limited))
+        .with(Role::Text, " ")
+        .with(role, &said)
+        .with(role, limited)
 }
 
 #[cfg(test)]

@@ -17,6 +17,9 @@ use crate::console::widgets::pen::{Pen, cut};
 use crate::console::widgets::row::{Row, wrap};
 use crate::engine::told;
 
+/// Lines from which there is a list.
+const PANE_HEIGHT_MIN: u16 = 3;
+
 /// Lines of the pane from which a long event is told whole.
 const WHOLE_HEIGHT_MIN: u16 = 6;
 
@@ -26,6 +29,12 @@ const WHOLE_ROWS_MAX: usize = 3;
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let count = model.timeline.recording().events.len();
+    if area.height < PANE_HEIGHT_MIN {
+        // The event at the cursor alone.
+        let here = model.cursor.event.map_or_else(Row::new, |event| row(model, pen.look, event));
+        pen.row(area, 0, &here);
+        return;
+    }
     let right = match model.cursor.event {
         Some(event) => place(count, event),
         None if count == 0 => String::new(),

@@ -65,10 +65,9 @@ fn asides(model: &Model, pen: &Pen<'_>) -> Vec<Row> {
         rows.push(Row::of(Role::Text, &format!(" against {predecessor}")));
     }
     let (pictures, events) = recording.dropped;
-    if pictures + events > 0 {
-        let sign = pen.look.glyph(Glyph::Warning);
-        let text = format!("  {sign} {pictures} pictures and {events} events not kept");
-        rows.push(Row::of(Role::Warning, &text));
+    let lost = lost(pictures, events);
+    if !lost.is_empty() {
+        rows.push(Row::of(Role::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
     }
     rows.push(
         Row::of(Role::Text, "  ")
@@ -77,6 +76,17 @@ fn asides(model: &Model, pen: &Pen<'_>) -> Vec<Row> {
     rows.push(Row::of(Role::Text, &format!("  {}", short(&about.robot, 24))));
     rows.push(Row::of(Role::Muted, &format!("  seed {}", about.seed)));
     rows
+}
+
+/// What was dropped on the way into the file; empty where nothing was.
+fn lost(pictures: u64, events: u64) -> String {
+    let counted = [(pictures, "pictures"), (events, "events")];
+    let lost: Vec<String> = counted
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if lost.is_empty() { String::new() } else { format!("{} not kept", lost.join(" and ")) }
 }
 
 fn outcome(model: &Model, pen: &Pen<'_>) -> Row {
@@ -99,7 +109,8 @@ fn stands(model: &Model, pen: &Pen<'_>) -> Row {
     let mark = Mark::version(state, &standing.flags);
     let row = Row::of(mark.role, &pen.look.words(mark));
     let words = words::standing(state, &standing.flags);
-    if words == mark.word { row } else { row.with(Role::Text, &format!("  {words}")) }
+    // A state that is a word of its own is said once.
+    if words.replace('-', " ") == mark.word { row } else { row.with(Role::Text, &format!("  {words}")) }
 }
 
 /// Whether it plays, and how fast.

@@ -12,6 +12,9 @@ use crate::console::widgets::row::Row;
 /// The widest help, columns.
 const WIDTH_MAX: u16 = 80;
 
+/// Columns of the keys.
+const KEYS_WIDTH: usize = 29;
+
 /// Draws it from line `first` on.
 pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
     let rows = rows(pen.look);
@@ -23,13 +26,48 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(inside, 0, rows.get(first..).unwrap_or_default());
 }
 
+/// Actions that go both ways stand in one line.
+const LINES: [(Action, Option<Action>); 12] = [
+    (Action::Play, None),
+    (Action::NextPicture, Some(Action::PreviousPicture)),
+    (Action::SecondOn, Some(Action::SecondBack)),
+    (Action::Faster, Some(Action::Slower)),
+    (Action::NextEvent, Some(Action::PreviousEvent)),
+    (Action::NextTurn, Some(Action::PreviousTurn)),
+    (Action::First, Some(Action::Last)),
+    (Action::Jump, None),
+    (Action::NextCharts, Some(Action::PreviousCharts)),
+    (Action::SkipGaps, None),
+    (Action::Help, None),
+    (Action::Leave, None),
+];
+
 fn rows(look: &Look) -> Vec<Row> {
-    let keys = Action::ALL.iter().map(|action| {
-        Row::new().cell(Role::Key, action.keys(), 14).with(Role::Text, " ").with(Role::Text, action.help())
+    let keys = LINES.iter().map(|(one, other)| {
+        let both = |text: fn(&Action) -> String, between: &str| {
+            let second = other.as_ref().map_or_else(String::new, |other| format!("{between}{}", text(other)));
+            text(one) + &second
+        };
+        let keys = both(|action| action.keys().to_owned(), "   ");
+        let help = both(|action| action.help().to_owned(), "; ");
+        Row::new().cell(Role::Key, &keys, KEYS_WIDTH).with(Role::Text, &help)
     });
-    let title = [Row::new(), Row::of(Role::Title, "On the time bar")];
+    let title = [Row::of(Role::Title, "On the time bar")];
     let legend = LEGEND.iter().map(|(glyph, text)| {
-        Row::new().cell(Role::Title, look.glyph(*glyph), 14).with(Role::Text, " ").with(Role::Text, text)
+        Row::new().cell(Role::Title, look.glyph(*glyph), KEYS_WIDTH).with(Role::Text, text)
     });
     keys.chain(title).chain(legend).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_action_has_its_line() {
+        let shown: Vec<Action> =
+            LINES.iter().flat_map(|(one, other)| std::iter::once(*one).chain(*other)).collect();
+        assert_eq!(shown.len(), Action::ALL.len());
+        assert!(Action::ALL.iter().all(|action| shown.contains(action)));
+    }
 }

@@ -62,7 +62,7 @@ pub fn draw(chart: &Chart, model: &Model, pen: &mut Pen<'_>, area: Rect) {
     limit(chart, &frame, pen, plot);
     cursor(model, &frame, pen, plot);
     let mut dots = Dots::new(plot);
-    values(chart, &frame, &mut dots);
+    values(chart, &frame, model.cursor.at_ms, &mut dots);
     dots.draw(pen, plot);
 }
 
@@ -104,9 +104,10 @@ fn scale(frame: &Frame, pen: &mut Pen<'_>, area: Rect) {
 /// The limit in force in each column.
 fn limit(chart: &Chart, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
     let line = if pen.look.ascii() { "-" } else { "╌" };
-    let span_ms = frame.to_ms - frame.from_ms;
+    let span_ms = u128::from(frame.to_ms - frame.from_ms);
     for column in 0..plot.width {
-        let at_ms = frame.from_ms + span_ms * u64::from(column) / u64::from(plot.width);
+        let passed_ms = span_ms * u128::from(column) / u128::from(plot.width);
+        let at_ms = frame.from_ms.saturating_add(u64::try_from(passed_ms).unwrap_or(u64::MAX));
         let Some(limit) = chart.at(at_ms).1.filter(|limit| limit.is_finite()) else { continue };
         let row = usize::try_from(frame.y(limit)).map_or(0, |dot| dot / DOWN);
         let row = u16::try_from(row).unwrap_or(0).min(plot.height - 1);
@@ -121,42 +122,67 @@ fn cursor(model: &Model, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
     pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, Role::Focus);
 }
 
-fn values(chart: &Chart, frame: &Frame, dots: &mut Dots) {
-    let within =
-        |(at_ms, value): &&(u64, f64)| (frame.from_ms..=frame.to_ms).contains(at_ms) && value.is_finite();
-    let mut before: Option<(u64, i64, i64)> = None;
+/// The values; what comes after the cursor is muted.
+fn values(chart: &Chart, frame: &Frame, here_ms: u64, dots: &mut Dots) {
+    let first = chart.values.partition_point(|(at_ms, _)| *at_ms < frame.from_ms);
+    let end = chart.values.partition_point(|(at_ms, _)| *at_ms <= frame.to_ms);
+    let within = chart.values.get(first..end).unwrap_or_default();
+    let mut before: Option<Point> = None;
     if !chart.moving
         && let (Some(value), _) = chart.at(frame.from_ms)
         && value.is_finite()
     {
-        before = Some((frame.from_ms, frame.x(frame.from_ms), frame.y(value)));
+        before = Some(Point::of(chart, frame, (frame.from_ms, value)));
     }
-    let mut last_ink = ink(false);
-    for (at_ms, value) in chart.values.iter().filter(within) {
-        let past = chart.at(*at_ms).1.is_some_and(|limit| chart.is_past(*value, limit));
-        let here = (frame.x(*at_ms), frame.y(*value));
+    for value in within.iter().filter(|(_, value)| value.is_finite()) {
+        let point = Point::of(chart, frame, *value);
         match before {
-            Some((before_ms, x, y)) if chart.moving && at_ms - before_ms <= JOINED_MS => {
-                dots.line((x, y), here, ink(past));
+            Some(before) if chart.moving && point.at_ms - before.at_ms <= JOINED_MS => {
+                dots.line((before.x, before.y), (point.x, point.y), point.ink(here_ms));
             }
-            Some((_, x, y)) if !chart.moving => {
-                dots.line((x, y), (here.0, y), last_ink);
-                dots.line((here.0, y), here, ink(past));
+            Some(before) if !chart.moving => {
+                before.hold(dots, point.x, (here_ms, frame.x(here_ms)));
+                dots.line((point.x, before.y), (point.x, point.y), point.ink(here_ms));
             }
-            _ => dots.dot(here.0, here.1, ink(past)),
+            Some(_) | None => dots.dot(point.x, point.y, point.ink(here_ms)),
         }
-        last_ink = ink(past);
-        before = Some((*at_ms, here.0, here.1));
+        before = Some(point);
     }
-    if let Some((_, x, y)) = before.filter(|_| !chart.moving) {
-        dots.line((x, y), (frame.x(frame.to_ms), y), last_ink);
+    if let Some(before) = before.filter(|_| !chart.moving) {
+        before.hold(dots, frame.x(frame.to_ms), (here_ms, frame.x(here_ms)));
     }
 }
 
-const fn ink(past: bool) -> Ink {
-    if past {
-        Ink { role: Role::Past, ascii: "X", dashed: false }
-    } else {
-        Ink { role: Role::Value, ascii: "*", dashed: false }
+/// A value on the dots.
+#[derive(Clone, Copy)]
+struct Point {
+    at_ms: u64,
+    x: i64,
+    y: i64,
+    is_past: bool,
+}
+
+impl Point {
+    fn of(chart: &Chart, frame: &Frame, (at_ms, value): (u64, f64)) -> Self {
+        let is_past = chart.at(at_ms).1.is_some_and(|limit| chart.is_past(value, limit));
+        Self { at_ms, x: frame.x(at_ms), y: frame.y(value), is_past }
+    }
+
+    const fn ink(self, here_ms: u64) -> Ink {
+        let role = match (self.at_ms <= here_ms, self.is_past) {
+            (false, _) => Role::Muted,
+            (true, true) => Role::Past,
+            (true, false) => Role::Value,
+        };
+        Ink { role, ascii: if self.is_past { "X" } else { "*" }, dashed: false }
+    }
+
+    /// Draws the value until a column, from the cursor's column on as what is still to come.
+    fn hold(self, dots: &mut Dots, until_x: i64, (here_ms, here_x): (u64, i64)) {
+        let turns_x = if self.at_ms <= here_ms { here_x.clamp(self.x, until_x.max(self.x)) } else { self.x };
+        dots.line((turns_x, self.y), (until_x, self.y), Ink { role: Role::Muted, ..self.ink(here_ms) });
+        if self.at_ms <= here_ms {
+            dots.line((self.x, self.y), (turns_x, self.y), self.ink(here_ms));
+        }
     }
 }

@@ -1,0 +1,24 @@
+//! Opens the replay of a recording made by hand on this terminal, to be looked at.
+//!
+//!     cargo run --example replay_screen [-- --ascii]
+#![allow(clippy::unwrap_used, reason = "a tool that shows what there is, or fails")]
+
+#[path = "replay.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+mod recorded;
+#[path = "console.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+mod support;
+
+use holdpoint::console::options::{File, Flags, Options};
+use holdpoint::console::replay::speed::Speed;
+use holdpoint::console::replay::{ReplayError, ReplayOptions, run};
+use holdpoint::console::theme::Themes;
+
+fn main() -> Result<(), ReplayError> {
+    let ascii = std::env::args().any(|argument| argument == "--ascii");
+    let console = Options::new(Flags { ascii, ..Flags::default() }, File::default());
+    let options =
+        ReplayOptions { start_tick: None, speed: Speed::default(), console, themes: Themes::default() };
+    run(recorded::recording(), options)
+}
