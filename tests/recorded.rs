@@ -74,6 +74,13 @@ fn it_is_printed_whole_or_up_to_a_moment() {
     let earlier = recorded.events.iter().filter(|event| event.at_ms <= to_ms).count();
     assert_eq!((code, json.lines().count()), (Some(0), earlier));
     assert!(earlier > 5 && earlier < recorded.events.len(), "{earlier}");
+    let cut = root.path().join("cut.rrd");
+    let to = tick_of(to_ms).to_string();
+    let words = ["replay", file, "--to", &to, "--out", cut.to_str().unwrap()];
+    assert_eq!(holdpoint(root.path(), &words).0, Some(0));
+    assert_eq!(read(&cut).unwrap().events.len(), earlier);
+    let (code, text) = holdpoint(root.path(), &words);
+    assert!(code == Some(2) && text.contains("is there already"), "{text}");
 }
 
 /// A store with a closed recording whose digest is on record.
