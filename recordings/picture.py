@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Takes a picture of a recording as the rerun viewer shows it, without a screen and without a GPU.
 
-    python3 recordings/picture.py recordings/NAME.rrd [--out NAME.png] [--tick TICK] [--window]
+    python3 recordings/picture.py recordings/NAME.rrd [--out NAME.png] [--tick TICK] [--holdpoint PROGRAM] [--window]
 
-The recording is cut at TICK (240 a second of virtual time), so that the viewer, which opens a file at its end, stands at
-that moment. Without TICK it shows the end. By default the viewer runs without a window and is asked for the picture;
-with --window it runs in a real window under Xvfb, as on a person's screen, and takes the picture itself.
+The recording is cut at TICK (240 a second of virtual time) by `holdpoint replay --to`, so that the viewer, which goes to
+the end of a file, stands at that moment. Without TICK it shows the end. By default the viewer has no window and is asked
+for the picture; with --window it runs in a real window under Xvfb, as on a person's screen, and takes the picture itself.
 
 Needs: pip install rerun-sdk==0.36.3, run with that Python; a Vulkan driver, for which software is enough
 (Debian: mesa-vulkan-drivers libvulkan1); for --window also xvfb and the libraries of an X program (Debian: libx11-xcb1
@@ -25,7 +25,6 @@ from pathlib import Path
 import rerun_cli
 from rerun.experimental import ViewerClient
 
-TICK_TIMELINE = "tick"
 WIDTH, HEIGHT = 1600, 900
 # How long the viewer may take to show the same picture twice in a row, seconds.
 PATIENCE_SECS = 120
@@ -40,6 +39,7 @@ def main() -> int:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--out", type=Path, help="the picture [default: beside the recording, as .png]")
     parser.add_argument("--tick", type=int, help="the moment to show [default: the end]")
+    parser.add_argument("--holdpoint", default="holdpoint", help="the program that cuts it [default: %(default)s]")
     parser.add_argument("--window", action="store_true", help="use a real window under Xvfb")
     args = parser.parse_args()
     picture = (args.out or args.recording.with_suffix(".png")).resolve()
@@ -50,7 +50,9 @@ def main() -> int:
     os.environ.setdefault("CI", "true")
     with tempfile.TemporaryDirectory() as scratch:
         os.environ.setdefault("XDG_RUNTIME_DIR", scratch)
-        shown = args.recording.resolve() if args.tick is None else cut(args.recording, args.tick, Path(scratch))
+        shown = args.recording.resolve()
+        if args.tick is not None:
+            shown = cut(shown, args.tick, args.holdpoint, Path(scratch))
         taken = (in_window if args.window else without_window)(shown, Path(scratch))
         picture.write_bytes(taken)
     print(f"{picture.name}: {len(taken)} bytes")
@@ -62,21 +64,14 @@ def viewer() -> str:
     return str(Path(rerun_cli.__file__).parent / "rerun")
 
 
-def cut(recording: Path, tick: int, scratch: Path) -> Path:
-    """The part of a recording before the tick after `tick`."""
-    parts = scratch / "parts"
-    parts.mkdir()
-    command = [viewer(), "rrd", "split", "--timeline", TICK_TIMELINE, "--time", str(tick + 1), "-o", str(parts)]
-    done = subprocess.run([*command, str(recording)], capture_output=True, text=True, check=False)
-    found = sorted(parts.glob("*.rrd"), key=first_tick)
-    if done.returncode != 0 or len(found) != 2:
-        sys.exit(f"cannot cut {recording} at tick {tick}: {done.stderr.strip()[-500:]}")
-    return found[0]
-
-
-def first_tick(part: Path) -> int:
-    """`NAME_FIRST__LAST.rrd` is how the parts are named."""
-    return int(part.stem.rpartition("__")[0].rpartition("_")[2])
+def cut(recording: Path, tick: int, program: str, scratch: Path) -> Path:
+    """The recording up to the end of `tick`, with its layout."""
+    part = scratch / f"{recording.stem}.rrd"
+    command = [program, "replay", str(recording), "--to", str(tick), "--out", str(part)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"cannot cut {recording} at tick {tick}: {done.stderr.strip()}")
+    return part
 
 
 @contextlib.contextmanager

@@ -39,7 +39,8 @@ Examples:
   holdpoint replay grasp@1.1.0
   holdpoint replay grasp@1.1.0 --terminal --to 28800
   holdpoint replay grasp@1.1.0 --json
-  holdpoint replay recordings/accepted.rrd --plain")]
+  holdpoint replay recordings/accepted.rrd --plain
+  holdpoint replay recordings/accepted.rrd --to 28800 --out early.rrd")]
 pub struct ReplayArgs {
     /// A version, e.g. grasp@1.1.0, or a recording's file.
     #[arg(value_name = "UPGRADE", value_parser = parse_upgrade)]
@@ -47,6 +48,9 @@ pub struct ReplayArgs {
     /// Up to this moment: 240 ticks are a second of virtual time. The terminal begins there.
     #[arg(long, value_name = "TICK")]
     pub to: Option<u64>,
+    /// Writes the recording up to that moment to a new file, and opens nothing.
+    #[arg(long, value_name = "FILE", requires = "to", conflicts_with_all = ["terminal", "plain"])]
+    pub out: Option<PathBuf>,
     /// Replays in this terminal; where there is none it prints the events.
     #[arg(long)]
     pub terminal: bool,
@@ -131,6 +135,12 @@ fn replay(
             out.line("Hint: `holdpoint audit verify` checks the record; --force opens it all the same")?;
         }
         return Ok(Exit::Rejected);
+    }
+    if let (Some(path), Some(tick)) = (&args.out, args.to) {
+        cut::write(&files, tick, path)?;
+        let value = json!({ "file": path.display().to_string(), "tick": tick });
+        out.answer(&value, |out| out.line(&format!("wrote {}", path.display())))?;
+        return Ok(Exit::Confirmed);
     }
     let as_lines = args.plain || context.json || (args.terminal && !around.has_terminal);
     if as_lines {

@@ -7,17 +7,19 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use rerun::EntityPath;
+use rerun::components::Text;
 use rerun::log::Chunk;
+use rerun::{AnyValues, EntityPath};
 use sha2::{Digest as _, Sha256};
 
-use super::drawing::{Tail, tail};
+use super::drawing::{Tail, paths, tail};
 use super::file::{Framed, message, opening, store};
 use super::limits::CHUNK_ROWS_MAX;
 use super::read::{Contents, contents};
 use super::rows::{Ids, Rows};
 use super::{ReadError, blueprint};
 use crate::governance::ids::Digest;
+use crate::text::Untrusted;
 
 /// A file that is ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,6 +28,8 @@ pub struct Ended {
     pub digest: Digest,
     /// Its size.
     pub bytes: u64,
+    /// Pictures in it.
+    pub pictures: u64,
 }
 
 /// Writes the segments of a recording as one file at `into`, which may be one of them; the others are removed.
@@ -40,6 +44,12 @@ pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: Option<&Tail>) -
     if let Some(end) = end {
         let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
         tail(&mut rows, end);
+        let outcome = Untrusted::new(end.outcome.as_deref().unwrap_or("open")).line();
+        let dropped = format!("{} pictures, {} events", end.dropped.0, end.dropped.1);
+        let facts = AnyValues::default()
+            .with_component::<Text>("outcome", [Text::from(outcome.as_str())])
+            .with_component::<Text>("dropped", [Text::from(dropped)]);
+        rows.always("__properties/end", &facts);
         all.extend(rows.take().0);
     }
     let ended = write_all(stem, all, into).map_err(|source| ReadError::file(into, source))?;
@@ -81,12 +91,13 @@ fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<End
         framed.write(&layout)?;
     }
     framed.write(&opening(&store, &mut ids))?;
+    let pictures = pictures(&chunks);
     for chunk in few(chunks)? {
         framed.write(&message(&store, &chunk.with_id(ids.chunk()))?)?;
     }
     let summed = framed.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?;
     summed.file.sync_all()?;
-    Ok(Ended { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes })
+    Ok(Ended { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes, pictures })
 }
 
 /// The same rows in few chunks, ordered by entity.
@@ -113,6 +124,12 @@ fn few(chunks: Vec<Chunk>) -> io::Result<Vec<Chunk>> {
         parts.push(rest);
     }
     Ok(entities.into_values().flatten().collect())
+}
+
+/// Pictures in a recording.
+fn pictures(chunks: &[Chunk]) -> u64 {
+    let path = EntityPath::parse_forgiving(paths::FRAME);
+    chunks.iter().filter(|chunk| *chunk.entity_path() == path).map(|chunk| chunk.num_rows() as u64).sum()
 }
 
 /// Counts and sums what passes.
@@ -155,7 +172,8 @@ pub fn mend(stem: &str, path: &Path) -> Result<Found, ReadError> {
         return Ok(Found::Open);
     }
     let Some(outcome) = tail.and_then(|tail| tail.outcome) else { return Ok(Found::Open) };
+    let pictures = pictures(&chunks);
     let bytes = fs::read(path).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
-    Ok(Found::Ended(Ended { digest, bytes: bytes.len() as u64 }, outcome))
+    Ok(Found::Ended(Ended { digest, bytes: bytes.len() as u64, pictures }, outcome))
 }

@@ -81,7 +81,7 @@ impl Desk {
                         file: name,
                         digest: ended.digest,
                         bytes: ended.bytes,
-                        pictures: recording.pictures.len() as u64,
+                        pictures: ended.pictures,
                         dropped: recording.dropped,
                     }));
                 }

@@ -36,35 +36,37 @@ impl Moment {
     }
 }
 
-/// Counts ids of rows and chunks. Those of a later segment come after those of an earlier one.
+/// Counts ids of rows and chunks, each by itself: how often rows are written changes no row's id. Those of a later
+/// segment come after those of an earlier one.
 #[derive(Clone, Debug)]
-pub struct Ids(Tuid);
+pub struct Ids {
+    rows: Tuid,
+    chunks: Tuid,
+}
 
 impl Ids {
     /// The ids of a segment, counting from 1.
     #[must_use]
     pub fn of_segment(segment: u32) -> Self {
-        Self(Tuid::from_nanos_and_inc(u64::from(segment) << 40, 0))
-    }
-
-    fn next(&mut self) -> Tuid {
-        self.0 = self.0.next();
-        self.0
+        let base = u64::from(segment) << 40;
+        Self { rows: Tuid::from_nanos_and_inc(base, 0), chunks: Tuid::from_nanos_and_inc(base | 1 << 39, 0) }
     }
 
     /// The next row's.
     pub fn row(&mut self) -> RowId {
-        RowId::from_tuid(self.next())
+        RowId::from_tuid(self.plain())
     }
 
     /// The next chunk's.
     pub fn chunk(&mut self) -> ChunkId {
-        ChunkId::from_tuid(self.next())
+        self.chunks = self.chunks.next();
+        ChunkId::from_tuid(self.chunks)
     }
 
-    /// As it is, for what is no row.
+    /// As a row's, for what is none.
     pub fn plain(&mut self) -> Tuid {
-        self.next()
+        self.rows = self.rows.next();
+        self.rows
     }
 }
 

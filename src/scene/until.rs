@@ -19,8 +19,9 @@ pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let chunks = contents(path)?.chunks;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let last = i64::try_from(tick).unwrap_or(i64::MAX);
-    let tail = rerun::EntityPath::parse_forgiving(paths::TAIL);
-    let kept = chunks.into_iter().filter(|chunk| *chunk.entity_path() != tail);
+    // How it ended came later.
+    let end = [paths::TAIL, "__properties/end"].map(rerun::EntityPath::parse_forgiving);
+    let kept = chunks.into_iter().filter(|chunk| !end.contains(chunk.entity_path()));
     let kept = kept.filter_map(|chunk| before(&chunk, last)).collect();
     let stem = format!("{}-until-{tick}", super::file_stem(&head.about.version, &head.about.digest));
     write_all(&stem, kept, out).map_err(|source| ReadError::file(out, source))?;

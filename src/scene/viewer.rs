@@ -8,6 +8,7 @@ use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::Read;
+use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -187,9 +188,9 @@ impl Viewer {
         let refused = |source| ViewerError::Log { path: log.clone(), source };
         let output = open_log(&log).map_err(refused)?;
         let errors = output.try_clone().map_err(refused)?;
-        // A viewer listens, too: for programs on this machine alone, and never at the port of a live scene.
+        // A viewer listens, too: for programs on this machine alone, and away from the port of a live scene.
         let child = Command::new(&self.program)
-            .args(["--bind", "127.0.0.1", "--port", "auto", "--"])
+            .args(["--bind", "127.0.0.1", "--port", &free_port(), "--"])
             .args(shown)
             .stdin(Stdio::null())
             .stdout(output)
@@ -202,6 +203,13 @@ impl Viewer {
             reap(child).map_err(|source| ViewerError::Start { program: self.program.clone(), source })?;
         Ok(Opened { process, log, ended })
     }
+}
+
+/// A port nobody listens at; left to the viewer where none can be had. Left to it in any case it would take the first,
+/// which is the one a live scene is served at.
+fn free_port() -> String {
+    let probe = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|probe| probe.local_addr());
+    probe.map_or_else(|_| "auto".to_owned(), |address| address.port().to_string())
 }
 
 /// Waits for a child on a thread of its own and tells whether it ended in good order.
@@ -373,7 +381,10 @@ mod tests {
         let opened = viewer.open(&["a b.rrd", "-c.rrd"], root.path()).unwrap();
         assert_eq!(opened.ended_within(Duration::from_secs(30)), Some(true));
         let asked = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
-        assert_eq!(asked, "--bind 127.0.0.1 --port auto -- a b.rrd -c.rrd\n");
+        let port = asked.strip_prefix("--bind 127.0.0.1 --port ").and_then(|rest| rest.split_once(' '));
+        let (port, shown) = port.unwrap();
+        assert!(port.parse::<u16>().is_ok_and(|port| port != 0), "{asked}");
+        assert_eq!(shown, "-- a b.rrd -c.rrd\n");
         assert_eq!(std::fs::read_to_string(&opened.log).unwrap(), "said\n");
         let nowhere = viewer.open(&["a.rrd"], &root.path().join("none")).unwrap_err();
         assert!(matches!(nowhere, ViewerError::Log { .. }), "{nowhere}");

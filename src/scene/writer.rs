@@ -45,7 +45,6 @@ pub struct Writer {
     pace: Pace,
     shadow: bool,
     active: bool,
-    pictures: u64,
     /// The live world's last sequence that ended.
     worked: Option<u64>,
     /// The newest shadowed sequence in which twin and live world did not agree.
@@ -82,7 +81,6 @@ impl Writer {
             pace,
             shadow: false,
             active: false,
-            pictures: 0,
             worked: None,
             disagreed: None,
         };
@@ -122,7 +120,6 @@ impl Writer {
             if self.is_full() {
                 return Ok(());
             }
-            self.pictures += 1;
             self.drawing.picture(picture);
             if self.drawing.rows().are_many() {
                 self.flush()?;
@@ -228,7 +225,7 @@ impl Writer {
             file: into.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
             digest: ended.digest,
             bytes: ended.bytes,
-            pictures: self.pictures,
+            pictures: ended.pictures,
             dropped,
         }))
     }

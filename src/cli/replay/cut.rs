@@ -62,6 +62,25 @@ pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<Pa
     Ok(cut)
 }
 
+/// A copy of the only file with nothing later than `tick`, as the new file `out`.
+///
+/// # Errors
+/// Where there are several files or `out` is there already; else as [`cut`].
+pub(super) fn write(files: &[PathBuf], tick: u64, out: &Path) -> Result<(), CliError> {
+    let [path] = files else {
+        return Err(CliError::usage(format!(
+            "the recording has {} files, and one can be cut at a time\nHint: name the file in place of the version",
+            files.len()
+        )));
+    };
+    if fs::symlink_metadata(out).is_ok() {
+        return Err(CliError::usage(format!(
+            "cannot write {out:?}: it is there already\nHint: name a new file"
+        )));
+    }
+    scene::until(path, tick, out).map_err(CliError::usage)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
