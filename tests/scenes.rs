@@ -254,13 +254,9 @@ fn what_is_written_is_read_back() {
 
 #[test]
 fn the_same_run_gives_the_same_bytes() {
-    let digests = [0, 1].map(|index| {
+    let digests = [0, 1].map(|_| {
         let folder = tempfile::tempdir().unwrap();
-        let (_, closed, path) = upgrade(folder.path(), 1, 1, &[1]);
-        if let Ok(keep) = std::env::var("KEEP_5B") {
-            std::fs::copy(&path, format!("{keep}-{index}.rrd")).unwrap();
-        }
-        closed.digest
+        upgrade(folder.path(), 1, 1, &[1]).1.digest
     });
     assert_eq!(digests[0], digests[1]);
 }
@@ -287,7 +283,7 @@ fn a_whole_upgrade_is_small() {
     let (script, closed, _) = upgrade(folder.path(), 20, 60, &[3, 11, 25, 40, 55, 70]);
     let minutes = (script.at_ms - 500_000) as f64 / 60_000.0;
     let mebibytes = closed.bytes as f64 / f64::from(1 << 20);
-    assert!(mebibytes < 3.0, "{mebibytes:.2} MiB, {} pictures, {minutes:.1} min", closed.pictures);
+    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} pictures, {minutes:.1} min", closed.pictures);
     assert!(closed.pictures > 2_000);
 }
 

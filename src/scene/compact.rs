@@ -1,4 +1,4 @@
-//! Ends and mends files: few large chunks instead of many small ones, a mark at the end, one file instead of segments.
+//! Ends and mends files: few large chunks instead of many small ones, a footer, one file instead of segments.
 //!
 //! A new file is written beside the old one, synced, and put in its place: a kill leaves the one or the other.
 
@@ -93,7 +93,7 @@ pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ende
 
 fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<Ended> {
     let file = BufWriter::new(Summed { file: File::create(beside)?, sum: Sha256::new(), bytes: 0 });
-    let mut framed = Framed::begin(file)?;
+    let mut framed = Framed::indexed(file)?;
     let store = store(stem);
     let mut ids = Ids::of_segment(LAST_SEGMENT + 1);
     for layout in blueprint::messages()? {

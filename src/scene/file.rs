@@ -1,14 +1,16 @@
-//! A recording's bytes: a header, one framed message after the other, and an end.
+//! A recording's bytes: a header, one framed message after the other, and in ended files a footer that indexes them.
 //!
-//! Framed here and not by rerun's own encoder, which writes when it is dropped and adds a footer: an index of all
-//! columns, whose order is left to chance, so that the same run would not give the same bytes, and which is a third
-//! of a short recording. A viewer reads a file of this size from its beginning and needs no index.
+//! Framed here and not by rerun's own encoder, which orders a footer's parts by chance (the same run would not give
+//! the same bytes), writes when it is dropped, and keeps a footer in memory for files that may never be ended.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
+use rerun::external::arrow::datatypes::Schema;
+use rerun::external::re_entity_db::external::re_chunk_store::external::re_chunk::Span;
 use rerun::external::re_log_encoding::{
     Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC,
-    StreamHeader, ToTransport,
+    RawRrdManifest, RrdFooter, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
 };
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{Chunk, LogMsg};
@@ -50,15 +52,29 @@ pub struct Framed<W: Write> {
     out: W,
     written: u64,
     scratch: Vec<u8>,
+    /// What the footer will name; absent for a file that may end at any time.
+    manifests: Option<BTreeMap<StoreId, RrdManifestBuilder>>,
 }
 
 impl<W: Write> Framed<W> {
-    /// Begins a file.
+    /// Begins a file that may end at any time.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn begin(out: W) -> io::Result<Self> {
-        let mut framed = Self { out, written: 0, scratch: Vec::new() };
+    pub fn open_ended(out: W) -> io::Result<Self> {
+        Self::begin(out, None)
+    }
+
+    /// Begins a file that is to have a footer.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn indexed(out: W) -> io::Result<Self> {
+        Self::begin(out, Some(BTreeMap::new()))
+    }
+
+    fn begin(out: W, manifests: Option<BTreeMap<StoreId, RrdManifestBuilder>>) -> io::Result<Self> {
+        let mut framed = Self { out, written: 0, scratch: Vec::new(), manifests };
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
         framed.put(&StreamHeader { fourcc: RRD_FOURCC, version: CrateVersion::LOCAL.to_bytes(), options })?;
         Ok(framed)
@@ -76,7 +92,16 @@ impl<W: Write> Framed<W> {
     /// Where it cannot be written.
     pub fn write(&mut self, message: &LogMsg) -> io::Result<()> {
         let transport = message.to_transport(Compression::LZ4).map_err(other)?;
-        self.put(&transport)
+        let start = self.written + MessageHeader::ENCODED_SIZE_BYTES as u64;
+        self.put(&transport)?;
+        if let (Some(manifests), LogMsg::ArrowMsg(store, arrow)) = (&mut self.manifests, message) {
+            let batch =
+                Chunk::from_arrow_msg(arrow).and_then(|chunk| chunk.to_chunk_batch()).map_err(other)?;
+            let span = Span { start, len: self.written.saturating_sub(start) };
+            let manifest = manifests.entry(store.clone()).or_default();
+            manifest.append(&batch, span, transport.byte_size_uncompressed()).map_err(other)?;
+        }
+        Ok(())
     }
 
     /// Hands everything over to the system.
@@ -87,12 +112,24 @@ impl<W: Write> Framed<W> {
         self.out.flush()
     }
 
-    /// Writes the mark of the end and hands the file back.
+    /// Writes the footer, where there is to be one, and hands the file back.
     ///
     /// # Errors
     /// Where it cannot be written.
     pub fn finish(mut self) -> io::Result<W> {
-        self.put(&MessageHeader { kind: MessageKind::End, len: 0 })?;
+        if let Some(manifests) = self.manifests.take() {
+            let mut footer = RrdFooter::default().to_transport(()).map_err(other)?;
+            for (store, manifest) in manifests {
+                let manifest = ordered(manifest.build(store).map_err(other)?);
+                footer.manifests.push(manifest.to_transport(()).map_err(other)?);
+            }
+            let mut bytes = Vec::new();
+            footer.to_rrd_bytes(&mut bytes).map_err(other)?;
+            self.put(&MessageHeader { kind: MessageKind::End, len: bytes.len() as u64 })?;
+            let start = self.written;
+            self.put_bytes(&bytes)?;
+            self.put(&StreamFooter::from_rrd_footer_bytes(start, &bytes))?;
+        }
         self.out.flush()?;
         Ok(self.out)
     }
@@ -101,9 +138,22 @@ impl<W: Write> Framed<W> {
         let mut scratch = std::mem::take(&mut self.scratch);
         scratch.clear();
         what.to_rrd_bytes(&mut scratch).map_err(other)?;
-        self.out.write_all(&scratch)?;
-        self.written += scratch.len() as u64;
+        let put = self.put_bytes(&scratch);
         self.scratch = scratch;
+        put
+    }
+
+    fn put_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.out.write_all(bytes)?;
+        self.written += bytes.len() as u64;
         Ok(())
     }
+}
+
+/// The same index with its columns in order; its own digest of them does not depend on that.
+fn ordered(mut manifest: RawRrdManifest) -> RawRrdManifest {
+    let mut fields = manifest.sorbet_schema.fields().to_vec();
+    fields.sort();
+    manifest.sorbet_schema = Schema::new_with_metadata(fields, manifest.sorbet_schema.metadata().clone());
+    manifest
 }

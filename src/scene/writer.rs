@@ -58,7 +58,7 @@ impl Writer {
     /// Where it cannot be written.
     pub fn begin(head: Head, place: Place, wall_clock: bool, at_ms: u64, open: &Open) -> io::Result<Self> {
         let path = place.segments.last().ok_or_else(|| io::Error::other("no file is named"))?;
-        let mut framed = Framed::begin(BufWriter::new(open(path)?))?;
+        let mut framed = Framed::open_ended(BufWriter::new(open(path)?))?;
         let store = store(&place.stem);
         let mut ids = Ids::of_segment(place.segment);
         for layout in blueprint::messages()? {
