@@ -283,7 +283,7 @@ fn a_whole_upgrade_is_small() {
     let (script, closed, _) = upgrade(folder.path(), 20, 60, &[3, 11, 25, 40, 55, 70]);
     let minutes = (script.at_ms - 500_000) as f64 / 60_000.0;
     let mebibytes = closed.bytes as f64 / f64::from(1 << 20);
-    assert!(mebibytes < 3.0, "{mebibytes:.2} MiB, {} pictures, {minutes:.1} min", closed.pictures);
+    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} pictures, {minutes:.1} min", closed.pictures);
     assert!(closed.pictures > 2_000);
 }
 

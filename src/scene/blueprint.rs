@@ -5,14 +5,14 @@
 use std::io;
 
 use rerun::blueprint::components::{
-    ActiveTab, AutoLayout, AutoViews, ColumnShare, ContainerKind, IncludedContent, LoopMode, PanelState,
-    QueryExpression, RootContainer, RowShare, TimelineName, ViewClass,
+    ActiveTab, AutoLayout, AutoViews, BackgroundKind, ColumnShare, ContainerKind, IncludedContent, LoopMode,
+    PanelState, QueryExpression, RootContainer, RowShare, TimelineName, ViewClass,
 };
-use rerun::components::Name;
+use rerun::components::{Color, Name};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents,
-    ViewportBlueprint,
+    Background, ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
+    ViewContents, ViewportBlueprint,
 };
 use rerun::log::{Chunk, LogMsg};
 use rerun::time::{TimeCell, TimePoint};
@@ -59,6 +59,8 @@ pub fn messages() -> io::Result<Vec<LogMsg>> {
         .with_look_target(LOOK_AT_M)
         .with_eye_up([0.0_f32, 0.0, 1.0]);
     page.put(&format!("{}/EyeControls3D", view_path(SCENE)), &eye)?;
+    let dark = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(18, 21, 26));
+    page.put(&format!("{}/Background", view_path(SCENE)), &dark)?;
     page.containers()?;
     page.panels()?;
     let command = BlueprintActivationCommand::make_active(page.store.clone());

@@ -36,22 +36,12 @@ pub struct Ended {
 ///
 /// # Errors
 /// Where a segment cannot be read, or the file not be written.
-pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: Option<&Tail>) -> Result<Ended, ReadError> {
+pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<Ended, ReadError> {
     let mut all = Vec::new();
     for segment in segments {
         all.extend(contents(segment)?.chunks);
     }
-    if let Some(end) = end {
-        let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
-        tail(&mut rows, end);
-        let outcome = Untrusted::new(end.outcome.as_deref().unwrap_or("open")).line();
-        let dropped = format!("{} pictures, {} events", end.dropped.0, end.dropped.1);
-        let facts = AnyValues::default()
-            .with_component::<Text>("outcome", [Text::from(outcome.as_str())])
-            .with_component::<Text>("dropped", [Text::from(dropped)]);
-        rows.always("__properties/end", &facts);
-        all.extend(rows.take().0);
-    }
+    let all = with_end(all, end);
     let ended = write_all(stem, all, into).map_err(|source| ReadError::file(into, source))?;
     for segment in segments.iter().filter(|segment| segment.as_path() != into) {
         // What is left behind is found and joined at the next start.
@@ -59,6 +49,25 @@ pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: Option<&Tail>) -
     }
     Ok(ended)
 }
+
+/// The chunks of a recording with what is said at its end, instead of what a segment said.
+fn with_end(mut chunks: Vec<Chunk>, end: &Tail) -> Vec<Chunk> {
+    let said = [paths::TAIL, END].map(EntityPath::parse_forgiving);
+    chunks.retain(|chunk| !said.contains(chunk.entity_path()));
+    let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
+    tail(&mut rows, end);
+    let outcome = Untrusted::new(end.outcome.as_deref().unwrap_or("open")).line();
+    let dropped = format!("{} pictures, {} events", end.dropped.0, end.dropped.1);
+    let facts = AnyValues::default()
+        .with_component::<Text>("outcome", [Text::from(outcome.as_str())])
+        .with_component::<Text>("dropped", [Text::from(dropped)]);
+    rows.always(END, &facts);
+    chunks.extend(rows.take().0);
+    chunks
+}
+
+/// The properties that are known at the end.
+pub const END: &str = "__properties/end";
 
 /// Ids of what is said at the end: after those of every segment.
 const LAST_SEGMENT: u32 = 0xf_ffff;
@@ -84,7 +93,7 @@ pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ende
 
 fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<Ended> {
     let file = BufWriter::new(Summed { file: File::create(beside)?, sum: Sha256::new(), bytes: 0 });
-    let mut framed = Framed::ended(file)?;
+    let mut framed = Framed::indexed(file)?;
     let store = store(stem);
     let mut ids = Ids::of_segment(LAST_SEGMENT + 1);
     for layout in blueprint::messages()? {
@@ -165,13 +174,14 @@ pub enum Found {
 ///
 /// # Errors
 /// Where it cannot be read or written.
-pub fn mend(stem: &str, path: &Path) -> Result<Found, ReadError> {
-    let Contents { chunks, ended, tail, .. } = contents(path)?;
-    if !ended {
+pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<Found, ReadError> {
+    let Contents { chunks, tail } = contents(path)?;
+    let Some(tail) = tail else {
+        let chunks = with_end(chunks, &Tail { outcome: None, dropped });
         write_all(stem, chunks, path).map_err(|source| ReadError::file(path, source))?;
         return Ok(Found::Open);
-    }
-    let Some(outcome) = tail.and_then(|tail| tail.outcome) else { return Ok(Found::Open) };
+    };
+    let Some(outcome) = tail.outcome else { return Ok(Found::Open) };
     let pictures = pictures(&chunks);
     let bytes = fs::read(path).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());

@@ -70,7 +70,7 @@ impl Desk {
                 continue;
             }
             let (stem, _) = segment_of(&name);
-            match compact::mend(stem, &path) {
+            match compact::mend(stem, &path, (0, 0)) {
                 Ok(Found::Open) => {}
                 Ok(Found::Ended(ended, outcome)) => {
                     let Ok(recording) = read(&path) else { continue };

@@ -1,15 +1,16 @@
-//! A recording's bytes: a header, one framed message after the other, and at the end a footer that names them.
+//! A recording's bytes: a header, one framed message after the other, and in ended files a footer that indexes them.
 //!
-//! Framed here and not by rerun's own encoder, which orders the footers of several stores by chance, writes when it
-//! is dropped, and keeps a footer in memory for files that may never be ended.
+//! Framed here and not by rerun's own encoder, which orders a footer's parts by chance (the same run would not give
+//! the same bytes), writes when it is dropped, and keeps a footer in memory for files that may never be ended.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
+use rerun::external::arrow::datatypes::Schema;
 use rerun::external::re_entity_db::external::re_chunk_store::external::re_chunk::Span;
 use rerun::external::re_log_encoding::{
-    Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC, RrdFooter,
-    RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
+    Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC,
+    RawRrdManifest, RrdFooter, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
 };
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{Chunk, LogMsg};
@@ -51,7 +52,7 @@ pub struct Framed<W: Write> {
     out: W,
     written: u64,
     scratch: Vec<u8>,
-    /// What the footer will name; absent for a file that is still written to.
+    /// What the footer will name; absent for a file that may end at any time.
     manifests: Option<BTreeMap<StoreId, RrdManifestBuilder>>,
 }
 
@@ -64,11 +65,11 @@ impl<W: Write> Framed<W> {
         Self::begin(out, None)
     }
 
-    /// Begins a file that is ended by [`Framed::finish`].
+    /// Begins a file that is to have a footer.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn ended(out: W) -> io::Result<Self> {
+    pub fn indexed(out: W) -> io::Result<Self> {
         Self::begin(out, Some(BTreeMap::new()))
     }
 
@@ -119,7 +120,7 @@ impl<W: Write> Framed<W> {
         if let Some(manifests) = self.manifests.take() {
             let mut footer = RrdFooter::default().to_transport(()).map_err(other)?;
             for (store, manifest) in manifests {
-                let manifest = manifest.build(store).map_err(other)?;
+                let manifest = ordered(manifest.build(store).map_err(other)?);
                 footer.manifests.push(manifest.to_transport(()).map_err(other)?);
             }
             let mut bytes = Vec::new();
@@ -147,4 +148,12 @@ impl<W: Write> Framed<W> {
         self.written += bytes.len() as u64;
         Ok(())
     }
+}
+
+/// The same index with its columns in order; its own digest of them does not depend on that.
+fn ordered(mut manifest: RawRrdManifest) -> RawRrdManifest {
+    let mut fields = manifest.sorbet_schema.fields().to_vec();
+    fields.sort();
+    manifest.sorbet_schema = Schema::new_with_metadata(fields, manifest.sorbet_schema.metadata().clone());
+    manifest
 }

@@ -25,9 +25,7 @@ use crate::engine::picture::{Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Poin
 pub struct Contents {
     /// The chunks; those of the layout are left out.
     pub chunks: Vec<Chunk>,
-    /// Whether the file has a footer.
-    pub ended: bool,
-    /// What was said at its end.
+    /// What was said at its end; absent where a kill left it without one.
     pub tail: Option<Tail>,
 }
 
@@ -43,8 +41,6 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
     if length > READ_BYTES_MAX {
         return Err(ReadError::foreign(path, format!("it has more than {READ_BYTES_MAX} bytes")));
     }
-    let ended =
-        bytes.len().checked_sub(8).and_then(|from| bytes.get(from..from + 4)) == Some(b"FOOT".as_slice());
     let mut decoder = DecoderApp::new();
     decoder.push_byte_chunk(bytes);
     let mut chunks = Vec::new();
@@ -67,7 +63,7 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
         }
     }
     let tail = texts(&chunks, paths::TAIL).last().and_then(|text| serde_json::from_str(text).ok());
-    Ok(Contents { chunks, ended, tail })
+    Ok(Contents { chunks, tail })
 }
 
 /// A file as plain values.

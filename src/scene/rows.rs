@@ -88,11 +88,6 @@ impl Rows {
         Self { ids, waiting: BTreeMap::new(), longest: 0 }
     }
 
-    /// The ids.
-    pub const fn ids(&mut self) -> &mut Ids {
-        &mut self.ids
-    }
-
     /// A row that holds from a moment on.
     pub fn at(&mut self, path: &str, moment: &Moment, what: &dyn AsComponents) {
         self.push((path.to_owned(), false), moment.0.clone(), what);

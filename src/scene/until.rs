@@ -6,7 +6,7 @@ use rerun::external::arrow::array::BooleanArray;
 use rerun::log::Chunk;
 
 use super::ReadError;
-use super::compact::write_all;
+use super::compact::{END, write_all};
 use super::drawing::paths;
 use super::read::{contents, head};
 use super::rows::TICK;
@@ -20,7 +20,7 @@ pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let last = i64::try_from(tick).unwrap_or(i64::MAX);
     // How it ended came later.
-    let end = [paths::TAIL, "__properties/end"].map(rerun::EntityPath::parse_forgiving);
+    let end = [paths::TAIL, END].map(rerun::EntityPath::parse_forgiving);
     let kept = chunks.into_iter().filter(|chunk| !end.contains(chunk.entity_path()));
     let kept = kept.filter_map(|chunk| before(&chunk, last)).collect();
     let stem = format!("{}-until-{tick}", super::file_stem(&head.about.version, &head.about.digest));

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use rerun::{AnyValues, RecordingInfo, StoreId, components};
+use rerun::{AnyValues, EntityPath, RecordingInfo, StoreId, components};
 
 use super::compact;
 use super::drawing::{self, Drawing, Head, Tail};
@@ -196,7 +196,11 @@ impl Writer {
     /// # Errors
     /// Where they cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
-        for chunk in self.drawing.rows().take().0 {
+        let mut chunks = self.drawing.rows().take().0;
+        // A picture's frame comes last: where a kill tears the block, no frame stands for a picture that is not there.
+        let frames = EntityPath::parse_forgiving(drawing::paths::FRAME);
+        chunks.sort_by_key(|chunk| *chunk.entity_path() == frames);
+        for chunk in chunks {
             self.framed.write(&message(&self.store, &chunk)?)?;
         }
         self.framed.flush()
@@ -213,12 +217,12 @@ impl Writer {
         self.framed.finish().map_err(failed)?;
         let Some(outcome) = outcome else {
             if let Some(last) = self.place.segments.last() {
-                compact::mend(&self.place.stem, last)?;
+                compact::mend(&self.place.stem, last, dropped)?;
             }
             return Ok(None);
         };
         let tail = Tail { outcome: Some(outcome.to_owned()), dropped };
-        let ended = compact::join(&self.place.stem, &self.place.segments, &into, Some(&tail))?;
+        let ended = compact::join(&self.place.stem, &self.place.segments, &into, &tail)?;
         Ok(Some(Closed {
             version: self.head.about.version.clone(),
             outcome: outcome.to_owned(),
