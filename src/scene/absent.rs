@@ -18,7 +18,7 @@ impl Scenes {
     ///
     /// # Errors
     /// Always: scenes are not built in.
-    pub const fn start(_config: SceneConfig) -> Result<Self, SceneError> {
+    pub fn start(_config: SceneConfig) -> Result<Self, SceneError> {
         Err(SceneError::NotBuiltIn(NOT_BUILT_IN))
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use crate::governance::ids::{CapabilityId, Digest};
+#[cfg(feature = "rerun")]
 use crate::text::Untrusted;
 
 /// What is kept and served.

@@ -249,7 +249,7 @@ mod tests {
     #[test]
     fn a_ticks_time_is_a_time_of_that_tick() {
         for tick in [0_u64, 1, 7, 239, 240, 1_234_567] {
-            assert_eq!(crate::engine::clock::tick_of(ms_of(tick as i64)), tick);
+            assert_eq!(crate::engine::clock::tick_of(ms_of(i64::try_from(tick).unwrap())), tick);
         }
     }
 }

@@ -84,7 +84,7 @@ fn boxed(region: &Region) -> Boxes3D {
         let [to_x, to_y, to_z] = region.max;
         [combine(x, to_x), combine(y, to_y), combine(z, to_z)]
     };
-    let center = pair(|min, max| f32::midpoint(min, max));
+    let center = pair(f32::midpoint);
     let half = pair(|min, max| ((max - min) / 2.0).abs());
     Boxes3D::from_centers_and_half_sizes([center], [half])
 }
