@@ -153,7 +153,7 @@ fn turn(way: Way) -> Turn {
         drop(scenes.finish(Duration::from_secs(30)));
     }
     let ms = (engine.now_ms() - from_ms) as f64;
-    let spent = cpu() - from;
+    let spent = cpu().saturating_sub(from);
     let bytes: u64 = std::fs::read_dir(&folder)
         .into_iter()
         .flatten()

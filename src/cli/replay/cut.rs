@@ -97,7 +97,7 @@ mod tests {
         std::os::unix::fs::symlink(&other, &link).unwrap();
         clean(root.path(), SystemTime::now());
         assert!(ours.exists());
-        clean(root.path(), SystemTime::now() + KEPT + Duration::from_secs(60));
+        clean(root.path(), SystemTime::now() + KEPT + Duration::from_mins(1));
         assert!(!ours.exists() && other.join("a.rrd").exists() && link.exists());
     }
 }
