@@ -25,7 +25,7 @@ use holdpoint::scene::{Closed, Report, SceneConfig, Scenes, file_stem, read, unt
 use support::{digest, id, snapshot};
 
 const VERSION: &str = "place@1.1.0";
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 /// Half a step of the grid, and what is lost in adding.
 const GRID_M: f32 = 3.2e-5;
 
@@ -105,7 +105,7 @@ fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> Picture {
     }
     picture.body.object[2] += phase.cos().abs() * 0.1;
     picture.body.hand = [0.0, (phase / 2.0).sin(), 0.0, (phase / 2.0).cos()];
-    if step % 5 == 0 {
+    if step.is_multiple_of(5) {
         picture.contacts = vec![Contact { at: picture.body.object, force_n: [0.5, -1.25, 4.0] }];
     }
     picture.twin = twin.then(|| {

@@ -8,7 +8,7 @@ use rerun::blueprint::components::{
     ActiveTab, AutoLayout, AutoViews, BackgroundKind, ColumnShare, ContainerKind, IncludedContent, LoopMode,
     PanelState, QueryExpression, RootContainer, RowShare, TimelineName, ViewClass,
 };
-use rerun::components::{Color, Name};
+use rerun::components::Name;
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     Background, ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
@@ -18,6 +18,7 @@ use rerun::log::{Chunk, LogMsg};
 use rerun::time::{TimeCell, TimePoint};
 use rerun::{AsComponents, EntityPath, StoreId, StoreKind, datatypes};
 
+use super::drawing::theme;
 use super::file::{APPLICATION, message, opening};
 use super::rows::Ids;
 
@@ -59,7 +60,7 @@ pub fn messages() -> io::Result<Vec<LogMsg>> {
         .with_look_target(LOOK_AT_M)
         .with_eye_up([0.0_f32, 0.0, 1.0]);
     page.put(&format!("{}/EyeControls3D", view_path(SCENE)), &eye)?;
-    let dark = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(18, 21, 26));
+    let dark = Background::new(BackgroundKind::SolidColor).with_color(theme::solid([18, 21, 26]));
     page.put(&format!("{}/Background", view_path(SCENE)), &dark)?;
     page.containers()?;
     page.panels()?;

@@ -1,3 +1,5 @@
+//! The desk with files that fail, tear, and go on.
+
 use std::fs::File;
 use std::io;
 

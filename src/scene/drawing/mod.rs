@@ -9,6 +9,7 @@ mod record;
 mod scenery;
 mod style;
 mod tell;
+pub mod theme;
 mod world;
 
 use std::collections::BTreeMap;

@@ -1,12 +1,11 @@
 //! The scene that does not move, and how what moves is drawn.
 
 use rerun::{
-    Arrows3D, Boxes3D, Capsules3D, Color, FillMode, LineStrips3D, Points3D, ViewCoordinates,
-    archetypes::TextLog,
+    Arrows3D, Boxes3D, Capsules3D, FillMode, LineStrips3D, Points3D, ViewCoordinates, archetypes::TextLog,
 };
 
-use super::part;
 use super::world::Whose;
+use super::{part, theme};
 use crate::engine::picture::{Region, Scenery};
 use crate::scene::limits::TEXT_WIDTH_MAX;
 use crate::scene::rows::Rows;
@@ -16,18 +15,15 @@ use crate::text::Untrusted;
 pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
     for fixture in &scenery.fixtures {
-        let color = if fixture.name == "table" {
-            Color::from_rgb(92, 96, 104)
-        } else {
-            Color::from_rgb(74, 108, 140)
-        };
+        let color =
+            if fixture.name == "table" { theme::solid([92, 96, 104]) } else { theme::solid([74, 108, 140]) };
         let solid = boxed(fixture).with_colors([color]).with_fill_mode(FillMode::Solid);
         rows.always(&format!("world/{}", part(&fixture.name)), &solid);
     }
     for zone in &scenery.keep_outs {
         let name = Untrusted::new(&zone.name).display(TEXT_WIDTH_MAX).into_string();
         let ghost = boxed(zone)
-            .with_colors([Color::from_unmultiplied_rgba(214, 60, 60, 36)])
+            .with_colors([theme::ghost([214, 60, 60], 36)])
             .with_fill_mode(FillMode::Solid)
             .with_labels([name])
             .with_show_labels(false);
@@ -35,7 +31,7 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     }
     if let Some(workspace) = &scenery.workspace {
         let outline = boxed(workspace)
-            .with_colors([Color::from_unmultiplied_rgba(120, 150, 190, 110)])
+            .with_colors([theme::ghost([120, 150, 190], 110)])
             .with_radii([0.0015])
             .with_fill_mode(FillMode::MajorWireframe);
         rows.always("world/zones/workspace", &outline);
@@ -44,7 +40,7 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
         looks(rows, whose);
     }
     rows.always("world/contacts", &Arrows3D::update_fields().with_radii([0.003]));
-    rows.always("log/audit", &TextLog::update_fields().with_color(Color::from_rgb(200, 206, 214)));
+    rows.always("log/audit", &TextLog::update_fields().with_color(theme::solid([200, 206, 214])));
 }
 
 /// Colours and sizes of a body, which stay.
@@ -52,16 +48,16 @@ fn looks(rows: &mut Rows, whose: Whose) {
     let root = whose.root();
     let (arm, joint, hand, path) = match whose {
         Whose::Live => (
-            Color::from_rgb(205, 210, 218),
-            Color::from_rgb(70, 140, 255),
-            Color::from_rgb(60, 66, 76),
-            Color::from_rgb(70, 140, 255),
+            theme::solid([205, 210, 218]),
+            theme::solid([70, 140, 255]),
+            theme::solid([60, 66, 76]),
+            theme::solid([70, 140, 255]),
         ),
         Whose::Twin => (
-            Color::from_unmultiplied_rgba(255, 150, 40, 70),
-            Color::from_unmultiplied_rgba(255, 150, 40, 110),
-            Color::from_unmultiplied_rgba(255, 150, 40, 90),
-            Color::from_unmultiplied_rgba(255, 150, 40, 160),
+            theme::ghost([255, 150, 40], 70),
+            theme::ghost([255, 150, 40], 110),
+            theme::ghost([255, 150, 40], 90),
+            theme::ghost([255, 150, 40], 160),
         ),
     };
     let arm = Capsules3D::update_fields()

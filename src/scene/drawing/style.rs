@@ -1,7 +1,8 @@
 //! How charts look: names, colours and widths, said once for each line.
 
-use rerun::{Color, SeriesLines, components::InterpolationMode};
+use rerun::{SeriesLines, components::InterpolationMode};
 
+use super::theme;
 use crate::scene::rows::Rows;
 
 /// A line of a chart: path beneath `plots/`, name, colour, whether it is a limit.
@@ -54,7 +55,7 @@ pub(super) fn line(name: &str, [red, green, blue]: [u8; 3], limit: bool) -> Seri
     let (alpha, width) = if limit { (150, 1.0) } else { (255, 2.0) };
     let look = SeriesLines::new()
         .with_names([name])
-        .with_colors([Color::from_unmultiplied_rgba(red, green, blue, alpha)])
+        .with_colors([theme::ghost([red, green, blue], alpha)])
         .with_widths([width]);
     if limit { look.with_interpolation_mode(InterpolationMode::StepAfter) } else { look }
 }

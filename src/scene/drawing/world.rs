@@ -4,7 +4,7 @@ use rerun::{
     Arrows3D, Boxes3D, Capsules3D, Clear, Color, LineStrips3D, Points3D, Quaternion, components::RotationQuat,
 };
 
-use super::{Drawing, Trail};
+use super::{Drawing, Trail, theme};
 use crate::engine::picture::{Body, Contact, Picture, Point, Turn};
 use crate::scene::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
 use crate::scene::rows::Moment;
@@ -194,10 +194,10 @@ fn quaternion(turn: Turn) -> RotationQuat {
 
 fn object_color(whose: Whose, held: bool) -> Color {
     match (whose, held) {
-        (Whose::Live, true) => Color::from_rgb(88, 214, 120),
-        (Whose::Live, false) => Color::from_rgb(226, 182, 74),
-        (Whose::Twin, true) => Color::from_unmultiplied_rgba(150, 235, 170, 70),
-        (Whose::Twin, false) => Color::from_unmultiplied_rgba(255, 205, 120, 70),
+        (Whose::Live, true) => theme::solid([88, 214, 120]),
+        (Whose::Live, false) => theme::solid([226, 182, 74]),
+        (Whose::Twin, true) => theme::ghost([150, 235, 170], 70),
+        (Whose::Twin, false) => theme::ghost([255, 205, 120], 70),
     }
 }
 
@@ -205,7 +205,7 @@ fn object_color(whose: Whose, held: bool) -> Color {
 fn heat(strength: f32) -> Color {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 200")]
     let green = (200.0 * (1.0 - strength)).round() as u8;
-    Color::from_rgb(255, green, 40)
+    theme::solid([255, green, 40])
 }
 
 #[cfg(test)]
