@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use holdpoint::engine::clock::tick_of;
 use holdpoint::engine::event::{Event, EventKind, TaskSummary};
-use holdpoint::engine::picture::{Contact, Picture, Twin};
+use holdpoint::engine::picture::{Block, Contact, Picture, Twin};
 use holdpoint::engine::snapshot::Snapshot;
 use holdpoint::governance::lifecycle::Stage;
 use holdpoint::scene::recording::{Recording, Series};
@@ -108,6 +108,11 @@ fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> Picture {
     if step.is_multiple_of(5) {
         picture.contacts = vec![Contact { at: picture.body.object, force_n: [0.5, -1.25, 4.0] }];
     }
+    picture.blocks = vec![Block {
+        at: [0.5, 0.2, 0.01 * sequence as f32],
+        half_m: [0.1, 0.1, 0.005],
+        turn: picture.body.object_turn,
+    }];
     picture.twin = twin.then(|| {
         let mut body = picture.body.clone();
         body.links.iter_mut().for_each(|link| link[0] += 0.02);
@@ -207,6 +212,7 @@ fn same(read: &Picture, wrote: &Picture) {
         assert!(read.hand.iter().zip(wrote.hand).all(|(read, wrote)| (read - wrote).abs() <= GRID_M));
         assert_eq!(read.object_half_m, wrote.object_half_m);
     }
+    assert_eq!(read.blocks, wrote.blocks, "what stands there is said for the whole sequence");
     assert_eq!(read.contacts.len(), wrote.contacts.len());
     for (read, wrote) in read.contacts.iter().zip(&wrote.contacts) {
         assert!(near(read.at, wrote.at));

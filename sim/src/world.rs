@@ -292,6 +292,23 @@ impl World {
         &self.state.forces
     }
 
+    /// What stands in the cell in this episode: the parts of the tray, then the clutter. Pose of the middle and half
+    /// extents, m.
+    #[must_use]
+    pub fn standing(&self) -> Vec<(Isometry3<f64>, [f64; 3])> {
+        let (setup, scene) = (&self.state.setup, &self.scene);
+        let target = setup.target.isometry();
+        let tray = crate::build::tray_parts(&scene.tray, scene.object.half_m)
+            .into_iter()
+            .map(|(half, centre)| (target * Isometry3::translation(centre[0], centre[1], centre[2]), half));
+        let present = setup.clutter.iter().filter_map(|index| scene.clutter.get(usize::from(*index)));
+        let clutter = present.map(|piece| {
+            let [x, y] = piece.centre_xy_m;
+            (Isometry3::translation(x, y, piece.half_m[2]), piece.half_m)
+        });
+        tray.chain(clutter).collect()
+    }
+
     /// Where robot and object touch what they touch, the strongest contact first.
     #[must_use]
     pub fn contact_points(&self) -> Vec<readout::ContactPoint> {

@@ -57,6 +57,17 @@ pub struct Body {
     pub held: bool,
 }
 
+/// A block that stands in the cell for one sequence: a part of the tray, or a piece of clutter.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Block {
+    /// Its middle.
+    pub at: Point,
+    /// Half extents, m.
+    pub half_m: [f32; 3],
+    /// How it is turned.
+    pub turn: Turn,
+}
+
 /// Where the robot or the object touches something, and how hard.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
@@ -105,6 +116,8 @@ pub struct Picture {
     pub envelope: Option<Envelope>,
     /// What touches what, the strongest first.
     pub contacts: Vec<Contact>,
+    /// What stands in the cell in this sequence: the parts of the tray, which is the target, then the clutter.
+    pub blocks: Vec<Block>,
     /// Whether something touches that should not.
     pub unexpected_contact: bool,
     /// Whether the arm was stopped.

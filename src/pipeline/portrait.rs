@@ -7,10 +7,12 @@ use holdpoint_sim::chain::Frame;
 use holdpoint_sim::io::Telemetry;
 use holdpoint_sim::scene::{Scene, Zone};
 use holdpoint_sim::world::World;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::engine::clock::Clock;
-use crate::engine::picture::{Body, CONTACTS_MAX, Contact, Envelope, NO_TURN, Point, Region, Scenery, Turn};
+use crate::engine::picture::{
+    Block, Body, CONTACTS_MAX, Contact, Envelope, NO_TURN, Point, Region, Scenery, Turn,
+};
 use crate::runtime::limits;
 
 /// Name of the zone in which the tool may be anywhere on its way.
@@ -88,6 +90,17 @@ pub const fn envelope(of: &limits::Envelope) -> Envelope {
         force_n: narrow(of.grip_force_max_n),
         contact_n: narrow(of.contact_force_max_n),
     }
+}
+
+/// What stands in the cell in this sequence.
+#[must_use]
+pub fn blocks(world: &World) -> Vec<Block> {
+    let block = |(pose, half_m): (Isometry3<f64>, [f64; 3])| Block {
+        at: point(&pose.translation.vector),
+        half_m: half_m.map(narrow),
+        turn: turn(&pose.rotation),
+    };
+    world.standing().into_iter().map(block).collect()
 }
 
 /// What touches what, as it truly is: for display alone.

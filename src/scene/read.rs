@@ -18,7 +18,7 @@ use super::recording::{Recording, Series};
 use super::rows::TICK;
 use super::{ReadError, TICKS_PER_SECOND};
 use crate::engine::event::Event;
-use crate::engine::picture::{Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin};
+use crate::engine::picture::{Block, Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin};
 
 /// What a file holds of its recording, in the order in which it was written.
 #[derive(Debug)]
@@ -186,8 +186,16 @@ fn pictures(chunks: &[Chunk]) -> Vec<Picture> {
     let twin = Bodies::of(chunks, "world/twin");
     let contacts = column::<Position3D>(chunks, "world/contacts", &Arrows3D::descriptor_origins());
     let frames = column::<Text>(chunks, paths::FRAME, &TextLog::descriptor_text());
-    let pictures = frames.into_iter().filter_map(|(tick, row)| {
-        let frame: Frame = serde_json::from_str(row.first()?.as_str()).ok()?;
+    let frames: Vec<(i64, Frame)> = frames
+        .into_iter()
+        .filter_map(|(tick, row)| Some((tick, serde_json::from_str(row.first()?.as_str()).ok()?)))
+        .collect();
+    // Said once in a sequence, and true for all of it.
+    let said = frames.iter().filter(|(_, frame)| !frame.blocks.is_empty());
+    let blocks: BTreeMap<u64, Vec<Block>> =
+        said.map(|(_, frame)| (frame.sequence, frame.blocks.clone())).collect();
+    let pictures = frames.into_iter().filter_map(|(tick, mut frame)| {
+        frame.blocks = blocks.get(&frame.sequence).cloned().unwrap_or_default();
         picture(tick, frame, &live, &twin, contacts.get(&tick).cloned().unwrap_or_default())
     });
     let mut pictures: Vec<Picture> = pictures.collect();
@@ -211,6 +219,7 @@ fn picture(tick: i64, frame: Frame, live: &Bodies, twin: &Bodies, at: Vec<Positi
         force_n,
         contact_n,
         envelope: frame.envelope,
+        blocks: frame.blocks,
         contacts: contacts.take(CONTACTS_MAX).map(|(at, force_n)| Contact { at, force_n }).collect(),
         unexpected_contact,
         stopped,

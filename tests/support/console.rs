@@ -343,6 +343,7 @@ pub fn picture() -> Picture {
         contact_n: 0.0,
         envelope: Some(Envelope { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
         contacts: Vec::new(),
+        blocks: Vec::new(),
         unexpected_contact: false,
         stopped: false,
         twin: Some(Twin { version: id("place@1.1.0"), body: body(0.56, false) }),

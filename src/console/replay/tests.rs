@@ -38,6 +38,7 @@ fn pictures() -> Vec<Picture> {
         force_n: 1.0,
         contact_n: 0.0,
         envelope: None,
+        blocks: Vec::new(),
         contacts: Vec::new(),
         unexpected_contact: false,
         stopped: false,

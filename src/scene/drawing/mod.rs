@@ -34,6 +34,8 @@ pub struct Drawing {
     path_every_ms: u64,
     trails: [Trail; 2],
     twin_shown: bool,
+    /// The sequence whose blocks are drawn.
+    standing: Option<u64>,
     /// Limits by path: when they were last said, ms, and what.
     limits: BTreeMap<String, (u64, f64)>,
     /// Points of the shadow series that are drawn.
@@ -67,6 +69,7 @@ impl Drawing {
             path_every_ms,
             trails: [Trail::default(), Trail::default()],
             twin_shown: false,
+            standing: None,
             limits: BTreeMap::new(),
             shadow_drawn: 0,
             pairs_drawn: 0,
@@ -85,9 +88,11 @@ impl Drawing {
     pub fn picture(&mut self, picture: &Picture) {
         self.sequence = picture.sequence;
         let moment = self.moment(picture.at_ms, picture.sequence);
+        let says_blocks = self.standing != Some(picture.sequence);
         self.draw_world(picture, &moment);
         self.draw_tool(picture, &moment);
-        record::frame(&mut self.rows, picture, &moment);
+        record::frame(&mut self.rows, picture, &moment, says_blocks);
+        self.standing = Some(picture.sequence);
     }
 
     /// Something that happened.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use rerun::TextLog;
 
 use crate::engine::event::Event;
-use crate::engine::picture::{Envelope, Picture, Scenery};
+use crate::engine::picture::{Block, Envelope, Picture, Scenery};
 use crate::governance::ids::CapabilityId;
 use crate::scene::recording::About;
 use crate::scene::rows::{Moment, Rows};
@@ -76,6 +76,9 @@ pub struct Frame {
     /// The contacts' forces, which arrows show scaled.
     #[serde(rename = "c", default, skip_serializing_if = "Vec::is_empty")]
     pub forces_n: Vec<[f32; 3]>,
+    /// [`Picture::blocks`], said once in a sequence.
+    #[serde(rename = "b", default, skip_serializing_if = "Vec::is_empty")]
+    pub blocks: Vec<Block>,
 }
 
 /// Writes the head.
@@ -102,7 +105,7 @@ pub(super) fn event(rows: &mut Rows, event: &Event, moment: &Moment) {
 }
 
 /// Writes what a picture holds beside its geometry.
-pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment) {
+pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment, says_blocks: bool) {
     let twin = picture.twin.as_ref();
     let frame = Frame {
         sequence: picture.sequence,
@@ -121,6 +124,7 @@ pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment) {
         tool: [picture.speed_m_s, picture.force_n, picture.contact_n],
         envelope: picture.envelope,
         forces_n: picture.contacts.iter().map(|contact| contact.force_n).collect(),
+        blocks: if says_blocks { picture.blocks.clone() } else { Vec::new() },
     };
     if let Ok(text) = serde_json::to_string(&frame) {
         rows.at(paths::FRAME, moment, &TextLog::new(text));

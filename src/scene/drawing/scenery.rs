@@ -15,30 +15,36 @@ use crate::text::Untrusted;
 pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
     for fixture in &scenery.fixtures {
-        let color =
-            if fixture.name == "table" { theme::solid([92, 96, 104]) } else { theme::solid([74, 108, 140]) };
-        let solid = boxed(fixture).with_colors([color]).with_fill_mode(FillMode::Solid);
-        rows.always(&format!("world/{}", part(&fixture.name)), &solid);
+        if fixture.name == "table" {
+            let solid =
+                boxed(fixture).with_colors([theme::solid([92, 96, 104])]).with_fill_mode(FillMode::Solid);
+            rows.always("world/table", &solid);
+        } else {
+            // Where the tray may stand; the tray itself is drawn with each sequence.
+            rows.always(
+                &format!("world/zones/{}", part(&fixture.name)),
+                &outlined(fixture, [74, 124, 176], 70),
+            );
+        }
     }
     for zone in &scenery.keep_outs {
         let name = Untrusted::new(&zone.name).display(TEXT_WIDTH_MAX).into_string();
         let ghost = boxed(zone)
-            .with_colors([theme::ghost([214, 60, 60], 36)])
+            .with_colors([theme::ghost([214, 60, 60], 16)])
             .with_fill_mode(FillMode::Solid)
             .with_labels([name])
             .with_show_labels(false);
-        rows.always(&format!("world/zones/{}", part(&zone.name)), &ghost);
+        let path = format!("world/zones/{}", part(&zone.name));
+        rows.always(&path, &ghost);
+        rows.always(&format!("{path}/edges"), &outlined(zone, [214, 60, 60], 150));
     }
     if let Some(workspace) = &scenery.workspace {
-        let outline = boxed(workspace)
-            .with_colors([theme::ghost([120, 150, 190], 110)])
-            .with_radii([0.0015])
-            .with_fill_mode(FillMode::MajorWireframe);
-        rows.always("world/zones/workspace", &outline);
+        rows.always("world/zones/workspace", &outlined(workspace, [120, 150, 190], 110));
     }
     for whose in [Whose::Live, Whose::Twin] {
         looks(rows, whose);
     }
+    rows.always("world/standing", &Boxes3D::update_fields().with_fill_mode(FillMode::Solid));
     rows.always("world/contacts", &Arrows3D::update_fields().with_radii([0.003]));
     rows.always("log/audit", &TextLog::update_fields().with_color(theme::solid([200, 206, 214])));
 }
@@ -72,6 +78,14 @@ fn looks(rows: &mut Rows, whose: Whose) {
     rows.always(&format!("{root}/object"), &Boxes3D::update_fields().with_fill_mode(FillMode::Solid));
     let path = LineStrips3D::update_fields().with_radii([0.0025]).with_colors([path]);
     rows.always(&format!("{root}/path"), &path);
+}
+
+/// The edges of a region.
+fn outlined(region: &Region, rgb: [u8; 3], alpha: u8) -> Boxes3D {
+    boxed(region)
+        .with_colors([theme::ghost(rgb, alpha)])
+        .with_radii([0.0015])
+        .with_fill_mode(FillMode::MajorWireframe)
 }
 
 fn boxed(region: &Region) -> Boxes3D {

@@ -5,7 +5,7 @@ use rerun::{
 };
 
 use super::{Drawing, Trail, theme};
-use crate::engine::picture::{Body, Contact, Picture, Point, Turn};
+use crate::engine::picture::{Block, Body, Contact, Picture, Point, Turn};
 use crate::scene::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
 use crate::scene::rows::Moment;
 
@@ -51,6 +51,9 @@ const PAD_HALF_M: [f32; 3] = [0.012, 0.005, 0.018];
 const ARROW_M_PER_N: f32 = 0.008;
 const ARROW_MAX_M: f32 = 0.25;
 
+/// The tray is a floor and four walls; what follows is clutter.
+const TRAY_PARTS: usize = 5;
+
 /// A force that is drawn in the colour of the strongest, N.
 const STRONG_N: f32 = 20.0;
 
@@ -63,6 +66,9 @@ impl Drawing {
     pub(super) fn draw_world(&mut self, picture: &Picture, moment: &Moment) {
         self.draw_body(&picture.body, Whose::Live, picture, moment);
         self.draw_contacts(&picture.contacts, moment);
+        if self.standing != Some(picture.sequence) {
+            self.draw_blocks(&picture.blocks, moment);
+        }
         match &picture.twin {
             Some(twin) => {
                 self.twin_shown = true;
@@ -74,6 +80,18 @@ impl Drawing {
             }
             None => {}
         }
+    }
+
+    /// Tray and clutter, which stand for a sequence.
+    fn draw_blocks(&mut self, blocks: &[Block], moment: &Moment) {
+        let colors = (0..blocks.len())
+            .map(|index| theme::solid(if index < TRAY_PARTS { [74, 124, 176] } else { [148, 112, 84] }));
+        let boxes = Boxes3D::update_fields()
+            .with_half_sizes(blocks.iter().map(|block| block.half_m))
+            .with_centers(blocks.iter().map(|block| on_grid(block.at)))
+            .with_quaternions(blocks.iter().map(|block| quaternion(block.turn)))
+            .with_colors(colors);
+        self.rows.at("world/standing", moment, &boxes);
     }
 
     fn draw_body(&mut self, body: &Body, whose: Whose, picture: &Picture, moment: &Moment) {

@@ -27,6 +27,7 @@ pub fn picture(sequence: u64, at_ms: u64) -> Arc<Picture> {
         contact_n: 0.5,
         envelope: None,
         contacts: Vec::new(),
+        blocks: Vec::new(),
         unexpected_contact: false,
         stopped: false,
         twin: None,
