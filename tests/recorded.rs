@@ -37,7 +37,7 @@ fn record(folder: &Path) -> Closed {
         }
         tap.events(&[event], support::snapshot);
     }
-    let reports = scenes.finish(Duration::from_secs(60));
+    let reports = scenes.finish(Duration::from_mins(1));
     let closed = reports.iter().find_map(|report| match report {
         Report::Closed(closed) => Some(closed.clone()),
         Report::Failed { .. } | Report::Serving { .. } | Report::NotServing { .. } => None,

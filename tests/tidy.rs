@@ -218,6 +218,21 @@ const RULES: &[Rule] = &[
         why: "the console knows the engine's Command, Event and Snapshot, and no insides",
     },
     Rule {
+        folder: "src/scene",
+        never: &[
+            "crate::cli",
+            "crate::console",
+            "crate::experiment",
+            "crate::headless",
+            "crate::pipeline",
+            "crate::pool",
+            "crate::refine",
+            "crate::runtime",
+            "Referee",
+        ],
+        why: "a scene shows what the engine tells; it reaches neither what decides nor who looks",
+    },
+    Rule {
         folder: "src/pool",
         never: &["crate::cli", "crate::console", "crate::headless", "crate::pipeline", "crate::registry"],
         why: "a pool is packages on disk; what is done with them is not its concern",

@@ -26,7 +26,6 @@ use super::theme::Themes;
 use crate::engine::command::{Command, Refusal, Reply, Request};
 use crate::engine::host::Host;
 use crate::governance::ids::CapabilityId;
-use crate::registry::Layout;
 use crate::text::Untrusted;
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
@@ -65,7 +64,6 @@ pub struct Hands {
     pub host: Host,
     candidates: ReadCandidate,
     themes: Themes,
-    layout: Layout,
     exports: Option<PathBuf>,
     errands: mpsc::Sender<What>,
     view: Option<SocketAddr>,
@@ -73,19 +71,18 @@ pub struct Hands {
 }
 
 impl Hands {
-    /// Hands for an engine. `layout` is where its store is, `exports` where exports go if not here; what takes long
+    /// Hands for an engine. `exports` is where exports go if not here; what takes long
     /// tells `errands` how it went, and `view` is where the live scene is served already.
     #[must_use]
     pub fn new(
         host: Host,
         candidates: ReadCandidate,
         themes: Themes,
-        layout: Layout,
         exports: Option<PathBuf>,
         errands: mpsc::Sender<What>,
         view: Option<SocketAddr>,
     ) -> Self {
-        Self { host, candidates, themes, layout, exports, errands, view, rung_ms: None }
+        Self { host, candidates, themes, exports, errands, view, rung_ms: None }
     }
 
     /// Does one thing.
@@ -164,7 +161,7 @@ impl Hands {
     }
 
     fn recording(&self, version: &CapabilityId) -> Outcome {
-        match viewer::files(&self.layout.recordings(), version) {
+        match viewer::files(&self.host.recordings(), version) {
             Ok(files) => self.show(Shown::Files(files)),
             Err(text) => bad(text),
         }
@@ -179,7 +176,7 @@ impl Hands {
     }
 
     fn show(&self, shown: Shown) -> Outcome {
-        viewer::open(shown, self.layout.logs(), self.errands.clone())
+        viewer::open(shown, self.host.logs(), self.errands.clone())
     }
 }
 

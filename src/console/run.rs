@@ -27,7 +27,6 @@ use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
 use crate::engine::host::HostConfig;
-use crate::registry::Layout;
 
 /// What a console is started with.
 pub struct Console {
@@ -113,13 +112,11 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
     // The first frame does not wait for the engine.
     screen.draw(|area, buffer| super::frame::draw(&model, &look, area, buffer))?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-    let layout = Layout::new(console.host.data.clone());
     let exports = state.map(|folder| folder.join("exports"));
     let parts = session::Parts {
         host: console.host,
         candidates: console.candidates,
         themes: console.themes,
-        layout,
         exports,
         operator: console.options.operator,
     };

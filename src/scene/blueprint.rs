@@ -40,8 +40,8 @@ const VIEWS: [View; 10] = [
 ];
 
 /// The camera: from the front and the right, a little above.
-const EYE_M: [f32; 3] = [1.35, -1.25, 0.95];
-const LOOK_AT_M: [f32; 3] = [0.38, 0.0, 0.22];
+const EYE_M: [f32; 3] = [1.12, -0.86, 0.66];
+const LOOK_AT_M: [f32; 3] = [0.36, 0.02, 0.24];
 
 /// The layout as messages.
 ///

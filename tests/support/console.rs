@@ -31,7 +31,6 @@ pub fn digest(text: &str) -> Digest {
     Digest::of_parts("test", &[text.as_bytes()])
 }
 
-/// A version's id.
 pub fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()
 }

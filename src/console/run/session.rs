@@ -25,7 +25,6 @@ use crate::console::theme::Themes;
 use crate::console::update::update;
 use crate::engine::command::Command;
 use crate::engine::host::{Host, HostConfig, StopError, Update};
-use crate::registry::Layout;
 
 /// Time passes this often where nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -47,7 +46,6 @@ pub(super) struct Parts {
     pub(super) host: HostConfig,
     pub(super) candidates: ReadCandidate,
     pub(super) themes: Themes,
-    pub(super) layout: Layout,
     pub(super) exports: Option<PathBuf>,
     pub(super) operator: Option<String>,
 }
@@ -100,7 +98,7 @@ impl Session {
         let view = parts.host.scenes.view;
         let host = Host::start(parts.host);
         let (tell, errands) = mpsc::channel(ERRANDS_MAX);
-        let Parts { candidates, themes, layout, exports, .. } = parts;
+        let Parts { candidates, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
             model,
@@ -110,7 +108,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             errands,
-            hands: Hands::new(host, candidates, themes, layout, exports, tell, view),
+            hands: Hands::new(host, candidates, themes, exports, tell, view),
             operator: parts.operator,
             pace: Pace::default(),
             leaving: None,

@@ -189,6 +189,18 @@ impl Host {
         self.layout.identities()
     }
 
+    /// The folder of the store's scene recordings.
+    #[must_use]
+    pub fn recordings(&self) -> PathBuf {
+        self.layout.recordings()
+    }
+
+    /// The folder of the store's logs.
+    #[must_use]
+    pub fn logs(&self) -> PathBuf {
+        self.layout.logs()
+    }
+
     /// Ends the engine in an orderly way: the arm is stopped, nothing is approved or activated.
     ///
     /// # Errors

@@ -30,7 +30,7 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     for zone in &scenery.keep_outs {
         let name = Untrusted::new(&zone.name).display(TEXT_WIDTH_MAX).into_string();
         let ghost = boxed(zone)
-            .with_colors([theme::ghost([214, 60, 60], 16)])
+            .with_colors([theme::ghost([214, 60, 60], 8)])
             .with_fill_mode(FillMode::Solid)
             .with_labels([name])
             .with_show_labels(false);
