@@ -2,6 +2,7 @@
 
 use rerun::{
     Arrows3D, Boxes3D, Capsules3D, FillMode, LineStrips3D, Points3D, ViewCoordinates, archetypes::TextLog,
+    components::Radius,
 };
 
 use super::world::Whose;
@@ -84,7 +85,8 @@ fn looks(rows: &mut Rows, whose: Whose) {
 fn outlined(region: &Region, rgb: [u8; 3], alpha: u8) -> Boxes3D {
     boxed(region)
         .with_colors([theme::ghost(rgb, alpha)])
-        .with_radii([0.0015])
+        // In points of the screen: an edge close to the eye stays a line.
+        .with_radii([Radius::new_ui_points(1.0)])
         .with_fill_mode(FillMode::MajorWireframe)
 }
 
