@@ -337,3 +337,25 @@ fn what_is_wrong_with_settings_is_said_before_the_screen_is_taken() {
         assert!(!console.raw().contains("\x1b[?1049h"), "the screen was taken");
     }
 }
+
+#[test]
+#[cfg(feature = "rerun")]
+fn a_past_upgrade_is_replayed_on_the_terminal() {
+    let home = Home::new();
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/rolled-back.rrd");
+    let mut console = home.console(&["replay", recording, "--terminal", "--to", "109500"], SIZE);
+    let stands =
+        |tick: &str, text: &str| text.contains("align@1.1.0 against align@1.0.0") && text.contains(tick);
+    console.wait_for("the moment asked for", |screen| stands("tick 109500", &screen.contents()));
+    // The next decision is the monitor's, which took the version off.
+    console.keys("d");
+    console.wait_for("the rollback", |screen| {
+        let text = screen.contents();
+        stands("480.3 s", &text) && text.contains("monitor  align@1.1.0: rollback")
+    });
+    console.resize(80, 24);
+    console.wait_for_repainted("a small screen", (80, 24), |screen| screen.contents().contains("REPLAY"));
+    console.keys("q");
+    assert_eq!(console.end().exit_code(), 0);
+    assert_restored(&console);
+}

@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::output::Table;
-use super::recordings::size;
+use super::recordings::{counted, size};
 use super::{CliError, Context, Exit, Output};
 use crate::registry::Layout;
 use crate::scene::{shelf, viewer};
@@ -204,7 +204,7 @@ fn recordings(data: &Path) -> Finding {
     match shelf::list(&folder) {
         Ok(files) => {
             let bytes = files.iter().map(|filed| filed.bytes).sum();
-            let detail = format!("{} files, {} in {}", files.len(), size(bytes), folder.display());
+            let detail = format!("{}, {} in {}", counted(files.len(), "file"), size(bytes), folder.display());
             finding("recordings", Standing::Ok, detail)
         }
         Err(error) => {

@@ -141,7 +141,11 @@ fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
         ]);
     }
     out.table(&table)?;
-    out.line(&format!("{} files, {}", files.len(), size(files.iter().map(|filed| filed.bytes).sum())))?;
+    out.line(&format!(
+        "{}, {}",
+        counted(files.len(), "file"),
+        size(files.iter().map(|filed| filed.bytes).sum())
+    ))?;
     Ok(Exit::Confirmed)
 }
 
@@ -179,7 +183,7 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
     let summary = json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad });
     out.answer(&summary, |out| {
         let word = if bad == 0 { "sound" } else { "not sound" };
-        out.line(&format!("{word}: {} recordings, {bad} not as recorded", found.len()))
+        out.line(&format!("{word}: {}, {bad} not as recorded", counted(found.len(), "recording")))
     })?;
     Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
 }
@@ -200,7 +204,7 @@ fn remove(
     let store = if args.dry_run { None } else { Some(prune::take_store(&context.data)?) };
     let record = on_record(views)?;
     let chosen = prune::choose(prune::upgrades(shelved(folder)?, views)?, limits, prune::now_secs());
-    let (mut removed, mut kept, mut bytes) = (0_u64, 0_u64, 0_u64);
+    let (mut removed, mut kept, mut bytes) = (0_usize, 0_u64, 0_u64);
     for (Upgrade { files, version, .. }, reason) in &chosen {
         for filed in files {
             if let Check::Differs { .. } = check(filed, &record)? {
@@ -227,9 +231,14 @@ fn remove(
     }
     if !out.is_json() {
         let word = if args.dry_run { "would be removed" } else { "removed" };
-        out.line(&format!("{removed} files, {}, {word}", size(bytes)))?;
+        out.line(&format!("{}, {}, {word}", counted(removed, "file"), size(bytes)))?;
     }
     Ok(if kept == 0 { Exit::Confirmed } else { Exit::Rejected })
+}
+
+/// How many of something, in words.
+pub(super) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A size for people.
