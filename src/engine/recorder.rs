@@ -14,8 +14,12 @@ use crate::pipeline::recordings::Kept;
 use crate::scene::tap::Tap;
 use crate::scene::{Report, SceneConfig, SceneError, Scenes};
 
-/// How long an engine that ends waits for its recordings to be closed.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// How long a script that ends waits for its recordings to be closed: nobody waits for it.
+const PATIENCE_SCRIPT: Duration = Duration::from_secs(20);
+
+/// How long a live engine does: a console gives it three seconds for everything. What is not ended by then is mended
+/// and put on record at the next start.
+const PATIENCE_LIVE: Duration = Duration::from_secs(2);
 
 /// What is wanted of scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,7 +101,8 @@ impl Recorder {
 
     /// Ends the sink: closes what is to be closed, and puts it on record.
     pub fn finish(self, engine: &mut Engine) {
-        let reports = self.scenes.finish(PATIENCE);
+        let scripted = engine.manager.clock().is_scripted();
+        let reports = self.scenes.finish(if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE });
         take_in(engine, reports);
     }
 }
