@@ -35,23 +35,7 @@ pub const fn kappa_sign(dimension: Dimension, ascii: bool) -> &'static str {
         (Dimension::Policy, true) => "kP",
         (Dimension::Behavior, true) => "kB",
         (Dimension::Recovery, true) => "kR",
-        (other, _) => dimension_name(other),
-    }
-}
-
-/// A dimension's name in words.
-#[must_use]
-pub const fn dimension_name(dimension: Dimension) -> &'static str {
-    match dimension {
-        Dimension::Interface => "interface",
-        Dimension::Policy => "policy",
-        Dimension::Behavior => "behaviour",
-        Dimension::Recovery => "recovery",
-        Dimension::Composition => "composition",
-        Dimension::Shadow => "shadow",
-        Dimension::Gate => "gate",
-        Dimension::Approval => "approval",
-        Dimension::Monitor => "monitor",
+        (other, _) => other.words(),
     }
 }
 
@@ -63,7 +47,7 @@ pub fn kappa_line(result: &DimensionResult) -> String {
     let basis = if result.measured { "" } else { ", estimated" };
     format!(
         "{} {value}{interval} (at least {:.2}) {}{basis}",
-        dimension_name(result.dimension),
+        result.dimension.words(),
         result.threshold,
         result.outcome
     )

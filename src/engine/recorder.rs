@@ -8,11 +8,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::Engine;
-use super::event::Event;
+use super::event::{Event, EventKind};
 use crate::pipeline::painter::Easel;
-use crate::pipeline::recordings::Kept;
+use crate::scene::record::{KIND, OnRecord, Recorded};
 use crate::scene::tap::Tap;
-use crate::scene::{Report, SceneConfig, SceneError, Scenes};
+use crate::scene::{Closed, Report, SceneConfig, SceneError, Scenes};
 
 /// How long a script that ends waits for its recordings to be closed: nobody waits for it.
 const PATIENCE_SCRIPT: Duration = Duration::from_secs(20);
@@ -64,7 +64,9 @@ impl Recorder {
     }
 
     fn begin(engine: &Engine, options: SceneOptions) -> Result<Self, String> {
-        let closed = engine.manager.recordings_on_record().map_err(|error| error.to_string())?;
+        let views = engine.manager.ledger().store().views().map_err(|error| error.to_string())?;
+        let on_record = OnRecord::read(&views).map_err(|error| error.to_string())?;
+        let closed = on_record.0.into_keys().collect();
         let config = SceneConfig {
             recordings: options.record.then(|| engine.layout().recordings()),
             closed,
@@ -111,17 +113,8 @@ fn take_in(engine: &mut Engine, reports: Vec<Report>) {
     for report in reports {
         match report {
             Report::Closed(closed) => {
-                let kept = Kept {
-                    version: closed.version,
-                    outcome: closed.outcome,
-                    file: closed.file,
-                    digest: closed.digest,
-                    bytes: closed.bytes,
-                    pictures: closed.pictures,
-                    dropped: [closed.dropped.0, closed.dropped.1],
-                };
-                if let Err(fault) = engine.manager.keep_recording(kept) {
-                    engine.fail(&format!("the digest of a recording cannot be put on record: {fault}"));
+                if let Err(text) = put_on_record(engine, closed) {
+                    engine.fail(&format!("the digest of a recording cannot be put on record: {text}"));
                 }
             }
             Report::Failed { version, text } => {
@@ -134,4 +127,21 @@ fn take_in(engine: &mut Engine, reports: Vec<Report>) {
             Report::NotServing { text } => engine.manager.tell_scene(text, true),
         }
     }
+}
+
+fn put_on_record(engine: &mut Engine, closed: Closed) -> Result<(), String> {
+    let Closed { version, outcome, file, digest, bytes, pictures, dropped } = closed;
+    let recorded = Recorded {
+        file: file.clone(),
+        sha256: digest,
+        bytes,
+        pictures,
+        dropped_pictures: dropped.0,
+        dropped_events: dropped.1,
+        outcome,
+    };
+    let body = serde_json::to_string(&recorded).map_err(|error| error.to_string())?;
+    let dropped = [dropped.0, dropped.1];
+    let told = EventKind::RecordingKept { version: version.clone(), file, digest, bytes, pictures, dropped };
+    engine.manager.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.to_string())
 }

@@ -31,6 +31,24 @@ pub enum Dimension {
     Monitor,
 }
 
+impl Dimension {
+    /// Its name in words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Interface => "interface",
+            Self::Policy => "policy",
+            Self::Behavior => "behaviour",
+            Self::Recovery => "recovery",
+            Self::Composition => "composition",
+            Self::Shadow => "shadow",
+            Self::Gate => "gate",
+            Self::Approval => "approval",
+            Self::Monitor => "monitor",
+        }
+    }
+}
+
 macro_rules! reason_codes {
     ($($(#[$doc:meta])* $name:ident = $text:literal,)*) => {
         /// Why something was decided: a closed set of stable names (used by scenario files and the audit record).

@@ -1,7 +1,7 @@
 //! What the audit chain says of recordings: which were closed with which digest, and which were removed and why.
 //!
-//! Owns the form of these records and reads them. Must not write them: the engine does at closure, and who removes a
-//! recording before it is gone.
+//! Owns the form of these records and reads them. Must not write them: the engine does at closure, in this form, and
+//! who removes a recording before it is gone.
 
 use std::collections::BTreeMap;
 

@@ -3,7 +3,7 @@
 //! Foreign text passes the sanitiser, and loses what Markdown would act on.
 
 use crate::engine::event::{DimensionResult, Event, EventKind};
-use crate::governance::decision::{Dimension, Reason};
+use crate::governance::decision::Reason;
 use crate::governance::ids::CapabilityId;
 use crate::text::Untrusted;
 
@@ -144,17 +144,7 @@ fn decision(event: &Event) -> String {
 }
 
 fn row(dimension: &DimensionResult) -> String {
-    let name = match dimension.dimension {
-        Dimension::Interface => "interface",
-        Dimension::Policy => "policy",
-        Dimension::Behavior => "behaviour",
-        Dimension::Recovery => "recovery",
-        Dimension::Composition => "composition",
-        Dimension::Shadow => "shadow",
-        Dimension::Gate => "gate",
-        Dimension::Approval => "approval",
-        Dimension::Monitor => "monitor",
-    };
+    let name = dimension.dimension.words();
     let value = dimension.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
     format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, plain(&dimension.outcome))
 }

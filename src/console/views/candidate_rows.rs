@@ -5,7 +5,7 @@ use crate::console::rows::CandidateItem;
 use crate::console::theme::Mark;
 use crate::console::widgets::bar::against_limit;
 use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::{dimension_name, kappa_sign, reason_line, seconds};
+use crate::console::words::{kappa_sign, reason_line, seconds};
 use crate::engine::detail::{DifferenceView, DrillView, ExplainedView, Measure};
 use crate::engine::event::DimensionResult;
 use crate::governance::composition::Condition;
@@ -77,7 +77,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
     let sign = kappa_sign(result.dimension, look.ascii());
     let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
-        .cell(Role::Text, dimension_name(result.dimension), 10)
+        .cell(Role::Text, result.dimension.words(), 10)
         .with(Role::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
     let tail = Row::new()
