@@ -109,7 +109,7 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     let root = tempfile::tempdir().unwrap();
     let path = store(root.path());
     let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
-    assert!(code == Some(0) && text.contains("sound: 1 recordings"), "{text}");
+    assert!(code == Some(0) && text.contains("sound: 1 recording,"), "{text}");
     let (code, text) = holdpoint(root.path(), &["recordings", "list"]);
     assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));

@@ -306,6 +306,6 @@ mod tests {
         assert!(recordings(root.path()).detail.starts_with("0 files, 0 B in "));
         std::fs::create_dir(&folder).unwrap();
         std::fs::write(folder.join("grasp-1.1.0-0123abcd.rrd"), vec![0; 2048]).unwrap();
-        assert_eq!(recordings(root.path()).detail, format!("1 files, 2.0 KiB in {}", folder.display()));
+        assert_eq!(recordings(root.path()).detail, format!("1 file, 2.0 KiB in {}", folder.display()));
     }
 }
