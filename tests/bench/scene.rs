@@ -29,10 +29,10 @@ use holdpoint::scene::{SceneConfig, Scenes};
 use rustix::time::{ClockId, clock_gettime};
 
 /// Turns of each way.
-const ROUNDS: usize = 7;
+const ROUNDS: usize = 5;
 
-/// Sequences of one turn: some three minutes of the cell's work.
-const SEQUENCES: u64 = 12;
+/// Sequences of one turn: some two minutes of the cell's work.
+const SEQUENCES: u64 = 8;
 
 /// A run seed of the calibration pool.
 const SEED: u64 = 150;
