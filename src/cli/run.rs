@@ -87,7 +87,7 @@ impl SceneArgs {
     /// # Errors
     /// Where a viewer is asked for that this program was built without.
     pub fn options(&self, store_stays: bool) -> Result<SceneOptions, CliError> {
-        if self.view.is_some() && !cfg!(feature = "rerun") {
+        if self.view.is_some() && !crate::scene::BUILT_IN {
             return Err(CliError::usage(
                 "--view: this program was built without scenes; build it with the feature `rerun`",
             ));

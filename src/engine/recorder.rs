@@ -10,6 +10,7 @@ use std::time::Duration;
 use super::Engine;
 use super::event::{Event, EventKind};
 use crate::pipeline::painter::Easel;
+use crate::scene;
 use crate::scene::record::{KIND, OnRecord, Recorded};
 use crate::scene::tap::Tap;
 use crate::scene::{Closed, Report, SceneConfig, SceneError, Scenes};
@@ -32,7 +33,7 @@ pub struct SceneOptions {
 
 impl SceneOptions {
     /// What a run does where nothing else is asked for: record where this program was built with scenes.
-    pub const DEFAULT: Self = Self { record: cfg!(feature = "rerun"), view: None };
+    pub const DEFAULT: Self = Self { record: scene::BUILT_IN, view: None };
 
     /// No scenes at all.
     pub const NONE: Self = Self { record: false, view: None };

@@ -103,6 +103,15 @@ pub fn list(folder: &Path) -> io::Result<Vec<Filed>> {
     Ok(found)
 }
 
+/// The files of a version's recordings, in order.
+///
+/// # Errors
+/// Where the folder cannot be read.
+pub fn of(folder: &Path, version: &CapabilityId) -> io::Result<Vec<PathBuf>> {
+    let filed = list(folder)?.into_iter().filter(|filed| filed.name.version == *version);
+    Ok(filed.map(|filed| filed.path).collect())
+}
+
 /// The SHA-256 of a file's bytes.
 ///
 /// # Errors

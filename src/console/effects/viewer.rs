@@ -41,9 +41,8 @@ pub(super) enum Shown {
 /// The files of an upgrade, in order.
 pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
     let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
-    let filed = shelf::list(recordings).map_err(|error| format!("cannot read {}: {error}", shown()))?;
-    let own: Vec<PathBuf> =
-        filed.into_iter().filter(|filed| filed.name.version == *version).map(|filed| filed.path).collect();
+    let own = shelf::of(recordings, version);
+    let own = own.map_err(|error| format!("cannot read {}: {error}", shown()))?;
     if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
 }
 
