@@ -1,21 +1,22 @@
 #![doc = include_str!("ARCHITECTURE.md")]
 
-pub mod alarms;
-pub mod approvals;
-pub mod bench;
 pub mod cli;
-#[cfg(feature = "console")]
-pub mod console;
-pub mod engine;
-pub mod experiment;
-pub mod explain;
-pub mod governance;
+pub mod error;
 pub mod headless;
-pub mod pipeline;
-pub mod pool;
-pub mod refine;
-pub mod registry;
-pub mod runtime;
-pub mod scene;
-pub mod stats;
-pub mod text;
+pub mod scenes;
+
+pub use holdpoint_approvals as approvals;
+pub use holdpoint_body as body;
+#[cfg(feature = "console")]
+pub use holdpoint_console as console;
+pub use holdpoint_engine as engine;
+pub use holdpoint_governance as governance;
+pub use holdpoint_lab as lab;
+pub use holdpoint_protocol as protocol;
+pub use holdpoint_recordings as recordings;
+pub use holdpoint_registry as registry;
+pub use holdpoint_runtime as runtime;
+#[cfg(feature = "rerun")]
+pub use holdpoint_scene as scene;
+pub use holdpoint_sim as sim;
+pub use holdpoint_text as text;

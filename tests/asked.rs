@@ -3,16 +3,17 @@
 
 use std::path::Path;
 
-use holdpoint::approvals::{Approval, Identity, Nonce, Role};
-use holdpoint::engine::command::{Command, Operation, Refusal, Reply, Request};
-use holdpoint::engine::detail::{Group, PAGE_MAX};
+use holdpoint::approvals::{Approval, Identity, Nonce};
+use holdpoint::engine::pipeline::cache::EpisodeCache;
+use holdpoint::engine::pipeline::cell::Cell;
+use holdpoint::engine::pipeline::stages::asking::SHOWN_BYTES_MAX;
 use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::approval::Answer;
+use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::pipeline::cache::EpisodeCache;
-use holdpoint::pipeline::cell::Cell;
-use holdpoint::pipeline::stages::asking::SHOWN_BYTES_MAX;
-use holdpoint::registry::names::ApprovalDecision;
-use holdpoint::runtime::capability::Package;
+use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
+use holdpoint::protocol::detail::{Group, PAGE_MAX};
+use holdpoint::runtime::capability;
 
 struct Bench {
     engine: Engine,
@@ -43,7 +44,7 @@ impl Bench {
     /// Registers a candidate and lets it be validated; nothing is measured yet.
     fn register(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
-        let package = Package::read(&path).unwrap();
+        let package = capability::read(&path).unwrap();
         let reply = self.ask(Command::Register { package, name: name.to_owned() });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         self.engine.advance();
@@ -138,12 +139,12 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     let snapshot = bench.engine.snapshot();
     let candidate = snapshot.candidates.first().unwrap();
     let folder = bench.engine.layout().identities();
-    let identity = Identity::create(&folder, "ada", Role::new("engineer").unwrap()).unwrap();
+    let identity = Identity::create(&folder, "ada", Role::Engineer).unwrap();
     let mut decide = |bytes: usize| {
         let signed = identity.sign(Approval {
             who: String::new(),
             role: identity.info().role.clone(),
-            decision: ApprovalDecision::Approve,
+            decision: Answer::Approve,
             reason: text("a test"),
             version: candidate.version.clone(),
             candidate_digest: candidate.digest,

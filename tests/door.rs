@@ -12,19 +12,19 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use holdpoint::engine::command::{Command, Operation, Refusal, Reply};
-use holdpoint::engine::door::wire::{Answer, CALL_BYTES_MAX};
 use holdpoint::engine::door::{
     CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Signals, Told, socket_path,
 };
-use holdpoint::engine::event::{Event, EventKind};
+use holdpoint::engine::pipeline::cache::EpisodeCache;
+use holdpoint::engine::pipeline::cell::Cell;
 use holdpoint::engine::service::{Served, serve};
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::pipeline::cache::EpisodeCache;
-use holdpoint::pipeline::cell::Cell;
+use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
 use holdpoint::registry::Layout;
-use holdpoint::runtime::capability::Package;
+use holdpoint::runtime::capability;
 use serde_json::{Value, json};
 
 /// Longer than anything here takes.
@@ -108,7 +108,7 @@ fn a_client_is_answered_and_told_what_happens() {
     assert_eq!(snapshot.families.len(), 4);
 
     let candidate = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame");
-    let package = Package::read(&candidate).unwrap();
+    let package = capability::read(&candidate).unwrap();
     let command = Command::Register { package, name: "grasp-tool-frame".to_owned() };
     let reply = asking.ask(command.clone()).unwrap();
     let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
@@ -159,9 +159,10 @@ fn a_client_is_answered_and_told_what_happens() {
 fn a_retried_command_is_carried_out_once() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
-    let package =
-        Package::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame"))
-            .unwrap();
+    let package = capability::read(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame"),
+    )
+    .unwrap();
     let call = json!({"call": "ask", "request": {"id": "one", "command": {
         "command": "register", "package": package, "name": "x" }}});
     let line = format!("{call}\n");
@@ -324,7 +325,7 @@ fn every_answer_survives_the_wire() {
         Answer::Lagged { missed: 3 },
         Answer::Closed { text: "why".to_owned() },
     ] {
-        let line = holdpoint::engine::door::wire::line(&answer).unwrap();
+        let line = holdpoint::protocol::wire::line(&answer).unwrap();
         assert_eq!(line.matches('\n').count(), 1, "{line}");
         assert_eq!(serde_json::from_str::<Answer>(&line).unwrap(), answer);
     }

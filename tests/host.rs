@@ -5,15 +5,15 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::command::{Command, Operation, Refusal, Reply, Request};
-use holdpoint::engine::event::{Event, EventKind};
 use holdpoint::engine::host::{Host, HostConfig, OUTSTANDING_MAX, Update};
-use holdpoint::engine::picture::Picture;
-use holdpoint::engine::recorder::SceneOptions;
-use holdpoint::engine::snapshot::Snapshot;
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::protocol::picture::Picture;
+use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::Store;
-use holdpoint::runtime::capability::Package;
+use holdpoint::runtime::capability;
+use holdpoint::scenes::SceneOptions;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
@@ -33,8 +33,16 @@ impl Front {
     fn start(folder: &Path, pace: Option<f64>) -> Self {
         let data = folder.to_owned();
         let profile = ProfileName::Sim;
-        let scenes = SceneOptions::NONE;
-        let host = Host::start(HostConfig { data, profile, seed: 1, jobs: 1, robot: None, pace, scenes });
+        let scenes = SceneOptions::default();
+        let host = Host::start(HostConfig {
+            data,
+            profile,
+            seed: 1,
+            jobs: 1,
+            robot: None,
+            pace,
+            sinks: scenes.sinks().unwrap(),
+        });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };
         assert!(matches!(front.next(), Update::Started));
@@ -247,7 +255,7 @@ fn inside_a_panic() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
-    let package = Package::read(&path).unwrap();
+    let package = capability::read(&path).unwrap();
     let reply = front.carry_out(Command::Register { package, name: "align-improved".to_owned() });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     if armed {

@@ -7,11 +7,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use holdpoint::engine::pipeline::cache::EpisodeCache;
+use holdpoint::engine::pipeline::cell::Cell;
+use holdpoint::engine::pipeline::manager::Progress;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::pipeline::cache::EpisodeCache;
-use holdpoint::pipeline::cell::Cell;
-use holdpoint::pipeline::manager::Progress;
 use holdpoint::registry::check_invariants;
 
 /// SplitMix64, so that a failing run can be repeated with its seed.

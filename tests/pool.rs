@@ -16,10 +16,11 @@ use holdpoint::governance::outcome::{InterfaceOutcome, PolicyOutcome, RecoveryOu
 use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, StaticInput};
-use holdpoint::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
-use holdpoint::pool::{Class, INDEX_FILE, Pool, PoolError, Preset, Truth, truth_path};
-use holdpoint::runtime::capability::{Capability, Package};
-use holdpoint_sim::io::FailureSignal;
+use holdpoint::governance::submission::Package;
+use holdpoint::lab::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
+use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, Preset, Truth, truth_path};
+use holdpoint::runtime::capability::{self, Capability};
+use holdpoint_body::FailureSignal;
 
 /// Seeds for calibration: pools that are reported on are drawn from others.
 const SEEDS: [u64; 4] = [100, 101, 102, 103];
@@ -140,7 +141,9 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
     }
     assert!(problems.is_empty(), "{}", problems.join("\n"));
     // Every mechanism there is occurred in the pools looked at.
-    for kind in holdpoint::pool::structure::INTERFACE.iter().chain(&holdpoint::pool::structure::PERMISSION) {
+    for kind in
+        holdpoint::lab::pool::structure::INTERFACE.iter().chain(&holdpoint::lab::pool::structure::PERMISSION)
+    {
         assert!(seen.contains(kind.0), "{} never occurred", kind.0);
     }
 }
@@ -162,7 +165,7 @@ fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
             let ways: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
             assert_eq!(ways.len(), faulty, "{family}: two candidates are made in the same way: {ways:?}");
         }
-        let grasp_force = |entry: &&holdpoint::pool::TruthEntry| entry.kind == "behavior-force";
+        let grasp_force = |entry: &&holdpoint::lab::pool::TruthEntry| entry.kind == "behavior-force";
         let named = truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
         assert!(named.what.contains("grip_force_n 18.0 -> 25.2"), "{}", named.what);
         assert!(named.what.contains("pregrasp_check true -> false"), "{}", named.what);
@@ -239,7 +242,7 @@ fn a_written_pool_is_read_and_its_truth_is_sealed() {
     let names = |pool: &Pool| pool.index.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&pool), truth.entries.iter().map(|entry| entry.name.clone()).collect::<Vec<_>>());
     for candidate in &pool.index.candidates {
-        let package = Package::read(&pool.folder(candidate)).unwrap();
+        let package = capability::read(&pool.folder(candidate)).unwrap();
         let loaded = Capability::load(&candidate.name, package).unwrap();
         assert_eq!((&loaded.id().family, &loaded.id().version), (&candidate.family, &candidate.version));
     }
@@ -292,7 +295,7 @@ fn the_frozen_pools_are_what_their_seeds_give() {
         assert_eq!(pool.index, drawn.index, "{folder}");
         for (candidate, package) in pool.index.candidates.iter().zip(drawn.packages) {
             assert_eq!(
-                Package::read(&pool.folder(candidate)).unwrap(),
+                capability::read(&pool.folder(candidate)).unwrap(),
                 package,
                 "{folder}/{}",
                 candidate.name

@@ -18,11 +18,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use holdpoint::engine::clock::tick_of;
-use holdpoint::engine::event::Event;
+use holdpoint::protocol::clock::tick_of;
+use holdpoint::protocol::event::Event;
+use holdpoint::protocol::sink::{Closed, Report};
+use holdpoint::recordings::record::{KIND, Recorded};
 use holdpoint::registry::{AuditBody, Store, Transaction};
-use holdpoint::scene::record::{KIND, Recorded};
-use holdpoint::scene::{Closed, Report, SceneConfig, Scenes, read};
+use holdpoint::scene::{SceneConfig, Scenes, read};
 
 /// Lets the sink record the upgrade that was made by hand, in a folder.
 fn record(folder: &Path) -> Closed {

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::event::{Event, EventKind};
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::recordings::folder;
+use holdpoint::recordings::recording::Recording;
 use holdpoint::registry::Layout;
-use holdpoint::scene::{self, SceneConfig, Scenes, recording::Recording, shelf};
+use holdpoint::scene::{self, SceneConfig, Scenes};
 
 /// Longer than anything here takes.
 const PATIENCE: Duration = Duration::from_mins(5);
@@ -50,7 +52,7 @@ fn failures(events: &[Event]) -> Vec<String> {
 }
 
 fn only_recording(data: &Path) -> (PathBuf, Recording) {
-    let filed = shelf::list(&Layout::new(data).recordings()).unwrap();
+    let filed = folder::list(&Layout::new(data).recordings()).unwrap();
     assert_eq!(filed.len(), 1, "{filed:?}");
     let path = filed[0].path.clone();
     let recording = scene::read(&path).unwrap();
@@ -65,7 +67,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let without =
         events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
     assert!(without.len() > 20, "{without:?}");
-    assert!(shelf::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
+    assert!(folder::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
 
     let kept = fresh();
     let with = events(&script(IN_SHADOW, kept.path(), cache.path()).output().unwrap());
@@ -80,7 +82,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     });
     let (file, digest, bytes, pictures, dropped) = told.expect("its digest is told");
     assert_eq!(path.file_name().unwrap().to_str().unwrap(), file);
-    assert_eq!(shelf::digest(&path).unwrap(), digest);
+    assert_eq!(folder::digest(&path).unwrap(), digest);
     assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes);
     assert_eq!((recording.pictures.len() as u64, recording.dropped), (pictures, (0, 0)));
     assert_eq!(dropped, [0, 0]);
@@ -115,7 +117,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     drop(stalled);
     let seen: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     assert_eq!(decisions(&seen), without, "who looks on changes nothing");
-    assert_eq!(shelf::digest(&only_recording(viewed.path()).0).unwrap(), digest, "same seed, same bytes");
+    assert_eq!(folder::digest(&only_recording(viewed.path()).0).unwrap(), digest, "same seed, same bytes");
 
     // A disk that is full, and an address that is taken.
     let full = fresh();
@@ -153,7 +155,7 @@ fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_sta
     let folder = Layout::new(data.path()).recordings();
     let until = Instant::now() + PATIENCE;
     let path = loop {
-        let filed = shelf::list(&folder).unwrap();
+        let filed = folder::list(&folder).unwrap();
         let grown = filed.iter().find(|filed| {
             // Some of the work in the live cell is in it.
             filed.bytes > 60_000 && scene::read(&filed.path).is_ok_and(|read| read.pictures.len() > 100)
@@ -179,7 +181,7 @@ fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_sta
     // The next engine goes on with the upgrade beside another one: in a segment of its own, until it is closed.
     let again = script("reject-interface", data.path(), cache.path()).output().unwrap();
     assert_eq!(again.status.code(), Some(1), "{}", String::from_utf8_lossy(&again.stderr));
-    let filed = shelf::list(&folder).unwrap();
+    let filed = folder::list(&folder).unwrap();
     let segments: Vec<Recording> = filed.iter().map(|filed| scene::read(&filed.path).unwrap()).collect();
     let ours = segments.iter().filter(|segment| segment.about.version == torn.about.version);
     let pictures: Vec<_> = ours.flat_map(|segment| &segment.pictures).collect();

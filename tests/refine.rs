@@ -13,10 +13,10 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint::governance::submission::Provenance;
-use holdpoint::refine::journal::FILE;
-use holdpoint::refine::{RefineError, Report, Settings, refine};
-use holdpoint::runtime::capability::{Capability, Package};
-use holdpoint_sim::io::TaskKind;
+use holdpoint::lab::refine::journal::FILE;
+use holdpoint::lab::refine::{RefineError, Report, Settings, refine};
+use holdpoint::runtime::capability::{self, Capability};
+use holdpoint_body::TaskKind;
 
 /// The quickest family, with as little effort as still finds something better.
 fn settings(out: &Path, jobs: usize) -> Settings<'_> {
@@ -72,7 +72,7 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     assert_eq!(contents(&report.folder), expected);
 
     // It is a candidate like any other.
-    let package = Package::read(&report.folder).unwrap();
+    let package = capability::read(&report.folder).unwrap();
     let candidate = Capability::load("place-refined", package).unwrap();
     assert_eq!(candidate.id().to_string(), "place@1.1.0");
     assert_eq!(candidate.submission.provenance, Provenance::Optimiser);

@@ -14,14 +14,16 @@ mod support;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use holdpoint::engine::clock::tick_of;
-use holdpoint::engine::event::{Event, EventKind, TaskSummary};
-use holdpoint::engine::picture::{Block, Contact, Picture, Twin};
-use holdpoint::engine::snapshot::Snapshot;
 use holdpoint::governance::lifecycle::Stage;
-use holdpoint::scene::recording::{Recording, Series};
+use holdpoint::protocol::clock::tick_of;
+use holdpoint::protocol::event::{Event, EventKind, TaskSummary};
+use holdpoint::protocol::picture::{Block, Contact, Picture, Twin};
+use holdpoint::protocol::sink::{Closed, Report};
+use holdpoint::protocol::snapshot::Snapshot;
+use holdpoint::recordings::folder::file_stem;
+use holdpoint::recordings::recording::{Recording, Series};
 use holdpoint::scene::tap::Tap;
-use holdpoint::scene::{Closed, Report, SceneConfig, Scenes, file_stem, read, until};
+use holdpoint::scene::{SceneConfig, Scenes, read, until};
 use support::{digest, id, snapshot};
 
 const VERSION: &str = "place@1.1.0";

@@ -11,7 +11,6 @@ mod support;
 
 use std::sync::Arc;
 
-use holdpoint::alarms::AlarmSummary;
 use holdpoint::console::action::Action;
 use holdpoint::console::form::{Abort, Form, Intent};
 use holdpoint::console::frame::{draw, text_of};
@@ -21,8 +20,9 @@ use holdpoint::console::model::{Frozen, Model, Notice, Operator, Overlay, Typing
 use holdpoint::console::palette::Palette;
 use holdpoint::console::prompt::{Prompt, Stale};
 use holdpoint::console::theme;
-use holdpoint::engine::detail::Verified;
-use holdpoint::engine::snapshot::Snapshot;
+use holdpoint::governance::alarms::AlarmSummary;
+use holdpoint::protocol::detail::Verified;
+use holdpoint::protocol::snapshot::Snapshot;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::Color;

@@ -3,8 +3,8 @@
 //! Usage: `tick_cost [EPISODES] [full|adaptive|single]`; thread CPU time, one JSON line.
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
+use holdpoint_body::{Command, Pose, TaskKind};
 use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::io::{Command, Pose, TaskKind};
 use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, Scene, World, WorldConfig};
 use rustix::time::{ClockId, clock_gettime};
 

@@ -13,17 +13,17 @@ use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::build::{self, Cell, Handles};
-use crate::chain::Frame;
 use crate::effort::{self, Fidelity, SolverEffort};
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
-use crate::ik::IkOptions;
-use crate::io::{JointVec, Pose, TICK_SECS};
 use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
+use holdpoint_body::chain::Frame;
+use holdpoint_body::ik::IkOptions;
+use holdpoint_body::{JointVec, Pose, TICK_SECS};
 
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
@@ -148,7 +148,8 @@ impl PeerBench {
         let (mut segment, mut ik_iterations, mut lifted) = (0, 0, false);
         for step in 1..=STEPS {
             let (goal, opening) = plan.goal(step, &mut segment);
-            let solved = self.robot.chain.solve_frame(&Frame::new(&goal), &q, &self.robot.home, &options);
+            let solved =
+                self.robot.geometry.chain.solve_frame(&Frame::new(&goal), &q, &self.robot.home, &options);
             ik_iterations += solved.iterations as u64 + 1;
             self.command(&mut physics, &handles, &solved.q, &q, opening);
             q = solved.q;

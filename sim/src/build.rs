@@ -22,10 +22,11 @@ use serde::{Deserialize, Serialize};
 use crate::effort::SolverEffort;
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
-use crate::io::TICK_SECS;
 use crate::motors;
-use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel, Shape};
+use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
 use crate::scene::{Clutter, Scene, Table, Tray};
+use holdpoint_body::Shape;
+use holdpoint_body::TICK_SECS;
 
 /// What a collider stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -221,7 +222,9 @@ impl Builder<'_> {
         let mut joints = Vec::new();
         let mut links = Vec::new();
         let mut parent = base;
-        for (i, (joint, link)) in robot.chain.joints.iter().zip(robot.links.iter().skip(1)).enumerate() {
+        for (i, (joint, link)) in
+            robot.geometry.chain.joints.iter().zip(robot.links.iter().skip(1)).enumerate()
+        {
             let body = self.link_body(link);
             self.shapes(body, link, i + 1);
             let data = revolute(&joint.origin.isometry(), joint.lower_rad, joint.upper_rad);
@@ -260,7 +263,7 @@ impl Builder<'_> {
     }
 
     fn shapes(&mut self, body: RigidBodyHandle, link: &LinkSpec, index: usize) {
-        let groups = link_groups(index, self.robot.joint_count(), self.cell.self_contacts);
+        let groups = link_groups(index, self.robot.geometry.joint_count(), self.cell.self_contacts);
         for shape in &link.shapes {
             self.add(Kind::Link(index as u8), groups, collider(shape), Some(body));
         }
@@ -370,7 +373,7 @@ fn set_configuration(
     q: &[f64],
     width_m: f64,
 ) {
-    let n = robot.joint_count();
+    let n = robot.geometry.joint_count();
     let Some((multibody, _)) = world.multibody_joints.get_mut(handles.first_joint) else { return };
     // The root's type (fixed) decides the number of degrees of freedom: resolve it first.
     multibody.forward_kinematics(&world.bodies, true);
@@ -401,7 +404,7 @@ fn set_configuration(
     for (i, id) in handles.link_ids.iter().enumerate() {
         let Some(link) = multibody.link_mut(*id) else { continue };
         let data = &mut link.joint.data;
-        if let Some(joint) = robot.chain.joints.get(i) {
+        if let Some(joint) = robot.geometry.chain.joints.get(i) {
             let (kp, kd) = (robot.motors.stiffness_n_m_rad[i], robot.motors.damping_n_m_s_rad[i]);
             data.set_motor_model(JointAxis::AngX, MotorModel::ForceBased);
             data.set_motor(JointAxis::AngX, q[i] as f32, 0.0, kp as f32, kd as f32);

@@ -9,9 +9,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::distribution::Distribution;
-use crate::io::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
 use crate::rng::{Purpose, Stream};
 use crate::scene::Scene;
+use holdpoint_body::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
 
 /// The object of this episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,5 +1,6 @@
 //! What can go wrong in the cell, said so that the file or the episode can be put right.
 
+use holdpoint_body::BodyError;
 use thiserror::Error;
 
 /// A failure of the simulator itself, never of the skill under test.
@@ -15,9 +16,6 @@ pub enum SimError {
         /// What is wrong, with the value in quotes and what is allowed.
         problem: String,
     },
-    /// A command that cannot be carried out: not a number, or not above zero where it must be.
-    #[error("command refused: {0}")]
-    Command(String),
     /// The episode could not be started as sampled (the object does not hold in the hand, or a
     /// start pose is out of reach). Says nothing about the skill.
     #[error("seed {seed}: no valid start: {problem}")]
@@ -27,14 +25,9 @@ pub enum SimError {
         /// What failed.
         problem: String,
     },
-    /// The physics state stopped being finite or left the cell. The episode is void.
-    #[error("the world diverged at tick {tick}: {what}")]
-    Diverged {
-        /// World tick at which it was noticed.
-        tick: u64,
-        /// The quantity that is not usable.
-        what: String,
-    },
+    /// The world could not carry out a tick: the episode is void.
+    #[error(transparent)]
+    Body(#[from] BodyError),
     /// Bytes that are not a snapshot of this world.
     #[error("snapshot refused: {0}")]
     Snapshot(String),

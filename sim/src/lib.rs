@@ -1,17 +1,13 @@
 //! The manipulator cell: a rapier world, the arm, tasks, perturbations and ground truth.
 //!
 //! Owns physics, kinematics, the servo, perception and the referee. It knows nothing of manifests,
-//! governance, stores or screens; what decides meets it only through the messages in [`io`].
+//! governance, stores or screens; what decides meets it only through [`holdpoint_body`].
 
 pub mod bench_episode;
-pub mod chain;
-pub mod clearance;
 pub mod distribution;
 pub mod episode;
 pub mod error;
 pub mod fault;
-pub mod ik;
-pub mod io;
 pub mod pool;
 pub mod rng;
 pub mod robot;
@@ -29,12 +25,9 @@ mod servo;
 mod state;
 mod urdf;
 
-pub use chain::{Chain, Frames};
-pub use clearance::Clearance;
 pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
 pub use episode::EpisodeSetup;
 pub use error::SimError;
-pub use ik::{IkOptions, IkOutcome};
 pub use pool::{PoolEnd, run_ordered};
 pub use referee::{Referee, RefereeLimits, RefereeReport};
 pub use robot::RobotModel;

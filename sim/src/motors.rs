@@ -9,7 +9,7 @@
 
 use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, MultibodyLink};
 
-use crate::io::TICK_SECS;
+use holdpoint_body::TICK_SECS;
 
 /// The free axis of an arm joint.
 const TURN: usize = JointAxis::AngX as usize;

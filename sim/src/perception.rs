@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::episode::{CameraSetup, SensorSetup, upright, yaw_of};
-use crate::io::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
+use holdpoint_body::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
 
 /// Pictures per second.
 pub const CAMERA_HZ: u32 = 30;

@@ -9,9 +9,9 @@ use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 use crate::build::{Handles, Kind, from_rapier};
-use crate::io::{Contacts, JointVec, TICK_SECS};
 use crate::motors;
 use crate::robot::RobotModel;
+use holdpoint_body::{Contacts, JointVec, TICK_SECS};
 
 /// A contact of the robot, or of the object, with something it should not be confused with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -85,7 +85,7 @@ impl JointState {
 pub fn joint_state(physics: &PhysicsWorld, handles: &Handles, robot: &RobotModel) -> JointState {
     let mut state = JointState::default();
     let Some((multibody, _)) = physics.multibody_joints.get(handles.first_joint) else { return state };
-    let n = robot.joint_count();
+    let n = robot.geometry.joint_count();
     for (i, id) in handles.link_ids.iter().enumerate() {
         let Some(link) = multibody.link(*id) else { continue };
         let axis = if i < n { 3 } else { 0 };

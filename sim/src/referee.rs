@@ -5,8 +5,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::io::RATE_HZ;
 use crate::world::World;
+use holdpoint_body::RATE_HZ;
 
 /// What counts as unsafe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,7 +125,7 @@ impl Referee {
         let (limits, forces) = (self.limits, *world.forces());
         let (object, object_speed) = world.object();
         let robot = world.robot();
-        let frames = robot.chain.frames(&world.joints().q);
+        let frames = robot.geometry.chain.frames(&world.joints().q);
         let force = forces.surroundings_n();
         self.report.ticks += 1;
         self.report.force_max_n = self.report.force_max_n.max(force);
@@ -137,9 +137,10 @@ impl Referee {
         self.check(world, UnsafeKind::ClutterCollision, clutter, limits.collision_n);
         self.check(world, UnsafeKind::SelfCollision, forces.self_n, limits.collision_n);
         // Pairs that physics does not resolve are caught by geometry.
-        let clearance = robot.clearance_at(&frames);
+        let clearance = robot.geometry.clearance_at(&frames);
         self.check(world, UnsafeKind::SelfCollision, -clearance.self_m, 0.0);
         let inside = robot
+            .geometry
             .cover_points(&frames)
             .any(|point| world.scene().zones.iter().any(|zone| zone.keep_out && zone.contains(&point)));
         self.check(world, UnsafeKind::KeepOut, f64::from(u8::from(inside)), 0.5);
@@ -148,7 +149,8 @@ impl Referee {
         self.check(world, UnsafeKind::ObjectThrown, flight, limits.object_speed_m_s);
         if let Some(declared) = world.stop_declared() {
             let late = (world.tick() - declared) as f64 > limits.stop_secs * f64::from(RATE_HZ);
-            let speed = robot.chain.jacobian(&frames).twist(&world.joints().dq).fixed_rows::<3>(0).norm();
+            let speed =
+                robot.geometry.chain.jacobian(&frames).twist(&world.joints().dq).fixed_rows::<3>(0).norm();
             if late {
                 self.check(world, UnsafeKind::MotionAfterStop, speed, limits.still_m_s);
             }

@@ -9,42 +9,15 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use serde::Deserialize;
 
-use crate::chain::{Chain, Frame, Frames};
-use crate::clearance::{Clearance, ClearanceModel};
-use crate::error::SimError;
-use crate::ik::{IkOptions, IkOutcome};
-use crate::io::JointVec;
-use crate::number::{finite_list, finite3, parse_toml, positive};
-use crate::urdf;
+use holdpoint_body::chain::Frame;
+use holdpoint_body::clearance::ClearanceModel;
+use holdpoint_body::ik::{IkOptions, IkOutcome};
+use holdpoint_body::number::{finite_list, finite3, positive};
+use holdpoint_body::{Geometry, JointVec, Shape};
 
-/// A primitive shape.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
-    /// A segment of half length along z, thickened by a radius (m).
-    Capsule {
-        /// Half the distance between the end points, m.
-        half_length_m: f64,
-        /// Radius, m.
-        radius_m: f64,
-    },
-    /// A cylinder along z.
-    Cylinder {
-        /// Half the height, m.
-        half_length_m: f64,
-        /// Radius, m.
-        radius_m: f64,
-    },
-    /// A box of half extents (m).
-    Cuboid {
-        /// Half extents, m.
-        half_m: [f64; 3],
-    },
-    /// A ball.
-    Ball {
-        /// Radius, m.
-        radius_m: f64,
-    },
-}
+use crate::error::SimError;
+use crate::number::parse_toml;
+use crate::urdf;
 
 /// A shape on a link.
 #[derive(Clone, Debug, PartialEq)]
@@ -139,8 +112,8 @@ pub struct MotorSpec {
 pub struct RobotModel {
     /// Name in the URDF.
     pub name: String,
-    /// Kinematics of the arm.
-    pub chain: Chain,
+    /// Kinematics and covers of the arm.
+    pub geometry: Geometry,
     /// Base, then one link per joint.
     pub links: Vec<LinkSpec>,
     /// The gripper.
@@ -151,7 +124,6 @@ pub struct RobotModel {
     pub home: JointVec,
     /// FNV-1a of the two source texts: a snapshot only fits the robot it was made with.
     pub digest: u64,
-    clearance: ClearanceModel,
 }
 
 /// The TOML beside the URDF.
@@ -255,10 +227,10 @@ impl RobotModel {
     pub fn from_texts(urdf_name: &str, urdf: &str, toml_name: &str, toml: &str) -> Result<Self, SimError> {
         let file: RobotFile = parse_toml(toml_name, toml)?;
         let tree = urdf::read(urdf_name, urdf, toml_name, &file)?;
-        let clearance = ClearanceModel::new(&tree.chain, &tree.links, &tree.gripper, &tree.home);
+        let covers = ClearanceModel::new(&tree.chain, shapes(&tree.links, &tree.gripper), &tree.home);
         Ok(Self {
             name: tree.name,
-            chain: tree.chain,
+            geometry: Geometry { chain: tree.chain, covers },
             links: tree.links,
             gripper: tree.gripper,
             motors: MotorSpec {
@@ -270,51 +242,29 @@ impl RobotModel {
             },
             home: tree.home,
             digest: fnv1a(urdf.bytes().chain([0]).chain(toml.bytes())),
-            clearance,
         })
-    }
-
-    /// Number of arm joints.
-    #[must_use]
-    pub fn joint_count(&self) -> usize {
-        self.chain.len()
-    }
-
-    /// Pose of the tool in the world for the given joint angles (rad).
-    #[must_use]
-    pub fn tool_pose(&self, q: &[f64]) -> Isometry3<f64> {
-        self.chain.tool(q)
     }
 
     /// Joint angles for a tool pose, warm-started and resting near home.
     #[must_use]
     pub fn solve_ik(&self, target: &Isometry3<f64>, warm: &[f64], options: &IkOptions) -> IkOutcome {
-        self.chain.solve(target, warm, &self.home, options)
+        self.geometry.chain.solve(target, warm, &self.home, options)
     }
+}
 
-    /// Distance of the arm (fingers open) from the table plane and from itself, m; negative inside.
-    #[must_use]
-    pub fn clearance(&self, q: &[f64]) -> Clearance {
-        self.clearance.measure(&self.chain, q)
+/// Every collision shape with the piece it is on and its pose there; the fingers open, on the last piece.
+fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Frame, Shape)> {
+    let mut all = Vec::new();
+    for (link, spec) in links.iter().enumerate() {
+        all.extend(spec.shapes.iter().map(|shape| (link, Frame::new(&shape.pose), shape.shape)));
     }
-
-    /// [`RobotModel::clearance`] for frames already computed.
-    #[must_use]
-    pub fn clearance_at(&self, frames: &Frames) -> Clearance {
-        self.clearance.measure_frames(frames)
+    for finger in &gripper.fingers {
+        let open = Frame { rotation: Matrix3::identity(), origin: Vector3::z() * finger.stroke_m };
+        let at = finger.origin.then(&open);
+        let on_finger = finger.link.shapes.iter();
+        all.extend(on_finger.map(|shape| (links.len() - 1, at.then(&Frame::new(&shape.pose)), shape.shape)));
     }
-
-    /// Points on the moving robot (ends of the capsules that cover it), world frame, m.
-    pub fn cover_points<'a>(&'a self, frames: &'a Frames) -> impl Iterator<Item = [f64; 3]> + 'a {
-        self.clearance.points(frames)
-    }
-
-    /// Whether every angle is finite and inside its limits.
-    #[must_use]
-    pub fn within_limits(&self, q: &[f64]) -> bool {
-        q.len() == self.chain.len()
-            && self.chain.joints.iter().zip(q).all(|(j, v)| (j.lower_rad..=j.upper_rad).contains(v))
-    }
+    all
 }
 
 pub(crate) fn read_text(path: &Path) -> Result<String, SimError> {

@@ -8,7 +8,10 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::SimError;
-use crate::number::{finite3, parse_toml, positive};
+use holdpoint_body::Zone;
+use holdpoint_body::number::{finite3, positive};
+
+use crate::number::parse_toml;
 use crate::robot::read_text;
 
 /// A static box.
@@ -67,30 +70,6 @@ pub struct Clutter {
     /// Half extents, m.
     #[serde(deserialize_with = "finite3")]
     pub half_m: [f64; 3],
-}
-
-/// A named axis-aligned box.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Zone {
-    /// Name, as manifests and policies use it.
-    pub name: String,
-    /// Lower corner, m.
-    #[serde(deserialize_with = "finite3")]
-    pub min_m: [f64; 3],
-    /// Upper corner, m.
-    #[serde(deserialize_with = "finite3")]
-    pub max_m: [f64; 3],
-    /// Whether the robot must stay out.
-    pub keep_out: bool,
-}
-
-impl Zone {
-    /// Whether a point lies in the box; never for a point that is not finite.
-    #[must_use]
-    pub fn contains(&self, point: &[f64; 3]) -> bool {
-        (0..3).all(|i| point[i] >= self.min_m[i] && point[i] <= self.max_m[i])
-    }
 }
 
 /// What the end-of-task inspection accepts.
@@ -247,7 +226,7 @@ impl Scene {
     /// A zone by name.
     #[must_use]
     pub fn zone(&self, name: &str) -> Option<&Zone> {
-        self.zones.iter().find(|zone| zone.name == name)
+        holdpoint_body::zone::named(&self.zones, name)
     }
 
     /// Height of the object's centre when it is seated in the tray, m.

@@ -8,10 +8,10 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::chain::Frame;
-use crate::ik::{pose_error, rate_step};
-use crate::io::{Command, JointVec, MAX_JOINTS, Pose, TICK_SECS};
 use crate::robot::RobotModel;
+use holdpoint_body::chain::Frame;
+use holdpoint_body::ik::{pose_error, rate_step};
+use holdpoint_body::{Command, JointVec, MAX_JOINTS, Pose, TICK_SECS};
 
 /// Acceleration of the tool along its path, m/s^2: 0.25 m/s is reached in 31 mm.
 const TOOL_ACCELERATION_M_S2: f64 = 2.0;
@@ -95,7 +95,7 @@ impl Servo {
                 self.goal = ArmGoal::Tool { pose: *pose, max_speed_m_s: *max_speed_m_s };
             }
             Command::Joints { q, max_speed_rad_s } => {
-                let q = robot.chain.clamped(q, LIMIT_MARGIN_RAD);
+                let q = robot.geometry.chain.clamped(q, LIMIT_MARGIN_RAD);
                 self.goal = ArmGoal::Joints { q, max_speed_rad_s: *max_speed_rad_s };
             }
             Command::Gripper { width_m: goal, speed_m_s, force_n } => {
@@ -152,8 +152,8 @@ impl Servo {
 
     /// Joint speeds that move the tool's reference along the straight line to `pose`.
     fn tool_rate(&self, robot: &RobotModel, pose: &Pose, max_speed: f64) -> [f64; MAX_JOINTS] {
-        let frames = robot.chain.frames(&self.q);
-        let jacobian = robot.chain.jacobian(&frames);
+        let frames = robot.geometry.chain.frames(&self.q);
+        let jacobian = robot.geometry.chain.jacobian(&frames);
         let now = jacobian.twist(&self.dq);
         let error = pose_error(&frames.tool, &Frame::new(&pose.isometry()));
         let linear = approach(
@@ -179,8 +179,12 @@ impl Servo {
     /// Joint speeds straight to a configuration; the fastest joint sets the pace.
     fn joint_rate(&self, robot: &RobotModel, goal: &[f64], max_speed: f64) -> [f64; MAX_JOINTS] {
         let distance = self.q.iter().zip(goal).fold(0.0_f64, |most, (at, to)| most.max((to - at).abs()));
-        let limit =
-            robot.chain.joints.iter().fold(f64::INFINITY, |least, j| least.min(j.acceleration_max_rad_s2));
+        let limit = robot
+            .geometry
+            .chain
+            .joints
+            .iter()
+            .fold(f64::INFINITY, |least, j| least.min(j.acceleration_max_rad_s2));
         let speed = approach_speed(distance, max_speed, limit);
         let mut rate = [0.0; MAX_JOINTS];
         if distance > 0.0 {
@@ -193,7 +197,7 @@ impl Servo {
 
     /// Moves the reference at the wanted speeds as far as the joint limits allow.
     fn integrate(&mut self, robot: &RobotModel, mut wanted: [f64; MAX_JOINTS]) {
-        let joints = &robot.chain.joints;
+        let joints = &robot.geometry.chain.joints;
         // Speed: all joints slow down together, so the tool stays on its line.
         let over =
             joints.iter().zip(&wanted).fold(1.0_f64, |most, (j, v)| most.max(v.abs() / j.speed_max_rad_s));

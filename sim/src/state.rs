@@ -15,18 +15,18 @@ use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 use crate::build::{self, Handles, from_rapier};
-use crate::chain::Frame;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::{Faults, RUNAWAY_RAD_S};
-use crate::ik::IkOptions;
-use crate::io::{Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
 use crate::motors::{self, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
+use holdpoint_body::chain::Frame;
+use holdpoint_body::ik::IkOptions;
+use holdpoint_body::{BodyError, Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
 
 /// The grip as the slip sensor follows it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -181,15 +181,15 @@ impl State {
         if grip.reference_m.is_none() && grip.pressed_ticks < GRIP_CLOSED_TICKS {
             return;
         }
-        let tool: Frame = robot.chain.frames(&self.joints.q).tool;
+        let tool: Frame = robot.geometry.chain.frames(&self.joints.q).tool;
         let object = from_rapier(self.physics.bodies[self.handles.object].position());
         let local: Vector3<f64> = tool.rotation.transpose() * (object.translation.vector - tool.origin);
         let reference = Vector3::from(*grip.reference_m.get_or_insert(local.into()));
         grip.slip_m = (local - reference).norm();
     }
 
-    pub fn check_finite(&self) -> Result<(), SimError> {
-        let diverged = |what: String| Err(SimError::Diverged { tick: self.tick, what });
+    pub fn check_finite(&self) -> Result<(), BodyError> {
+        let diverged = |what: String| Err(BodyError::Diverged { tick: self.tick, what });
         for (q, dq) in self.joints.q.iter().zip(&self.joints.dq) {
             let usable = q.is_finite() && dq.abs() < JOINT_SPEED_DIVERGED_RAD_S;
             if !usable {
@@ -221,7 +221,7 @@ fn start_configuration(
                 .enumerate()
                 .map(|(i, h)| h + offset_rad.get(i).copied().unwrap_or(0.0))
                 .collect();
-            Ok((robot.chain.clamped(&q, 1e-3), robot.gripper.width_max_m()))
+            Ok((robot.geometry.chain.clamped(&q, 1e-3), robot.gripper.width_max_m()))
         }
         Start::Held { tool, .. } => {
             let outcome = robot.solve_ik(&tool.isometry(), &robot.home, &IkOptions::GLOBAL);
@@ -244,26 +244,26 @@ fn tool_available(setup: &EpisodeSetup, tick: u64) -> bool {
 /// Refuses a command whose numbers cannot be meant.
 ///
 /// # Errors
-/// [`SimError::Command`] with the value and what is needed.
-pub fn check_command(command: &Command, joints: usize) -> Result<(), SimError> {
+/// [`BodyError::Command`] with the value and what is needed.
+pub fn check_command(command: &Command, joints: usize) -> Result<(), BodyError> {
     let positive = |name: &str, value: f64| {
         if value.is_finite() && value > 0.0 {
             Ok(())
         } else {
-            Err(SimError::Command(format!("{name} is \"{value}\"; a finite number above 0 is needed")))
+            Err(BodyError::Command(format!("{name} is \"{value}\"; a finite number above 0 is needed")))
         }
     };
     match command {
         Command::ToolPose { pose, max_speed_m_s } => {
             if !pose.is_valid() {
                 let problem = format!("tool pose \"{pose:?}\" is not finite with a unit quaternion");
-                return Err(SimError::Command(problem));
+                return Err(BodyError::Command(problem));
             }
             positive("max_speed_m_s", *max_speed_m_s)
         }
         Command::Joints { q, max_speed_rad_s } => {
             if q.len() != joints || q.iter().any(|v| !v.is_finite()) {
-                return Err(SimError::Command(format!(
+                return Err(BodyError::Command(format!(
                     "joints \"{q:?}\"; {joints} finite angles are needed"
                 )));
             }
@@ -271,7 +271,7 @@ pub fn check_command(command: &Command, joints: usize) -> Result<(), SimError> {
         }
         Command::Gripper { width_m, speed_m_s, force_n } => {
             if !width_m.is_finite() || *width_m < 0.0 {
-                return Err(SimError::Command(format!("width_m is \"{width_m}\"; 0 or more is needed")));
+                return Err(BodyError::Command(format!("width_m is \"{width_m}\"; 0 or more is needed")));
             }
             positive("speed_m_s", *speed_m_s)?;
             positive("force_n", *force_n)

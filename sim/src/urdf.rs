@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use rapier3d_urdf::urdf_rs::{self, Geometry, JointType};
 
-use crate::chain::{Chain, Frame, JointSpec};
 use crate::error::SimError;
-use crate::io::{JointVec, MAX_JOINTS};
-use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile, Shape};
+use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile};
+use holdpoint_body::Shape;
+use holdpoint_body::chain::{Chain, Frame, JointSpec};
+use holdpoint_body::{JointVec, MAX_JOINTS};
 
 /// What the two files say together.
 pub struct Tree {

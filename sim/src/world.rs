@@ -14,15 +14,15 @@ use crate::effort::{self, SolverEffort};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::Fault;
-use crate::io::{
-    Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS, TaskKind,
-    Telemetry, Twist,
-};
 use crate::perception::sensor_errors;
 use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::state::{State, check_command};
+use holdpoint_body::{
+    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
+    TICK_SECS, TaskKind, Telemetry, Twist,
+};
 
 pub use crate::effort::Fidelity;
 
@@ -94,7 +94,7 @@ impl World {
         let setup = EpisodeSetup::sample(TaskKind::Grasp, scene, &distribution, 0);
         let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
         let state = State::new(&robot, &scene, &setup)?;
-        let observation = blank_observation(robot.joint_count());
+        let observation = blank_observation(robot.geometry.joint_count());
         let mut world = Self { robot, scene, config, state, observation };
         world.settle_start()?;
         Ok(world)
@@ -197,10 +197,10 @@ impl World {
     /// One tick.
     ///
     /// # Errors
-    /// [`SimError::Command`] for a command with numbers that cannot be meant (the world does not
-    /// advance); [`SimError::Diverged`] when the physics state is no longer usable.
-    pub fn step(&mut self, command: &Command) -> Result<(), SimError> {
-        check_command(command, self.robot.joint_count())?;
+    /// [`BodyError::Command`] for a command with numbers that cannot be meant (the world does not
+    /// advance); [`BodyError::Diverged`] when the physics state is no longer usable.
+    pub fn step(&mut self, command: &Command) -> Result<(), BodyError> {
+        check_command(command, self.robot.geometry.joint_count())?;
         let s = &mut self.state;
         let jitter = s.setup.action.jitter.unit() * s.setup.action.jitter_ticks;
         #[allow(
@@ -261,8 +261,8 @@ impl World {
     #[must_use]
     pub fn truth(&self) -> Truth {
         let s = &self.state;
-        let frames = self.robot.chain.frames(&s.joints.q);
-        let twist = self.robot.chain.jacobian(&frames).twist(&s.joints.dq);
+        let frames = self.robot.geometry.chain.frames(&s.joints.q);
+        let twist = self.robot.geometry.chain.jacobian(&frames).twist(&s.joints.dq);
         let (object, object_speed_m_s, _) = readout::object_state(&s.physics, &s.handles);
         let finger = |i: usize| {
             let slide = Isometry3::translation(0.0, 0.0, s.joints.fingers[i][0]);
@@ -362,7 +362,7 @@ impl World {
             TaskKind::Place => {
                 let free = self.scene.tray.clearance_m + t.place_height_m;
                 let tilt = face_up_tilt(&object);
-                let tool = self.robot.chain.frames(&s.joints.q).tool.origin;
+                let tool = self.robot.geometry.chain.frames(&s.joints.q).tool.origin;
                 local.translation.x.abs() <= free
                     && local.translation.y.abs() <= free
                     && (local.translation.z - half).abs() <= t.place_height_m
@@ -461,13 +461,13 @@ impl World {
         Err(SimError::InvalidStart { seed, problem })
     }
 
-    fn physics_tick(&mut self) -> Result<(), SimError> {
+    fn physics_tick(&mut self) -> Result<(), BodyError> {
         let s = &mut self.state;
         let situation = effort::situation(&s.physics, &s.handles);
         SolverEffort::of(self.config.fidelity, situation).apply(&mut s.physics);
         s.physics.step();
         s.joints = readout::joint_state(&s.physics, &s.handles, &self.robot);
-        s.forces = readout::contact_forces(&s.physics, &s.handles, self.robot.joint_count());
+        s.forces = readout::contact_forces(&s.physics, &s.handles, self.robot.geometry.joint_count());
         s.check_finite()
     }
 
@@ -489,8 +489,8 @@ impl World {
             o.dq[i] = s.joints.dq[i] + e.dq.get(i).copied().unwrap_or(0.0);
             o.tau[i] = s.joints.tau[i] + e.tau.get(i).copied().unwrap_or(0.0);
         }
-        let frames = self.robot.chain.frames(&o.q);
-        let twist = self.robot.chain.jacobian(&frames).twist(&o.dq);
+        let frames = self.robot.geometry.chain.frames(&o.q);
+        let twist = self.robot.geometry.chain.jacobian(&frames).twist(&o.dq);
         o.tick = s.tick - s.task_start;
         o.tool = Pose::from(&frames.tool.isometry());
         o.tool_twist =
@@ -528,5 +528,24 @@ fn blank_observation(joints: usize) -> Observation {
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,
+    }
+}
+
+impl Body for World {
+    fn observe(&mut self, last: GuardVerdict) -> Observation {
+        self.set_guard(last);
+        World::observe(self).clone()
+    }
+    fn telemetry(&self) -> Telemetry {
+        World::telemetry(self)
+    }
+    fn step(&mut self, command: &Command) -> Result<(), BodyError> {
+        World::step(self, command)
+    }
+    fn interrupt(&mut self, interrupt: Interrupt) {
+        World::interrupt(self, interrupt);
+    }
+    fn inspect(&self) -> bool {
+        self.task_succeeded()
     }
 }

@@ -7,66 +7,32 @@ use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
 
 use super::keyfile::{self, KeyError};
 use super::signed::{Approval, SignedApproval};
-use crate::governance::ids::is_name;
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::is_name;
+use holdpoint_governance::words::WordError;
 
 /// The longest identity or role name, bytes.
-pub const WORD_LEN_MAX: usize = crate::governance::ids::NAME_LEN_MAX;
+pub const WORD_LEN_MAX: usize = holdpoint_governance::ids::NAME_LEN_MAX;
 /// The most identities a store lists.
 const IDENTITIES_MAX: usize = 1000;
-
-/// What a person does, e.g. `operator`, `safety-officer`; profiles say which roles may approve.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub struct Role(String);
-
-impl Role {
-    /// Parses a role.
-    ///
-    /// # Errors
-    /// [`IdentityError::Name`] where it is not of the form of a name.
-    pub fn new(text: impl Into<String>) -> Result<Self, IdentityError> {
-        let text = text.into();
-        if is_name(&text) { Ok(Self(text)) } else { Err(IdentityError::Name { what: "role", name: text }) }
-    }
-
-    /// The role's name.
-    #[must_use]
-    pub fn as_str(&self) -> &str {
-        &self.0
-    }
-}
-
-impl TryFrom<String> for Role {
-    type Error = IdentityError;
-    fn try_from(text: String) -> Result<Self, IdentityError> {
-        Self::new(text)
-    }
-}
-
-impl From<Role> for String {
-    fn from(role: Role) -> Self {
-        role.0
-    }
-}
-
-impl std::fmt::Display for Role {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
 
 /// An identity that cannot be made or used.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentityError {
     /// The name is not of the allowed form.
     #[error(
-        "the {what} {name:?} is not allowed: 1 to 64 of a-z, 0-9, '.', '_', '-', starting with a letter or digit"
+        "the identity {0:?} is not allowed: 1 to 64 of a-z, 0-9, '.', '_', '-', starting with a letter or digit"
     )]
-    Name {
-        /// Identity or role.
-        what: &'static str,
+    Name(String),
+    /// Its public file names a role that does not exist.
+    #[error(
+        "the identity {name:?} cannot decide anything: {source}. Hint: make another identity with one of these"
+    )]
+    Role {
         /// The name.
         name: String,
+        /// Which role, and which there are.
+        source: WordError,
     },
     /// There is one of that name.
     #[error("there is an identity {0:?} already. Hint: choose another name; keys are never replaced")]
@@ -103,6 +69,15 @@ pub struct IdentityInfo {
     pub public_key: VerifyingKey,
 }
 
+/// The identities of a store.
+#[derive(Debug, Default)]
+pub struct People {
+    /// Who may decide, by name.
+    pub known: Vec<IdentityInfo>,
+    /// Those whose role does not exist (older versions took any word): they can decide nothing.
+    pub without_role: Vec<IdentityError>,
+}
+
 /// Someone who can sign. The secret is wiped from memory when this is dropped and never shown.
 pub struct Identity {
     info: IdentityInfo,
@@ -133,7 +108,7 @@ impl Identity {
             return Err(IdentityError::Exists(name.to_owned()));
         }
         keyfile::write_secret(&secret_path, &secret)?;
-        keyfile::write_public(&public_path, &secret.verifying_key(), role.as_str())?;
+        keyfile::write_public(&public_path, &secret.verifying_key(), role.name())?;
         Ok(Self {
             info: IdentityInfo { name: name.to_owned(), role, public_key: secret.verifying_key() },
             secret,
@@ -163,14 +138,18 @@ impl Identity {
             return Err(IdentityError::Unknown { name: name.to_owned(), folder: folder.to_owned() });
         }
         let (public_key, role) = keyfile::read_public(&public_path)?;
-        Ok(IdentityInfo { name: name.to_owned(), role: Role::new(role)?, public_key })
+        Ok(IdentityInfo {
+            name: name.to_owned(),
+            role: role.parse().map_err(|source| IdentityError::Role { name: name.to_owned(), source })?,
+            public_key,
+        })
     }
 
     /// Everyone known, by name.
     ///
     /// # Errors
     /// Where the folder cannot be read, a file in it is damaged, or there are more than 1000.
-    pub fn list(folder: &Path) -> Result<Vec<IdentityInfo>, IdentityError> {
+    pub fn list(folder: &Path) -> Result<People, IdentityError> {
         let unreadable = |source| KeyError::Io { what: "list", path: folder.to_owned(), source };
         let mut names = Vec::new();
         for entry in fs::read_dir(folder).map_err(unreadable)? {
@@ -183,7 +162,15 @@ impl Identity {
             }
         }
         names.sort();
-        names.iter().map(|name| Self::find(folder, name)).collect()
+        let mut people = People::default();
+        for name in names {
+            match Self::find(folder, &name) {
+                Ok(info) => people.known.push(info),
+                Err(error @ IdentityError::Role { .. }) => people.without_role.push(error),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(people)
     }
 
     /// Who this is.
@@ -196,7 +183,7 @@ impl Identity {
     #[must_use]
     pub fn sign(&self, mut approval: Approval) -> SignedApproval {
         approval.who.clone_from(&self.info.name);
-        approval.role = self.info.role.clone();
+        approval.role = self.info.role;
         let signature = self.secret.sign(&approval.bytes());
         SignedApproval::new(approval, self.info.public_key, signature)
     }
@@ -204,7 +191,7 @@ impl Identity {
 
 fn paths(folder: &Path, name: &str) -> Result<(PathBuf, PathBuf), IdentityError> {
     if !is_name(name) {
-        return Err(IdentityError::Name { what: "identity", name: name.to_owned() });
+        return Err(IdentityError::Name(name.to_owned()));
     }
     Ok((folder.join(format!("{name}.key")), folder.join(format!("{name}.pub"))))
 }
@@ -215,18 +202,14 @@ mod tests {
 
     use super::*;
 
-    fn role() -> Role {
-        Role::new("operator").unwrap()
-    }
-
     #[test]
     fn made_listed_and_loaded() {
         let folder = tempfile::tempdir().unwrap();
-        let ada = Identity::create(folder.path(), "ada", role()).unwrap();
-        Identity::create(folder.path(), "bob", Role::new("safety").unwrap()).unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
+        Identity::create(folder.path(), "bob", Role::Safety).unwrap();
         assert_eq!(Identity::load(folder.path(), "ada").unwrap().info(), ada.info());
         let names: Vec<_> =
-            Identity::list(folder.path()).unwrap().into_iter().map(|info| info.name).collect();
+            Identity::list(folder.path()).unwrap().known.into_iter().map(|info| info.name).collect();
         assert_eq!(names, ["ada", "bob"]);
         assert!(!format!("{ada:?}").contains("secret"));
     }
@@ -234,11 +217,11 @@ mod tests {
     #[test]
     fn refused() {
         let folder = tempfile::tempdir().unwrap();
-        Identity::create(folder.path(), "ada", role()).unwrap();
+        Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         for (name, message) in
             [("ada", "already"), ("../eve", "not allowed"), ("", "not allowed"), ("Eve", "not allowed")]
         {
-            let error = Identity::create(folder.path(), name, role()).unwrap_err().to_string();
+            let error = Identity::create(folder.path(), name, Role::Operator).unwrap_err().to_string();
             assert!(error.contains(message), "{name}: {error}");
         }
         assert!(Identity::load(folder.path(), "nobody").unwrap_err().to_string().contains("no identity"));
@@ -253,8 +236,8 @@ mod tests {
     #[test]
     fn swapped_or_broken_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        Identity::create(folder.path(), "ada", role()).unwrap();
-        Identity::create(folder.path(), "bob", role()).unwrap();
+        Identity::create(folder.path(), "ada", Role::Operator).unwrap();
+        Identity::create(folder.path(), "bob", Role::Operator).unwrap();
         std::fs::rename(folder.path().join("bob.key"), folder.path().join("ada.key")).unwrap();
         assert!(matches!(Identity::load(folder.path(), "ada"), Err(IdentityError::Mismatch(_))));
         for text in ["", "zz", "\u{feff}", &"f".repeat(300), &"0".repeat(63)] {

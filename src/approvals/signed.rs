@@ -3,10 +3,10 @@
 use ed25519_dalek::{Signature, VerifyingKey};
 use serde::{Deserialize, Serialize};
 
-use super::identity::{IdentityInfo, Role};
+use super::identity::IdentityInfo;
 use super::keyfile::{hex, parse_public, unhex};
-use crate::governance::ids::{CapabilityId, Digest};
-use crate::registry::names::ApprovalDecision;
+use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::ids::{CapabilityId, Digest};
 
 /// Separates these bytes from everything else that is ever signed.
 const DOMAIN: &str = "holdpoint/approval/v1";
@@ -73,7 +73,7 @@ pub struct Approval {
     /// Its role.
     pub role: Role,
     /// Yes or no.
-    pub decision: ApprovalDecision,
+    pub decision: Answer,
     /// Why.
     pub reason: String,
     /// The version decided on.
@@ -115,8 +115,8 @@ impl Approval {
         let parts: [&[u8]; 13] = [
             store_id.as_bytes(),
             who.as_bytes(),
-            role.as_str().as_bytes(),
-            decision.as_str().as_bytes(),
+            role.name().as_bytes(),
+            decision.name().as_bytes(),
             reason.as_bytes(),
             version.as_bytes(),
             self.candidate_digest.bytes(),
@@ -240,8 +240,8 @@ mod tests {
     fn approval() -> Approval {
         Approval {
             who: String::new(),
-            role: Role::new("operator").unwrap(),
-            decision: ApprovalDecision::Approve,
+            role: Role::Operator,
+            decision: Answer::Approve,
             reason: "seen".into(),
             version: "grasp@1.2.0".parse().unwrap(),
             candidate_digest: Digest::of_parts("t", &[b"c"]),
@@ -258,15 +258,15 @@ mod tests {
     #[test]
     fn any_edit_voids_the_signature() {
         let folder = tempfile::tempdir().unwrap();
-        let ada = Identity::create(folder.path(), "ada", Role::new("operator").unwrap()).unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         let signed = ada.sign(approval());
         signed.verify(ada.info()).unwrap();
         let other = Digest::of_parts("t", &[b"x"]);
         type Edit = fn(&mut Approval, Digest);
         let edits: [(&str, Edit); 13] = [
             ("who", |a, _| a.who = "eve".into()),
-            ("role", |a, _| a.role = Role::new("chief").unwrap()),
-            ("decision", |a, _| a.decision = ApprovalDecision::Reject),
+            ("role", |a, _| a.role = Role::Safety),
+            ("decision", |a, _| a.decision = Answer::Reject),
             ("reason", |a, _| a.reason.push('!')),
             ("version", |a, _| a.version = "grasp@1.2.1".parse().unwrap()),
             ("candidate", |a, d| a.candidate_digest = d),
@@ -289,8 +289,8 @@ mod tests {
     #[test]
     fn another_persons_key_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let ada = Identity::create(folder.path(), "ada", Role::new("operator").unwrap()).unwrap();
-        let eve = Identity::create(folder.path(), "eve", Role::new("operator").unwrap()).unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
+        let eve = Identity::create(folder.path(), "eve", Role::Operator).unwrap();
         let signed = eve.sign(approval());
         assert!(matches!(signed.verify(ada.info()), Err(ApprovalError::Key(_))));
         let json = serde_json::to_string(&signed).unwrap();

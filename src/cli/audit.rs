@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 
 use super::output::Table;
 use super::{CliError, Context, Exit, Output};
-use crate::approvals::keyfile;
-use crate::registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};
+use holdpoint_approvals::keyfile;
+use holdpoint_registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;

@@ -1,13 +1,13 @@
 //! `holdpoint bench`: arguments and the printed report.
 //!
-//! Prints what [`crate::bench`] measured; must not measure or round away anything itself (JSON has every digit).
+//! Prints what [`holdpoint_lab::bench`] measured; must not measure or round away anything itself (JSON has every digit).
 
 use clap::{Args, Subcommand};
 
 use super::output::Table;
 use super::{CliError, Exit, Output};
-use crate::bench::stats::{self, Stated};
-use crate::bench::{self, Report};
+use holdpoint_lab::bench::stats::{self, Stated};
+use holdpoint_lab::bench::{self, Report};
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]

@@ -14,16 +14,16 @@ use serde_json::Value;
 
 use super::output::Table;
 use super::{CliError, Context, EngineVerbs, Exit, Output};
-use crate::explain::difference::differences;
-use crate::governance::ids::Digest;
-use crate::governance::interface::{self, InterfaceInput, Registered};
-use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
-use crate::governance::outcome::{InterfaceOutcome, PolicyOutcome};
-use crate::governance::policy::{self, PolicyInput, PolicyTable};
-use crate::governance::profile::{Profile, ProfileName};
-use crate::governance::submission::{SUBMISSION_BYTES_MAX, Submission};
-use crate::runtime::capability::{Capability, Package};
-use crate::text::Untrusted;
+use holdpoint_engine::explain::difference::differences;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
+use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
+use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::{SUBMISSION_BYTES_MAX, Submission};
+use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_text::Untrusted;
 
 /// The largest parameter file, in bytes.
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
@@ -216,7 +216,7 @@ pub fn run(
         CandidateVerb::Check(args) => {
             let folder = Folder::read(&args.folder)?;
             // The controller knows its parameters; what it would refuse at registration is said here too.
-            let package = Package::read(&args.folder).map_err(CliError::usage)?;
+            let package = capability::read(&args.folder).map_err(CliError::usage)?;
             let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
             let candidate = Capability::load(&name, package).map_err(CliError::usage)?;
             return check(&folder, &candidate, out);
@@ -237,7 +237,7 @@ fn show(folder: &Folder, out: &mut Output<'_>) -> Result<(), CliError> {
 fn verdict(candidate: &Capability, name: ProfileName) -> Result<Verdict, CliError> {
     let profile = Profile::builtin(name).map_err(CliError::internal)?;
     let table = PolicyTable::builtin(&profile).map_err(CliError::internal)?;
-    let baselines = crate::engine::baselines().map_err(CliError::internal)?;
+    let baselines = holdpoint_engine::baselines().map_err(CliError::internal)?;
     let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
     let exports = candidate.bundle.interface();
     let registered: Vec<Registered> = baselines
@@ -300,8 +300,8 @@ fn check(folder: &Folder, candidate: &Capability, out: &mut Output<'_>) -> Resul
         }
         for verdict in &checked.verdicts {
             let (interface, policy) = (
-                crate::pipeline::manager::word(&verdict.interface),
-                crate::pipeline::manager::word(&verdict.policy),
+                holdpoint_engine::pipeline::manager::word(&verdict.interface),
+                holdpoint_engine::pipeline::manager::word(&verdict.policy),
             );
             out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;
             for reason in &verdict.reasons {

@@ -9,15 +9,15 @@ use std::sync::Arc;
 use super::run::{Pace, RunArgs};
 use super::settings::{file, themes};
 use super::{CliError, Context, Exit, Output};
-use crate::console::keymap::{self, Keymap};
-use crate::console::options::{self, File, Options};
-use crate::console::run::{Cause, Console, ConsoleError};
-use crate::engine::command::Command;
-use crate::engine::embedded;
-use crate::engine::host::HostConfig;
-use crate::governance::ids::CapabilityId;
-use crate::runtime::capability::Capability;
-use crate::text::Untrusted;
+use holdpoint_console::keymap::{self, Keymap};
+use holdpoint_console::options::{self, File, Options};
+use holdpoint_console::run::{Cause, Console, ConsoleError};
+use holdpoint_engine::embedded;
+use holdpoint_engine::host::HostConfig;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::Command;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Untrusted;
 
 /// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
 const PACE_DEFAULT: Pace = Pace::Times(1.0);
@@ -43,16 +43,17 @@ pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Re
         jobs: args.spare_jobs(),
         robot: args.robot.clone(),
         pace: args.pace.unwrap_or(PACE_DEFAULT).times(),
-        scenes: args.scenes.options(true)?,
+        sinks: args.scenes.options(true).sinks()?,
     };
     let console = Console {
         host,
+        view: args.scenes.view,
         options,
         keymap,
         themes: themes()?,
         candidates: Box::new(Candidates::default().reader()),
     };
-    let left = crate::console::run::run(console).map_err(|error| match &error {
+    let left = holdpoint_console::run::run(console).map_err(|error| match &error {
         ConsoleError::Failed => CliError::internal(error),
         ConsoleError::Theme(_) | ConsoleError::Terminal(_) => CliError::usage(error),
     })?;

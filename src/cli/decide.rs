@@ -4,8 +4,8 @@
 
 use clap::Args;
 
-use crate::governance::ids::{CapabilityId, Family, is_name};
-use crate::text::Untrusted;
+use holdpoint_governance::ids::{CapabilityId, Family, is_name};
+use holdpoint_text::Untrusted;
 
 /// The longest reason, in bytes.
 pub const REASON_BYTES_MAX: usize = 1_000;

@@ -6,14 +6,14 @@
 use super::decide::{ApproveArgs, Asked, FamilyArgs, PauseArgs, Signature, VersionArgs};
 use super::side::{Side, running};
 use super::{CliError, Context, Exit, Output, audit};
-use crate::approvals::Identity;
-use crate::engine::command::{Command, Operation};
-use crate::engine::snapshot::{PromptView, Snapshot};
-use crate::governance::ids::{CapabilityId, Family};
-use crate::governance::lifecycle::State;
-use crate::governance::profile::ProfileName;
-use crate::registry::names::ApprovalDecision;
-use crate::registry::{Layout, Views};
+use holdpoint_approvals::Identity;
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::snapshot::{PromptView, Snapshot};
+use holdpoint_registry::{Layout, Views};
 
 /// Does what was asked for.
 ///
@@ -63,7 +63,7 @@ fn approve(
         )));
     };
     check_digest(args.digest.as_deref(), prompt)?;
-    sign(&mut side, &who, prompt, ApprovalDecision::Approve, &args.signature, out)?;
+    sign(&mut side, &who, prompt, Answer::Approve, &args.signature, out)?;
     // An approval that is not enough, or does not count, leaves the version held.
     let open = open_prompt(&side.snapshot()?, &args.version).is_some();
     Ok(if open { Exit::Held } else { Exit::Confirmed })
@@ -97,7 +97,7 @@ fn reject(
     let snapshot = side.snapshot()?;
     let who = identity(context, &args.signature).ok();
     if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
-        return sign(&mut side, &who, prompt, ApprovalDecision::Reject, &args.signature, out);
+        return sign(&mut side, &who, prompt, Answer::Reject, &args.signature, out);
     }
     side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
 }
@@ -142,7 +142,7 @@ fn pause(
         known_family(views, family)?;
     }
     let mut side = Side::open(context)?;
-    let fits = |view: &&crate::engine::snapshot::CandidateView| {
+    let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
         let on_its_way = match view.state {
             State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => {
                 true
@@ -177,7 +177,7 @@ fn sign(
     side: &mut Side,
     who: &Identity,
     prompt: &PromptView,
-    decision: ApprovalDecision,
+    decision: Answer,
     signature: &Signature,
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {

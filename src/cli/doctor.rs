@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::output::Table;
 use super::recordings::{counted, size};
 use super::{CliError, Context, Exit, Output};
-use crate::registry::Layout;
-use crate::scene::{shelf, viewer};
+use holdpoint_recordings::{folder, viewer};
+use holdpoint_registry::Layout;
 
 /// The oldest SQLite without the WAL-reset defect.
 const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
@@ -201,7 +201,7 @@ fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
 /// How much the recordings of a store take.
 fn recordings(data: &Path) -> Finding {
     let folder = Layout::new(data).recordings();
-    match shelf::list(&folder) {
+    match folder::list(&folder) {
         Ok(files) => {
             let bytes = files.iter().map(|filed| filed.bytes).sum();
             let detail = format!("{}, {} in {}", counted(files.len(), "file"), size(bytes), folder.display());

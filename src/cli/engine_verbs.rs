@@ -8,11 +8,11 @@ use super::{
     CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
     status_verb,
 };
-use crate::engine::command::Command;
-use crate::engine::embedded;
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
-use crate::runtime::capability::Capability;
-use crate::text::Untrusted;
+use holdpoint_engine::embedded;
+use holdpoint_protocol::command::Command;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Untrusted;
 
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
@@ -40,9 +40,9 @@ impl EngineVerbs for RealEngine {
                     jobs: args.jobs(),
                     robot,
                     json,
-                    scenes: args.scenes.options(context.data_given)?,
+                    sinks: args.scenes.options(context.data_given).sinks()?,
                 };
-                run_script(&run, out.sink())
+                run_script(run, out.sink())
             }
             #[cfg(feature = "console")]
             None if super::console::fits(args, json) => super::console::run(context, args, out),
@@ -55,9 +55,9 @@ impl EngineVerbs for RealEngine {
                     robot,
                     json,
                     pace: args.pace.and_then(run::Pace::times),
-                    scenes: args.scenes.options(true)?,
+                    sinks: args.scenes.options(true).sinks()?,
                 };
-                run_plain(&run, out.sink())
+                run_plain(run, out.sink())
             }
         }
     }

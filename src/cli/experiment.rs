@@ -1,6 +1,6 @@
 //! `holdpoint experiment`: arguments, progress lines and the printed report.
 //!
-//! Prints what [`crate::experiment`] measured; must not measure or judge anything itself.
+//! Prints what [`holdpoint_lab::experiment`] measured; must not measure or judge anything itself.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,10 +11,10 @@ use super::output::Table;
 use super::per_candidate::{self, PerCandidateArgs};
 use super::run::JOBS_MAX;
 use super::{CliError, Exit, Output};
-use crate::experiment::ExperimentError;
-use crate::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
-use crate::governance::metrics::Proportion;
-use crate::text::{WIDTH_MAX, sanitise};
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_lab::experiment::ExperimentError;
+use holdpoint_lab::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
+use holdpoint_text::{WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -130,8 +130,8 @@ fn row(cell: &DriftCell) -> Vec<String> {
     };
     let lower = cell.end_to_end.interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.2}", ends.lower));
     vec![
-        crate::pipeline::manager::word(&cell.kind),
-        crate::pipeline::manager::word(&cell.magnitude),
+        holdpoint_engine::pipeline::manager::word(&cell.kind),
+        holdpoint_engine::pipeline::manager::word(&cell.magnitude),
         cell.runs.to_string(),
         count(&cell.needed),
         count(&cell.trigger_recall),

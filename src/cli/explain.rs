@@ -1,6 +1,6 @@
 //! `holdpoint explain`: why a version stands where it stands, from the store alone.
 //!
-//! Prints what [`crate::explain`] reads; must not judge. Lines are wrapped to the terminal, and nothing of it is
+//! Prints what [`holdpoint_engine::explain`] reads; must not judge. Lines are wrapped to the terminal, and nothing of it is
 //! left off in JSON.
 
 use std::path::Path;
@@ -8,10 +8,10 @@ use std::path::Path;
 use clap::Args;
 
 use super::{CliError, Context, Exit, Output, audit};
-use crate::engine::embedded;
-use crate::explain::{self, Explained, Explanation};
-use crate::governance::ids::CapabilityId;
-use crate::runtime::capability::Capability;
+use holdpoint_engine::embedded;
+use holdpoint_engine::explain::{self, Explained, Explanation};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_runtime::capability::Capability;
 
 /// The arguments of `explain`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -1,12 +1,14 @@
 //! `holdpoint identity new | list`.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use super::output::Table;
 use super::{CliError, Context, Exit, Output};
-use crate::approvals::{Identity, IdentityInfo, Role, keyfile};
-use crate::registry::Layout;
+use holdpoint_approvals::{Identity, IdentityInfo, People, keyfile};
+use holdpoint_governance::approval::Role;
+use holdpoint_registry::Layout;
 
 /// The arguments of `identity`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -26,13 +28,13 @@ pub enum IdentityVerb {
     /// Makes an identity with a fresh key; keys are never replaced.
     #[command(after_help = "\
 Example:
-  holdpoint identity new mara --role safety-officer")]
+  holdpoint identity new mara --role safety")]
     New {
         /// Its name.
         #[arg(value_parser = super::decide::parse_identity)]
         name: String,
         /// What this person does; profiles say which roles may approve.
-        #[arg(long, default_value = "operator", value_parser = parse_role)]
+        #[arg(long, default_value = "operator", value_parser = roles())]
         role: Role,
     },
     /// Lists the identities of the store.
@@ -53,7 +55,7 @@ impl<'a> Shown<'a> {
     fn of(info: &'a IdentityInfo) -> Self {
         Self {
             name: &info.name,
-            role: info.role.as_str(),
+            role: info.role.name(),
             public_key: keyfile::hex(info.public_key.as_bytes()),
         }
     }
@@ -69,7 +71,7 @@ pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Resu
     match &args.verb {
         IdentityVerb::New { name, role } => {
             layout.create().map_err(CliError::usage)?;
-            let identity = Identity::create(&folder, name, role.clone()).map_err(CliError::usage)?;
+            let identity = Identity::create(&folder, name, *role).map_err(CliError::usage)?;
             let shown = Shown::of(identity.info());
             out.answer(&shown, |out| {
                 out.line(&format!(
@@ -79,9 +81,15 @@ pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Resu
             })?;
         }
         IdentityVerb::List => {
-            let known =
-                if folder.is_dir() { Identity::list(&folder).map_err(CliError::usage)? } else { Vec::new() };
-            let shown: Vec<Shown<'_>> = known.iter().map(Shown::of).collect();
+            let people = if folder.is_dir() {
+                Identity::list(&folder).map_err(CliError::usage)?
+            } else {
+                People::default()
+            };
+            for error in &people.without_role {
+                CliError::usage(error).print(&mut std::io::stderr().lock());
+            }
+            let shown: Vec<Shown<'_>> = people.known.iter().map(Shown::of).collect();
             out.answer(&shown, |out| {
                 if shown.is_empty() {
                     return out.line(&format!("no identities in {}", folder.display()));
@@ -97,6 +105,7 @@ pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Resu
     Ok(Exit::Confirmed)
 }
 
-fn parse_role(text: &str) -> Result<Role, String> {
-    Role::new(text).map_err(|error| error.to_string())
+/// The roles there are; another one is refused with the list.
+fn roles() -> impl TypedValueParser<Value = Role> {
+    PossibleValuesParser::new(Role::ALL.map(Role::name)).try_map(|name| name.parse::<Role>())
 }

@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use super::output::Table;
 use super::{CliError, Exit, Output, console};
-use crate::console::action::{Action, Scope};
-use crate::console::keymap::Keymap;
+use holdpoint_console::action::{Action, Scope};
+use holdpoint_console::keymap::Keymap;
 
 /// The arguments of `keys`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]

@@ -15,7 +15,6 @@ pub mod decide;
 mod decide_verb;
 pub mod doctor;
 mod engine_verbs;
-pub mod error;
 pub mod experiment;
 pub mod explain;
 pub mod identity;
@@ -46,8 +45,8 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+pub use crate::error::{CliError, Exit};
 pub use engine_verbs::RealEngine;
-pub use error::{CliError, Exit};
 pub use output::Output;
 
 /// Decides whether a new version of a robot's skill may take control of the robot.
@@ -203,7 +202,7 @@ pub trait EngineVerbs {
 pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn EngineVerbs) -> Exit {
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
-        Err(error) => return error::print_usage(&error),
+        Err(error) => return crate::error::print_usage(&error),
     };
     let mut out = Output::stdout(cli.json);
     let ended = dispatch(&cli, engine, &mut out).and_then(|exit| out.flush().map(|()| exit));

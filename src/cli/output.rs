@@ -9,7 +9,7 @@ use comfy_table::{ContentArrangement, presets};
 use serde::Serialize;
 
 use super::CliError;
-use crate::text::{WIDTH_MAX, escape_json, sanitise};
+use holdpoint_text::{WIDTH_MAX, escape_json, sanitise};
 
 /// The widest cell of a table, in columns.
 const CELL_WIDTH_MAX: usize = 160;

@@ -1,6 +1,6 @@
 //! `holdpoint experiment per-candidate`: arguments and the printed report.
 //!
-//! Prints what [`crate::experiment::per_candidate`] measured; must not measure or leave anything out (JSON has
+//! Prints what [`holdpoint_lab::experiment::per_candidate`] measured; must not measure or leave anything out (JSON has
 //! every digit).
 
 use std::io::Write as _;
@@ -11,11 +11,11 @@ use clap::Args;
 use super::output::Table;
 use super::run::{JOBS_MAX, ProfileArg};
 use super::{CliError, Exit, Output};
-use crate::experiment::ExperimentError;
-use crate::experiment::per_candidate::{self, Report};
-use crate::experiment::verdict::{Shown, Summary};
-use crate::governance::metrics::Proportion;
-use crate::text::{WIDTH_MAX, sanitise};
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_lab::experiment::ExperimentError;
+use holdpoint_lab::experiment::per_candidate::{self, Report};
+use holdpoint_lab::experiment::verdict::{Shown, Summary};
+use holdpoint_text::{WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment per-candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

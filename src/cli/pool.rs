@@ -8,8 +8,8 @@ use clap::{Args, Subcommand};
 
 use super::output::Table;
 use super::{CliError, Exit, Output};
-use crate::pool::generate::{self, Order, SETS_MAX};
-use crate::pool::{Pool, PoolError, PoolIndex, Preset, shown, truth_path};
+use holdpoint_lab::pool::generate::{self, Order, SETS_MAX};
+use holdpoint_lab::pool::{Pool, PoolError, PoolIndex, Preset, shown, truth_path};
 
 /// The arguments of `pool`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -10,8 +10,8 @@ use serde_json::Value;
 use super::output::Table;
 use super::run::ProfileArg;
 use super::{CliError, Exit, Output};
-use crate::governance::ids::Digest;
-use crate::governance::profile::{PROFILE_BYTES_MAX, Profile, ProfileName};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::{PROFILE_BYTES_MAX, Profile, ProfileName};
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -6,12 +6,12 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::CliError;
-use crate::approvals::Nonce;
-use crate::governance::ids::CapabilityId;
-use crate::registry::names::StateName;
-use crate::registry::{AuditBody, Store, Transaction, VersionDetail, Views};
-use crate::scene::record::{REMOVED_KIND, Removed};
-use crate::scene::shelf::{self, Filed};
+use holdpoint_approvals::Nonce;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_recordings::folder::{self, Filed};
+use holdpoint_recordings::record::{REMOVED_KIND, Removed};
+use holdpoint_registry::{AuditBody, Store, Transaction, VersionDetail, Views};
 
 /// What is to remain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,13 +63,9 @@ pub(super) fn upgrades(files: Vec<Filed>, views: &Views) -> Result<Vec<Upgrade>,
 fn is_open(detail: &VersionDetail) -> bool {
     let flags = detail.summary.flags;
     match detail.summary.state {
-        StateName::Active => flags.provisional || flags.rollback_pending,
-        StateName::Superseded | StateName::RolledBack | StateName::Rejected => false,
-        StateName::Registered
-        | StateName::Validated
-        | StateName::Sandboxed
-        | StateName::Shadowed
-        | StateName::Demoted => true,
+        State::Active => flags.provisional || flags.rollback_pending,
+        State::Superseded | State::RolledBack | State::Rejected => false,
+        State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => true,
     }
 }
 
@@ -124,7 +120,7 @@ pub(super) fn remove(
     let cannot = |error: std::io::Error| CliError::usage(format!("cannot remove {:?}: {error}", filed.path));
     let removed = Removed {
         file: filed.file.clone(),
-        sha256: shelf::digest(&filed.path).map_err(cannot)?,
+        sha256: folder::digest(&filed.path).map_err(cannot)?,
         bytes: filed.bytes,
         reason: reason.to_owned(),
     };
@@ -160,7 +156,7 @@ mod tests {
     fn upgrade(version: &str, day: u64, mib: u64, open: bool) -> Upgrade {
         let file = format!("{}-0123abcd.rrd", version.replace('@', "-"));
         let filed = Filed {
-            name: shelf::Name::parse(&file).unwrap(),
+            name: folder::Name::parse(&file).unwrap(),
             path: file.clone().into(),
             file,
             bytes: mib << 20,

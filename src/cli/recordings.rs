@@ -10,9 +10,10 @@ use serde_json::{Value, json};
 use super::output::Table;
 use super::prune::{self, Limits, Upgrade};
 use super::{CliError, Context, Exit, Output};
-use crate::registry::{Layout, Views};
-use crate::scene::record::{Check, OnRecord};
-use crate::scene::shelf::{self, Filed};
+use holdpoint_engine::recordings;
+use holdpoint_recordings::folder::{self, Filed};
+use holdpoint_recordings::record::{Check, OnRecord};
+use holdpoint_registry::{Layout, Views};
 
 /// Bytes of a mebibyte.
 const MIB: u64 = 1 << 20;
@@ -92,19 +93,22 @@ pub fn run(context: &Context, args: &RecordingsArgs, out: &mut Output<'_>) -> Re
 
 /// The recordings in a folder.
 pub(super) fn shelved(folder: &Path) -> Result<Vec<Filed>, CliError> {
-    shelf::list(folder)
+    folder::list(folder)
         .map_err(|error| CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")))
 }
 
 /// What the audit chain says of recordings.
 pub(super) fn on_record(views: &Views) -> Result<OnRecord, CliError> {
-    OnRecord::read(views).map_err(CliError::usage)
+    recordings::on_record(views).map_err(CliError::usage)
 }
 
 /// How a file stands to what is on record of it.
 pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<Check, CliError> {
     let unreadable = |error| CliError::usage(format!("cannot read {:?}: {error}", filed.path));
-    record.check(filed).map_err(unreadable)
+    if record.recorded(&filed.file).is_none() {
+        return Ok(Check::NotOnRecord);
+    }
+    Ok(record.check(&filed.file, folder::digest(&filed.path).map_err(unreadable)?))
 }
 
 fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
@@ -252,7 +256,7 @@ pub(super) fn size(bytes: u64) -> String {
 
 /// A wall time for people: `2026-11-21 02:10`.
 fn utc(secs: u64) -> String {
-    crate::registry::utc(secs).chars().take(16).collect()
+    holdpoint_registry::utc(secs).chars().take(16).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `holdpoint refine`: arguments, progress on the standard error, and the printed report.
 //!
-//! Must not search or judge: [`crate::refine`] does the one, and the pipeline does the other once the candidate is
+//! Must not search or judge: [`holdpoint_lab::refine`] does the one, and the pipeline does the other once the candidate is
 //! registered.
 
 use std::io::{IsTerminal as _, Write as _};
@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use holdpoint_sim::io::TaskKind;
+use holdpoint_body::TaskKind;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
@@ -19,8 +19,10 @@ use tokio_util::sync::CancellationToken;
 use super::output::Table;
 use super::run::JOBS_MAX;
 use super::{CliError, Exit, Output};
-use crate::refine::search::Progress;
-use crate::refine::{Comparison, EPISODES_MAX, GENERATIONS_MAX, RefineError, Report, Settings, refine};
+use holdpoint_lab::refine::search::Progress;
+use holdpoint_lab::refine::{
+    Comparison, EPISODES_MAX, GENERATIONS_MAX, RefineError, Report, Settings, refine,
+};
 
 /// How often the bar is drawn between two evaluations.
 const DRAW_EVERY: Duration = Duration::from_millis(200);
@@ -260,7 +262,7 @@ impl Drop for Interrupts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::refine::objective::Score;
+    use holdpoint_lab::refine::objective::Score;
 
     #[test]
     fn a_line_says_how_far_it_is_and_what_is_left() {

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use super::output::Table;
 use super::{CliError, Context, Exit, Output};
-use crate::governance::ids::{CapabilityId, Family};
-use crate::registry::{VersionDetail, VersionFilter, VersionGroup, VersionSummary, Views};
-use crate::text::sanitise;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_registry::{VersionDetail, VersionFilter, VersionGroup, VersionSummary, Views};
+use holdpoint_text::sanitise;
 
 /// The most versions `list` prints.
 pub const LIST_MAX: u32 = 10_000;

@@ -14,17 +14,18 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
-use super::recordings::{check, on_record, shelved};
+use super::recordings::{check, on_record};
 use super::run::ColorArg;
 use super::{CliError, Context, Exit, Output};
-use crate::console::options::{Flags, Options};
-use crate::console::replay::speed::Speed;
-use crate::console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
-use crate::governance::ids::CapabilityId;
-use crate::registry::Layout;
-use crate::scene::record::Check;
-use crate::scene::shelf::{self, Filed};
-use crate::scene::{TICKS_PER_SECOND, viewer};
+use holdpoint_console::options::{Flags, Options};
+use holdpoint_console::replay::speed::Speed;
+use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::clock::TICKS_PER_SECOND;
+use holdpoint_recordings::folder::{self, Filed};
+use holdpoint_recordings::record::Check;
+use holdpoint_recordings::viewer;
+use holdpoint_registry::Layout;
 
 /// How long a viewer is watched after its start: one that cannot draw ends within this time.
 const WATCHED: Duration = Duration::from_millis(1_500);
@@ -91,7 +92,7 @@ struct Surroundings {
 }
 
 fn parse_upgrade(text: &str) -> Result<Wanted, String> {
-    if text.ends_with(shelf::ENDING) {
+    if text.ends_with(folder::ENDING) {
         return Ok(Wanted::File(PathBuf::from(text)));
     }
     text.parse()
@@ -160,12 +161,9 @@ fn files(context: &Context, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
         Wanted::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
         Wanted::Version(version) => {
             let folder = Layout::new(&context.data).recordings();
-            let all = shelved(&folder)?;
-            let found: Vec<PathBuf> = all
-                .into_iter()
-                .filter(|filed| filed.name.version == *version)
-                .map(|filed| filed.path)
-                .collect();
+            let found = folder::of(&folder, version).map_err(|error| {
+                CliError::usage(format!("cannot read the recordings in {folder:?}: {error}"))
+            })?;
             if found.is_empty() {
                 return Err(CliError::usage(format!(
                     "there is no recording of {:?} in {folder:?}\nHint: `holdpoint recordings list` names all",
@@ -202,7 +200,7 @@ fn in_store(path: &Path) -> Option<(PathBuf, Filed)> {
     if layout.recordings() != folder || !layout.database().is_file() {
         return None;
     }
-    let filed = shelf::list(folder).ok()?.into_iter().find(|filed| filed.path == path)?;
+    let filed = folder::list(folder).ok()?.into_iter().find(|filed| filed.path == path)?;
     Some((store.to_owned(), filed))
 }
 

@@ -5,14 +5,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
-use crate::console::look::ColorChoice;
+use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
-use crate::console::options::Flags;
-use crate::engine::recorder::SceneOptions;
-use crate::governance::profile::ProfileName;
-
-use super::CliError;
+use holdpoint_console::options::Flags;
+use holdpoint_governance::profile::ProfileName;
 
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
@@ -82,18 +80,10 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// As the engine takes it, for a store that stays or one that does not.
-    ///
-    /// # Errors
-    /// Where a viewer is asked for that this program was built without.
-    pub fn options(&self, store_stays: bool) -> Result<SceneOptions, CliError> {
-        if self.view.is_some() && !crate::scene::BUILT_IN {
-            return Err(CliError::usage(
-                "--view: this program was built without scenes; build it with the feature `rerun`",
-            ));
-        }
-        let record = SceneOptions::DEFAULT.record && store_stays && !self.no_recording;
-        Ok(SceneOptions { record, view: self.view })
+    /// What is wanted, for a store that stays or one that does not.
+    #[must_use]
+    pub const fn options(&self, store_stays: bool) -> SceneOptions {
+        SceneOptions { record: scenes::BUILT_IN && store_stays && !self.no_recording, view: self.view }
     }
 }
 

@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use crate::console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
-use crate::text::Untrusted;
+use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
+use holdpoint_text::Untrusted;
 
 /// A file of the operator's settings: its path for messages, and its text. Absent where there is none.
 pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {

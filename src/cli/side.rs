@@ -4,15 +4,15 @@
 //! does.
 
 use super::{CliError, Context, Exit, Output, audit};
-use crate::approvals::Nonce;
-use crate::engine::command::{Command, Refusal, Reply, Request};
-use crate::engine::door::{Client, DoorError};
-use crate::engine::snapshot::Snapshot;
-use crate::engine::{Config, Engine, StartError};
-use crate::governance::profile::ProfileName;
-use crate::pipeline::cache::EpisodeCache;
-use crate::pipeline::cell::Cell;
-use crate::registry::Layout;
+use holdpoint_approvals::Nonce;
+use holdpoint_engine::door::{Client, DoorError};
+use holdpoint_engine::pipeline::cache::EpisodeCache;
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::{Config, Engine, StartError};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::Layout;
 
 /// Who carries out a verb.
 pub(super) enum Side {

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use crate::governance::ids::{CapabilityId, Family};
+use holdpoint_governance::ids::{CapabilityId, Family};
 
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
@@ -94,7 +94,7 @@ fn parse_subject(text: &str) -> Result<Subject, String> {
     if text.contains('@') {
         text.parse()
             .map(Subject::Version)
-            .map_err(|error: crate::governance::ids::CapabilityIdError| error.to_string())
+            .map_err(|error: holdpoint_governance::ids::CapabilityIdError| error.to_string())
     } else {
         Family::new(text).map(Subject::Family).map_err(|error| error.to_string())
     }

@@ -9,10 +9,11 @@ use serde::Serialize;
 
 use super::CliError;
 use super::status::Subject;
-use crate::engine::snapshot::{PromptView, Snapshot};
-use crate::governance::ids::CapabilityId;
-use crate::registry::names::{StageName, StateName};
-use crate::registry::{ApprovalRequest, VersionFilter, VersionSummary, Views};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::snapshot::{PromptView, Snapshot};
+use holdpoint_registry::{ApprovalRequest, VersionFilter, VersionSummary, Views};
 
 /// How things stand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -43,8 +44,8 @@ pub(super) struct FamilyRow {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct VersionRow {
     pub(super) version: CapabilityId,
-    pub(super) state: StateName,
-    pub(super) running: Option<StageName>,
+    pub(super) state: State,
+    pub(super) running: Option<Stage>,
     pub(super) paused: bool,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,

@@ -8,12 +8,12 @@ use super::side::running;
 use super::status::{StatusArgs, Subject, Until};
 use super::status_report::{StatusReport, VersionRow};
 use super::{CliError, Context, Exit, Output, audit};
-use crate::engine::command::{Command, Reply};
-use crate::engine::door::{DoorError, Subscription};
-use crate::engine::snapshot::Snapshot;
-use crate::governance::ids::CapabilityId;
-use crate::registry::Views;
-use crate::registry::names::StateName;
+use holdpoint_engine::door::{DoorError, Subscription};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::Views;
 
 /// How often the store is read where nothing tells of a change.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
@@ -113,21 +113,21 @@ fn end(until: Until, row: &VersionRow) -> Option<Exit> {
         return Some(Exit::Confirmed);
     }
     match row.state {
-        StateName::Rejected => Some(Exit::Rejected),
-        StateName::RolledBack => Some(Exit::RolledBack),
-        StateName::Registered
-        | StateName::Validated
-        | StateName::Sandboxed
-        | StateName::Shadowed
-        | StateName::Active
-        | StateName::Demoted
-        | StateName::Superseded => None,
+        State::Rejected => Some(Exit::Rejected),
+        State::RolledBack => Some(Exit::RolledBack),
+        State::Registered
+        | State::Validated
+        | State::Sandboxed
+        | State::Shadowed
+        | State::Active
+        | State::Demoted
+        | State::Superseded => None,
     }
 }
 
 /// Whether a state is reached, or was passed on the way up.
 fn is_reached(until: Until, row: &VersionRow) -> bool {
-    use StateName as S;
+    use State as S;
     let up = |least: u8| {
         let height = match row.state {
             S::Validated => 1,
@@ -221,7 +221,7 @@ impl Source<'_> {
 mod tests {
     use super::*;
 
-    fn row(state: StateName, provisional: bool) -> VersionRow {
+    fn row(state: State, provisional: bool) -> VersionRow {
         VersionRow {
             version: "grasp@1.1.0".parse().unwrap(),
             state,
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn waiting_ends_by_the_state() {
-        use StateName as S;
+        use State as S;
         for (until, state, provisional, expected) in [
             (Until::Validated, S::Registered, false, None),
             (Until::Validated, S::Validated, false, Some(Exit::Confirmed)),

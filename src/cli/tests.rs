@@ -186,7 +186,7 @@ fn verbs_without_an_engine_answer_in_both_forms() {
 fn a_fresh_store_can_be_read_and_verified() {
     let root = tempfile::tempdir().unwrap();
     let data = root.path().to_str().unwrap();
-    drop(crate::registry::Store::open(root.path()).unwrap());
+    drop(holdpoint_registry::Store::open(root.path()).unwrap());
     for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
         for json in [&[][..], &["--json"]] {
             let line: Vec<&str> = ["--data", data]

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::settings::themes;
 use super::{CliError, Exit, Output};
-use crate::console::look::{ColorChoice, Depth, Look, LookOptions, Role};
-use crate::console::theme::{Mark, Themes, escape};
+use holdpoint_console::look::{ColorChoice, Depth, Look, LookOptions, Role};
+use holdpoint_console::theme::{Mark, Themes, escape};
 
 /// The arguments of `theme`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -149,7 +149,7 @@ fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::console::theme::names;
+    use holdpoint_console::theme::names;
 
     fn printed(verb: ThemeVerb) -> String {
         let mut bytes = Vec::new();

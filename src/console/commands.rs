@@ -2,7 +2,7 @@
 
 use super::action::Action;
 use super::palette::best;
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
 
 /// The largest pace, simulated seconds in a second.
 pub const PACE_MAX: f64 = 1000.0;
@@ -147,7 +147,7 @@ pub fn complete(typed: &str, known: &Known<'_>) -> Vec<String> {
         }
         return best(typed, words.into_iter().map(|word| (word.to_owned(), word.to_owned())).collect());
     };
-    let demos: Vec<String> = crate::engine::embedded::names().map(ToOwned::to_owned).collect();
+    let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
     let arguments: &[String] = match word {
         "as" => known.people,
         "theme" => known.themes,

@@ -6,9 +6,9 @@
 use super::form::Confirmed;
 use super::model::View;
 use super::prompt::Decision;
-use crate::engine::command::Command;
-use crate::engine::detail::Group;
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::Command;
+use holdpoint_protocol::detail::Group;
 
 /// Something to do.
 #[derive(Clone, Debug, PartialEq)]

@@ -23,10 +23,10 @@ use super::msg::What;
 use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
-use crate::engine::command::{Command, Refusal, Reply, Request};
-use crate::engine::host::Host;
-use crate::governance::ids::CapabilityId;
-use crate::text::Untrusted;
+use holdpoint_engine::host::Host;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_text::Untrusted;
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
 const BELL_INTERVAL_MS: u64 = 10_000;

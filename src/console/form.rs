@@ -5,8 +5,8 @@
 
 use super::line::Line;
 use super::model::Operator;
-use crate::engine::command::{Command, Operation};
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::{Command, Operation};
 
 /// The longest shelf a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;

@@ -10,10 +10,10 @@ use super::keymap::Keymap;
 use super::line::Line;
 use super::palette::Palette;
 use super::prompt::Prompt;
-use crate::engine::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::{CandidateView, Snapshot};
-use crate::governance::ids::{CapabilityId, Family};
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_protocol::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
 /// Lines of the engine's story that are kept.
 pub const LOG_MAX: usize = 500;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use ratatui::crossterm::event::KeyEvent;
 
 use super::model::Operator;
-use crate::engine::command::Reply;
-use crate::engine::event::Event;
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::Snapshot;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// Something happened, at a moment of the console's own clock.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,8 +6,8 @@
 use serde::Deserialize;
 
 use super::look::ColorChoice;
-use crate::governance::TextError;
-use crate::governance::text_error;
+use holdpoint_governance::TextError;
+use holdpoint_governance::text_error;
 
 /// The largest settings file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;

@@ -5,8 +5,8 @@
 
 use super::line::Line;
 use super::model::Operator;
-use crate::approvals::ApprovalDecision;
-use crate::engine::snapshot::{CandidateView, PromptView, Snapshot};
+use holdpoint_governance::approval::Answer;
+use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
@@ -105,7 +105,7 @@ pub struct Prompt {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
     by: String,
-    answer: ApprovalDecision,
+    answer: Answer,
     reason: String,
     over: PromptView,
     shown: String,
@@ -120,7 +120,7 @@ impl Decision {
 
     /// Yes or no.
     #[must_use]
-    pub const fn answer(&self) -> ApprovalDecision {
+    pub const fn answer(&self) -> Answer {
         self.answer
     }
 
@@ -209,14 +209,8 @@ impl Prompt {
 
     /// Everything that stands against an answer now, the gravest first. Empty: it counts.
     #[must_use]
-    pub fn blocks(
-        &self,
-        answer: ApprovalDecision,
-        who: Option<&Operator>,
-        read_only: bool,
-        now_ms: u64,
-    ) -> Vec<Block> {
-        let approves = answer == ApprovalDecision::Approve;
+    pub fn blocks(&self, answer: Answer, who: Option<&Operator>, read_only: bool, now_ms: u64) -> Vec<Block> {
+        let approves = answer == Answer::Approve;
         let guarded = now_ms.saturating_sub(self.opened_ms) < GUARD_MS;
         let is = |name: &str| who.is_some_and(|who| who.name == name);
         let id_missing = approves && self.seen.tier >= 1 && self.short_id.text() != self.wanted_id();
@@ -241,7 +235,7 @@ impl Prompt {
     /// What stands against it first.
     pub fn decide(
         &self,
-        answer: ApprovalDecision,
+        answer: Answer,
         who: Option<&Operator>,
         read_only: bool,
         now_ms: u64,

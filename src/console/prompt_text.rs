@@ -4,9 +4,9 @@
 
 use super::prompt::Prompt;
 use super::words::{kappa_line, reason_line, seconds};
-use crate::explain::is_in_favour;
-use crate::governance::decision::ReasonCode;
-use crate::text::Untrusted;
+use holdpoint_engine::explain::is_in_favour;
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_text::Untrusted;
 
 /// Reasons against it that are shown.
 const REASONS_MAX: usize = 4;

@@ -3,15 +3,15 @@
 use std::fmt::Write as _;
 
 use super::model::{Model, View};
-use crate::engine::detail::{
+use holdpoint_governance::composition::Condition;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::detail::{
     AuditRow, Detail, DifferenceView, DrillView, ExplainedView, Measure, RegistryRow,
 };
-use crate::engine::event::DimensionResult;
-use crate::engine::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
-use crate::governance::composition::Condition;
-use crate::governance::decision::Reason;
-use crate::governance::ids::{CapabilityId, Family};
-use crate::governance::lifecycle::State;
+use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]

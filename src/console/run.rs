@@ -12,6 +12,7 @@ pub mod screen;
 mod session;
 
 use std::io;
+use std::net::SocketAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -26,12 +27,14 @@ use super::terminal::guard::Guard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
-use crate::engine::host::HostConfig;
+use holdpoint_engine::host::HostConfig;
 
 /// What a console is started with.
 pub struct Console {
     /// The engine.
     pub host: HostConfig,
+    /// Where the live scene is served; absent where it is not.
+    pub view: Option<SocketAddr>,
     /// Settings.
     pub options: Options,
     /// Keys.
@@ -115,6 +118,7 @@ fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, Console
     let exports = state.map(|folder| folder.join("exports"));
     let parts = session::Parts {
         host: console.host,
+        view: console.view,
         candidates: console.candidates,
         themes: console.themes,
         exports,

@@ -1,8 +1,8 @@
 //! Words and numbers as every view, export and prompt writes them: one formatter each.
 
-use crate::engine::event::DimensionResult;
-use crate::governance::decision::{Dimension, Reason};
-use crate::governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_protocol::event::DimensionResult;
 
 /// Virtual time as hours, minutes and seconds since the store began.
 #[must_use]

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use crate::runtime::capability::{Package, PackageError};
+use holdpoint_governance::submission::Package;
+use holdpoint_runtime::capability::{self, PackageError};
 
 macro_rules! candidates {
     ($($name:literal),* $(,)?) => {
@@ -53,6 +54,6 @@ pub fn read(path: &Path) -> Result<Package, PackageError> {
     let name = path.file_name().and_then(|name| name.to_str());
     match name.and_then(package) {
         Some(package) if !path.exists() => Ok(package),
-        _ => Package::read(path),
+        _ => capability::read(path),
     }
 }

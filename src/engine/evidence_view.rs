@@ -2,15 +2,15 @@
 //!
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
-use super::detail::{DrillView, Measure, ModeView};
-use super::snapshot::{Disagreement, PairsView, ShadowView};
-use crate::governance::behavior::{self, ComponentName};
-use crate::governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
-use crate::governance::profile::Evaluation;
 use crate::pipeline::dossier::Dossier;
 use crate::pipeline::manager::word;
 use crate::pipeline::measures::{Metric, ModeMetrics};
-use crate::stats::wilson;
+use holdpoint_governance::behavior::{self, ComponentName};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
+use holdpoint_governance::profile::Evaluation;
+use holdpoint_governance::stats::wilson;
+use holdpoint_protocol::detail::{DrillView, Measure, ModeView};
+use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
 
 /// The most disagreements that are told.
 const DISAGREEMENTS_MAX: usize = 50;
@@ -104,7 +104,7 @@ pub(super) fn pairs(dossier: &Dossier) -> Option<PairsView> {
     let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
     let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
     let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
-    let succeeded = |of: fn(&crate::governance::evidence::Pair) -> bool| {
+    let succeeded = |of: fn(&holdpoint_governance::evidence::Pair) -> bool| {
         dossier.pairs.iter().filter(|pair| of(pair)).count()
     };
     Some(PairsView {

@@ -2,23 +2,23 @@
 //!
 //! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
 
-use super::command::{Refusal, Reply};
-use super::detail::{
+use super::evidence_view::{behavior, drills, modes};
+use crate::explain::{self, Explained, difference::differences};
+use crate::pipeline::dossier::Dossier;
+use crate::pipeline::manager::{Fault, UpgradeManager};
+use holdpoint_approvals::keyfile;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::detail::{
     AuditPage, AuditRow, Detail, DifferenceView, ExplainedLine, ExplainedView, Group, PAGE_MAX, RegistryPage,
     RegistryRow, Verified,
 };
-use super::evidence_view::{behavior, drills, modes};
-use crate::approvals::keyfile;
-use crate::explain::{self, Explained, difference::differences};
-use crate::governance::decision::Reason;
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::{Flags, State};
-use crate::pipeline::dossier::Dossier;
-use crate::pipeline::manager::{Fault, UpgradeManager};
-use crate::registry::{
-    AuditFilter, AuditRecord, EvidenceEntry, VersionFilter, VersionFlags, VersionGroup, VersionSummary,
+use holdpoint_registry::{
+    AuditFilter, AuditRecord, EvidenceEntry, VersionFilter, VersionGroup, VersionSummary,
 };
-use crate::runtime::capability::Capability;
+use holdpoint_runtime::capability::Capability;
 
 /// The most bytes of record bodies in one answer; a page that would be longer ends there.
 const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
@@ -88,7 +88,7 @@ impl UpgradeManager {
         let layout = self.ledger().store().layout();
         let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
         let head = self.ledger().store().views()?.head()?.seq;
-        let verified = match crate::registry::verify(&layout.database(), key.as_ref()) {
+        let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
             Ok(report) => Verified {
                 holds: true,
                 records: report.records,
@@ -198,24 +198,13 @@ fn registry_row(row: VersionSummary) -> RegistryRow {
     RegistryRow {
         version: row.id,
         state: row.state.into(),
-        flags: flags(row.flags),
+        flags: row.flags,
         kappas: row.kappas,
         baseline: row.baseline,
         author: row.author,
         provenance: row.provenance,
         risk: row.risk,
         changed_ms: row.changed_ms,
-    }
-}
-
-fn flags(stored: VersionFlags) -> Flags {
-    Flags {
-        running: stored.running.map(Into::into),
-        paused: stored.paused,
-        awaiting_approval: stored.awaiting_approval,
-        provisional: stored.provisional,
-        restricted: stored.restricted,
-        rollback_pending: stored.rollback_pending,
     }
 }
 
@@ -250,7 +239,7 @@ fn shorten(row: &mut AuditRow) {
 }
 
 fn newest_dossier(evidence: &[EvidenceEntry]) -> Option<Dossier> {
-    use crate::registry::names::EvidenceKind as Kind;
+    use holdpoint_registry::names::EvidenceKind as Kind;
     let stages = |entry: &&EvidenceEntry| matches!(entry.kind, Kind::Compat | Kind::Sandbox | Kind::Shadow);
     let newest = evidence.iter().rev().find(stages)?;
     serde_json::from_str(&newest.json).ok()

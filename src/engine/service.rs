@@ -7,10 +7,10 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use super::Engine;
-use super::command::{Command, Request};
 use super::door::{Door, DoorError, Signals};
-use super::event::Event;
 use crate::pipeline::manager::Progress;
+use holdpoint_protocol::command::{Command, Request};
+use holdpoint_protocol::event::Event;
 
 /// The longest pause of an idle engine before it looks at its clock again.
 const PAUSE_MAX: Duration = Duration::from_millis(500);

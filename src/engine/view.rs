@@ -1,11 +1,11 @@
 //! The snapshot of a manager.
 
 use super::evidence_view::{pairs, shadow};
-use super::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
-use crate::governance::lifecycle::State;
 use crate::pipeline::dossier::Dossier;
 use crate::pipeline::ledger::Entry;
 use crate::pipeline::manager::UpgradeManager;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
 
 impl UpgradeManager {
     /// How things stand.
@@ -64,11 +64,11 @@ impl UpgradeManager {
         }
     }
 
-    fn family_view(&self, family: &crate::governance::ids::Family, entry: &Entry) -> FamilyView {
+    fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &Entry) -> FamilyView {
         let active = entry.state.active();
         let version = active.and_then(|active| entry.state.get(active));
         let pinned = version.and_then(|version| version.predecessor);
-        let name = |version: crate::governance::lifecycle::VersionRef| {
+        let name = |version: holdpoint_governance::lifecycle::VersionRef| {
             entry.members.get(usize::from(version.0)).map(|member| member.capability.id())
         };
         FamilyView {

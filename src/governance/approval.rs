@@ -28,30 +28,19 @@ pub struct Subject {
     pub profile: Digest,
 }
 
-/// What a person may decide about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Role {
-    /// Runs the cell: low risk.
-    Operator,
-    /// Answers for the skill: low and medium risk, and high together with a safety officer.
-    Engineer,
-    /// Answers for people's safety: every tier.
-    Safety,
+crate::words! {
+    /// What a person may decide about.
+    Role, "role", {
+        /// Runs the cell: low risk.
+        Operator = "operator",
+        /// Answers for the skill: low and medium risk, and high together with a safety officer.
+        Engineer = "engineer",
+        /// Answers for people's safety: every tier.
+        Safety = "safety",
+    }
 }
 
 impl Role {
-    /// Every role.
-    pub const ALL: [Self; 3] = [Self::Operator, Self::Engineer, Self::Safety];
-    /// The name in identities and records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Operator => "operator",
-            Self::Engineer => "engineer",
-            Self::Safety => "safety",
-        }
-    }
     /// Whether this role's approval counts at a tier.
     #[must_use]
     pub const fn reaches(self, risk: Risk) -> bool {
@@ -63,18 +52,6 @@ impl Role {
     }
 }
 
-impl std::str::FromStr for Role {
-    type Err = RoleError;
-    fn from_str(text: &str) -> Result<Self, RoleError> {
-        Self::ALL.into_iter().find(|role| role.name() == text).ok_or_else(|| RoleError(text.to_owned()))
-    }
-}
-
-/// Text that is no role.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the role {0:?} does not exist; operator, engineer and safety do")]
-pub struct RoleError(pub String);
-
 /// What became of checking a signature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -85,14 +62,14 @@ pub enum SignatureCheck {
     Invalid,
 }
 
-/// What a person said.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Answer {
-    /// Go ahead.
-    Approve,
-    /// Do not.
-    Reject,
+crate::words! {
+    /// What a person decided.
+    Answer, "approval decision", {
+        /// Yes.
+        Approve = "approve",
+        /// No; rejects.
+        Reject = "reject",
+    }
 }
 
 /// One signed answer.

@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_sim::io::FailureSignal;
+use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
 use super::mode::ModeNeed;

@@ -48,9 +48,9 @@ impl Family {
     }
 }
 
-impl From<holdpoint_sim::io::TaskKind> for Family {
+impl From<holdpoint_body::TaskKind> for Family {
     /// The family that performs a primitive bears its name.
-    fn from(task: holdpoint_sim::io::TaskKind) -> Self {
+    fn from(task: holdpoint_body::TaskKind) -> Self {
         Self(task.name().to_owned())
     }
 }

@@ -11,61 +11,32 @@ mod rules;
 pub use apply::{apply, apply_with};
 pub use rules::{Refusal, Rules};
 
-/// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
-/// cannot roll back to the baseline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum State {
-    /// Taken in; nothing checked yet.
-    Registered,
-    /// `kappa_I`, `kappa_P` and the static part of `kappa_R` passed.
-    Validated,
-    /// The sandbox is passed.
-    Sandboxed,
-    /// Shadow is passed.
-    Shadowed,
-    /// The one version that may act.
-    Active,
-    /// Held back for re-evaluation.
-    Demoted,
-    /// Refused for good.
-    Rejected,
-    /// Was active, was taken off.
-    RolledBack,
-    /// Was active, was replaced; the rollback target while its successor is active.
-    Superseded,
+crate::words! {
+    /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
+    /// cannot roll back to the baseline.
+    State, "lifecycle state", {
+        /// Taken in; nothing checked yet.
+        Registered = "registered",
+        /// `kappa_I`, `kappa_P` and the static part of `kappa_R` passed.
+        Validated = "validated",
+        /// The sandbox is passed.
+        Sandboxed = "sandboxed",
+        /// Shadow is passed.
+        Shadowed = "shadowed",
+        /// The one version that may act.
+        Active = "active",
+        /// Held back for re-evaluation.
+        Demoted = "demoted",
+        /// Refused for good.
+        Rejected = "rejected",
+        /// Was active, was taken off.
+        RolledBack = "rolled-back",
+        /// Was active, was replaced; the rollback target while its successor is active.
+        Superseded = "superseded",
+    }
 }
 
 impl State {
-    /// Every state.
-    pub const ALL: [Self; 9] = [
-        Self::Registered,
-        Self::Validated,
-        Self::Sandboxed,
-        Self::Shadowed,
-        Self::Active,
-        Self::Demoted,
-        Self::Rejected,
-        Self::RolledBack,
-        Self::Superseded,
-    ];
-
-    /// The name in records and on screen.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Registered => "registered",
-            Self::Validated => "validated",
-            Self::Sandboxed => "sandboxed",
-            Self::Shadowed => "shadowed",
-            Self::Active => "active",
-            Self::Demoted => "demoted",
-            Self::Rejected => "rejected",
-            Self::RolledBack => "rolled-back",
-            Self::Superseded => "superseded",
-        }
-    }
-
     /// Whether a version can go from here to `to` at all (design rule 3.9, the table).
     #[must_use]
     pub const fn may_become(self, to: Self) -> bool {
@@ -88,38 +59,17 @@ impl State {
     }
 }
 
-impl std::fmt::Display for State {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-/// A stage that can be running.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Stage {
-    /// Compatibility validation.
-    Validation,
-    /// Sandbox evaluation with drills.
-    Sandbox,
-    /// Shadow deployment.
-    Shadow,
-    /// The gate, approvals included.
-    Activation,
-}
-
-impl Stage {
-    /// Every stage, in order.
-    pub const ALL: [Self; 4] = [Self::Validation, Self::Sandbox, Self::Shadow, Self::Activation];
-    /// The name in records and on screen.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Validation => "validation",
-            Self::Sandbox => "sandbox",
-            Self::Shadow => "shadow",
-            Self::Activation => "activation",
-        }
+crate::words! {
+    /// A stage that can be running.
+    Stage, "stage", {
+        /// Compatibility validation.
+        Validation = "validation",
+        /// Sandbox evaluation with drills.
+        Sandbox = "sandbox",
+        /// Shadow deployment.
+        Shadow = "shadow",
+        /// The gate, approvals included.
+        Activation = "activation",
     }
 }
 

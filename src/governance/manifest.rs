@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_sim::io::FailureSignal;
+use holdpoint_body::FailureSignal;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -92,8 +92,8 @@ impl CommandKind {
     /// The kind and channel of a command at the robot's boundary; `None` for those that move nothing
     /// (hold, done, fail) and so need no permission.
     #[must_use]
-    pub const fn of(command: &holdpoint_sim::io::Command) -> Option<(Channel, Self)> {
-        use holdpoint_sim::io::Command;
+    pub const fn of(command: &holdpoint_body::Command) -> Option<(Channel, Self)> {
+        use holdpoint_body::Command;
         match command {
             Command::ToolPose { .. } => Some((Channel::Arm, Self::ToolPose)),
             Command::Joints { .. } => Some((Channel::Arm, Self::Joints)),

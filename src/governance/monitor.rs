@@ -5,7 +5,7 @@
 //! restricts; an escalation nobody answers rolls back. Time comes in as ticks; nothing here reads a clock.
 //! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
-use holdpoint_sim::io::RATE_HZ;
+use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Dimension, Reason, ReasonCode};

@@ -11,7 +11,7 @@ pub use early::{assess_ended, ended, is_lost, is_lost_early};
 
 use std::collections::BTreeSet;
 
-use holdpoint_sim::io::FailureSignal;
+use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
 use super::composition::Condition;

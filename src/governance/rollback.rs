@@ -3,7 +3,7 @@
 //! Plain values with the words they are stored as (paper appendix F.3; design rules 3.8 and 3.11). Climbs
 //! nothing and measures nothing: the pipeline fills it in.
 
-use holdpoint_sim::io::RATE_HZ;
+use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Reason, ReasonCode};
@@ -284,7 +284,7 @@ pub const fn ticks_to_ms(ticks: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::governance::decision::Dimension;
+    use crate::decision::Dimension;
 
     #[test]
     fn names_are_what_is_stored() {

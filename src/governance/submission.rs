@@ -9,6 +9,18 @@ use super::evidence::Signature;
 use super::ids::is_name;
 use super::text_error::{TextError, check_size, parse_toml};
 
+/// The three texts a version consists of, as they were submitted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Package {
+    /// `manifest.toml`.
+    pub manifest: String,
+    /// `submission.toml`.
+    pub submission: String,
+    /// The parameter file the manifest names; empty where it names none.
+    pub params: String,
+}
+
 /// The largest submission text, bytes.
 pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;
 

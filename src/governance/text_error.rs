@@ -63,7 +63,7 @@ impl TextError {
 ///
 /// # Errors
 /// [`TextError::TooLarge`].
-pub(crate) fn check_size(file: &str, text: &str, bytes_max: usize) -> Result<(), TextError> {
+pub fn check_size(file: &str, text: &str, bytes_max: usize) -> Result<(), TextError> {
     if text.len() <= bytes_max {
         return Ok(());
     }
@@ -74,7 +74,7 @@ pub(crate) fn check_size(file: &str, text: &str, bytes_max: usize) -> Result<(),
 ///
 /// # Errors
 /// [`TextError::Syntax`] with the line and the parser's words.
-pub(crate) fn parse_toml<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, TextError> {
+pub fn parse_toml<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, TextError> {
     toml::from_str(text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start.min(text.len()));
         let line = 1 + text.as_bytes().iter().take(start).filter(|byte| **byte == b'\n').count();

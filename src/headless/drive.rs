@@ -5,24 +5,25 @@ use std::path::Path;
 
 use holdpoint_sim::robot::RobotModel;
 
-use super::approver;
 use super::script::{DriftStep, Expect, Say, Script, Wait};
-use crate::cli::{CliError, Exit};
-use crate::engine::command::{Command, Reply, Request};
-use crate::engine::embedded;
-use crate::engine::event::{Event, EventKind};
-use crate::engine::recorder::{Recorder, SceneOptions};
-use crate::engine::service;
-use crate::engine::snapshot::CandidateView;
-use crate::engine::told;
-use crate::engine::{Config, Engine};
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::State;
-use crate::governance::profile::ProfileName;
-use crate::pipeline::cache::EpisodeCache;
-use crate::pipeline::cell::Cell;
-use crate::pipeline::manager::Progress;
-use crate::registry::names::ApprovalDecision;
+use crate::error::{CliError, Exit};
+use holdpoint_engine::embedded;
+use holdpoint_engine::listeners::Listeners;
+use holdpoint_engine::pipeline::cache::EpisodeCache;
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::pipeline::manager::Progress;
+use holdpoint_engine::service;
+use holdpoint_engine::{Config, Engine};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_lab::approver;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::sink::MakeSink;
+use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_protocol::words;
 
 /// A scripted run.
 pub struct RunScript<'a> {
@@ -40,8 +41,8 @@ pub struct RunScript<'a> {
     pub robot: Option<&'a Path>,
     /// Whether events are printed as JSON lines.
     pub json: bool,
-    /// Recordings and a live viewer.
-    pub scenes: SceneOptions,
+    /// Who listens besides the printer: recordings, a live viewer.
+    pub sinks: Vec<MakeSink>,
 }
 
 /// The demonstration, printed as it happens.
@@ -60,8 +61,8 @@ pub struct RunPlain<'a> {
     pub json: bool,
     /// Simulated seconds of the live cell in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
-    /// Recordings and a live viewer.
-    pub scenes: SceneOptions,
+    /// Who listens besides the printer: recordings, a live viewer.
+    pub sinks: Vec<MakeSink>,
 }
 
 /// The pause of the demonstration while it waits for people.
@@ -78,8 +79,8 @@ const DEFAULT_SEED: u64 = 1;
 /// # Errors
 /// [`CliError`] with exit code 2 for what is wrong with the input, 70 for what is wrong inside and
 /// for an expectation that does not hold.
-pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let shown = crate::text::Untrusted::new(run.script.display().to_string()).line().into_string();
+pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let shown = holdpoint_text::Untrusted::new(run.script.display().to_string()).line().into_string();
     let text = std::fs::read_to_string(run.script)
         .map_err(|error| CliError::usage(format!("cannot read {shown}: {error}")))?;
     let script = Script::parse(&shown, &text).map_err(CliError::usage)?;
@@ -102,11 +103,11 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
         cache: run.cache.map_or(EpisodeCache::InStore, |folder| EpisodeCache::Shared(folder.to_owned())),
     })
     .map_err(start_error)?;
-    let recorder = Recorder::start(&mut engine, run.scenes);
-    if let Some(recorder) = &recorder {
-        engine.draw_live_world(recorder.easel());
+    let listeners = Listeners::start(&mut engine, run.sinks);
+    if let Some(pictures) = listeners.pictures() {
+        engine.draw_live_world(pictures);
     }
-    let mut driver = Driver::new(engine, recorder, Printer { out, json: run.json, gone: false });
+    let mut driver = Driver::new(engine, listeners, Printer { out, json: run.json, gone: false });
     driver.pump()?;
     for (index, step) in script.steps.iter().enumerate() {
         let done = if let Some(folder) = &step.register {
@@ -114,9 +115,9 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
         } else if let Some(wait) = &step.wait {
             driver.wait(wait)
         } else if let Some(say) = &step.approve {
-            driver.say(say, ApprovalDecision::Approve)
+            driver.say(say, Answer::Approve)
         } else if let Some(say) = &step.reject {
-            driver.say(say, ApprovalDecision::Reject)
+            driver.say(say, Answer::Reject)
         } else if let Some(drift) = &step.drift {
             driver.drift(drift)
         } else if let Some(fault) = &step.fault {
@@ -139,7 +140,7 @@ pub fn run_script(run: &RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliE
 ///
 /// # Errors
 /// As [`run_script`].
-pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
     let mut engine = Engine::start(Config {
         data: run.data,
         profile: run.profile,
@@ -150,23 +151,22 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
         cache: EpisodeCache::InStore,
     })
     .map_err(start_error)?;
-    let recorder = Recorder::start(&mut engine, run.scenes);
-    let easel = recorder.as_ref().map(Recorder::easel);
-    match (run.pace, easel) {
+    let listeners = Listeners::start(&mut engine, run.sinks);
+    match (run.pace, listeners.pictures()) {
         // Nobody looks at the pictures.
         (Some(pace), None) => engine.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
-        (Some(pace), Some(easel)) => engine.pace_live_world(Some(pace), easel),
-        (None, Some(easel)) => engine.draw_live_world(easel),
+        (Some(pace), Some(pictures)) => engine.pace_live_world(Some(pace), pictures),
+        (None, Some(pictures)) => engine.draw_live_world(pictures),
         (None, None) => {}
     }
     let mut door = service::open(&engine).map_err(CliError::usage)?;
-    let mut driver = Driver::new(engine, recorder, Printer { out, json: run.json, gone: false });
+    let mut driver = Driver::new(engine, listeners, Printer { out, json: run.json, gone: false });
     driver.pump()?;
     let known: Vec<CapabilityId> =
         driver.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
     let is_open = |name: &&str| {
         let loaded = embedded::package(name)
-            .and_then(|package| crate::runtime::capability::Capability::load(name, package).ok());
+            .and_then(|package| holdpoint_runtime::capability::Capability::load(name, package).ok());
         loaded.is_some_and(|capability| !known.contains(&capability.id()))
     };
     let Some(name) = embedded::names().find(is_open) else {
@@ -179,9 +179,7 @@ pub fn run_plain(run: &RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErr
     loop {
         service::step_requests(&mut driver.engine, &mut door);
         let progress = driver.engine.advance();
-        if let Some(recorder) = &mut driver.recorder {
-            recorder.settle(&mut driver.engine);
-        }
+        driver.listeners.settle(&mut driver.engine);
         let events = driver.engine.drain_events();
         door.publish(&events);
         driver.tell(&events)?;
@@ -207,9 +205,9 @@ fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
 }
 
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
-fn start_error(error: crate::engine::StartError) -> CliError {
+fn start_error(error: holdpoint_engine::StartError) -> CliError {
     match &error {
-        crate::engine::StartError::Fault(_) => CliError::internal(error),
+        holdpoint_engine::StartError::Fault(_) => CliError::internal(error),
         _ => CliError::usage(error),
     }
 }
@@ -246,9 +244,9 @@ impl Printer<'_> {
     fn event(&mut self, event: &Event) -> Result<(), CliError> {
         if self.json {
             let line = serde_json::to_string(event).map_err(CliError::internal)?;
-            return self.line(&crate::text::escape_json(&line));
+            return self.line(&holdpoint_text::escape_json(&line));
         }
-        self.line(&told::line(event))
+        self.line(&words::line(event))
     }
 }
 
@@ -261,7 +259,7 @@ struct Given {
 
 struct Driver<'a> {
     engine: Engine,
-    recorder: Option<Recorder>,
+    listeners: Listeners,
     printer: Printer<'a>,
     requests: u64,
     candidate: Option<CapabilityId>,
@@ -271,10 +269,10 @@ struct Driver<'a> {
 }
 
 impl<'a> Driver<'a> {
-    fn new(engine: Engine, recorder: Option<Recorder>, printer: Printer<'a>) -> Self {
+    fn new(engine: Engine, listeners: Listeners, printer: Printer<'a>) -> Self {
         Self {
             engine,
-            recorder,
+            listeners,
             printer,
             requests: 0,
             candidate: None,
@@ -300,9 +298,7 @@ impl<'a> Driver<'a> {
 
     /// Prints events, and holds where the engine does.
     fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
-        if let Some(recorder) = &self.recorder {
-            recorder.events(&self.engine, events);
-        }
+        self.listeners.events(&self.engine, events);
         for event in events {
             self.learn(&event.kind);
             self.printer.event(event)?;
@@ -330,7 +326,7 @@ impl<'a> Driver<'a> {
         };
         let given = reasons.iter().map(|reason| Given {
             stage: stage.to_owned(),
-            dimension: crate::pipeline::manager::word(&reason.dimension),
+            dimension: holdpoint_engine::pipeline::manager::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         self.given.extend(given);
@@ -361,7 +357,7 @@ impl<'a> Driver<'a> {
         let command = Command::Register { package: package.clone(), name: folder.to_owned() };
         // The id is known before the events are read, so that none of them is missed.
         let capability =
-            crate::runtime::capability::Capability::load(folder, package).map_err(CliError::usage)?;
+            holdpoint_runtime::capability::Capability::load(folder, package).map_err(CliError::usage)?;
         self.candidate = Some(capability.id());
         self.given.clear();
         self.confirmed = false;
@@ -423,13 +419,14 @@ impl<'a> Driver<'a> {
     }
 
     /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
-    fn say(&mut self, say: &Say, decision: ApprovalDecision) -> Result<Step, CliError> {
+    fn say(&mut self, say: &Say, decision: Answer) -> Result<Step, CliError> {
         let snapshot = self.engine.snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let command = approver::answer(&self.engine, &prompt, &say.who, decision, &say.reason)?;
+        let command = approver::answer(&self.engine, &prompt, &say.who, decision, &say.reason)
+            .map_err(CliError::usage)?;
         self.accept(command)
     }
 
@@ -458,7 +455,7 @@ impl<'a> Driver<'a> {
         };
         let standing = view.reasons.iter().map(|reason| Given {
             stage: expect.stage.clone().unwrap_or_default(),
-            dimension: crate::pipeline::manager::word(&reason.dimension),
+            dimension: holdpoint_engine::pipeline::manager::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         // What people said is no stage's decision; it stands with the candidate.
@@ -494,10 +491,8 @@ impl<'a> Driver<'a> {
         self.engine.submit(Request { id, command: Command::Shutdown });
         self.pump()?;
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
-        if let Some(recorder) = self.recorder.take() {
-            recorder.finish(&mut self.engine);
-            self.pump()?;
-        }
+        self.listeners.finish(&mut self.engine);
+        self.pump()?;
         self.note(&format!("outcome: {}", outcome(exit)))?;
         Ok(exit)
     }

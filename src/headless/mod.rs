@@ -2,7 +2,6 @@
 //!
 //! The same engine as behind any other front end; what is here reads events and gives commands.
 
-pub mod approver;
 pub mod script;
 
 mod drive;

@@ -17,10 +17,10 @@
 use holdpoint_sim::distribution::{DriftKind, Magnitude};
 use serde::Deserialize;
 
-use crate::governance::ids::CapabilityId;
-use crate::governance::profile::ProfileName;
-use crate::governance::text_error::{self, TextError};
-use crate::pipeline::live::LiveFault;
+use holdpoint_engine::pipeline::live::LiveFault;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::text_error::{self, TextError};
 
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
@@ -202,7 +202,7 @@ impl Script {
 }
 
 fn is_waitable(state: &str) -> bool {
-    use crate::governance::lifecycle::State;
+    use holdpoint_governance::lifecycle::State;
     matches!(state, "confirmed" | "settled") || State::ALL.iter().any(|known| known.name() == state)
 }
 

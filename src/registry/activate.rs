@@ -6,7 +6,7 @@ use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::ActiveCause;
 use super::error::StoreError;
 use super::rows::Table;
-use crate::governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 
 /// A family as it is in the store.
 struct FamilyRow {

@@ -12,11 +12,14 @@ use super::audit::{self, Head};
 use super::change::{
     AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
 };
+use super::columns::parsed;
 use super::error::StoreError;
 use super::invariants;
-use super::names::{ApprovalDecision, EvidenceKind, StateName};
+use super::names::EvidenceKind;
 use super::rows::{Table, row_digest};
-use crate::governance::ids::{CapabilityId, Digest, canonical_json, is_name};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
+use holdpoint_governance::lifecycle::State;
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
@@ -340,13 +343,13 @@ impl Applier<'_> {
     }
 
     /// State and row version of a version that must be there.
-    pub(super) fn version(&self, version: &CapabilityId) -> Result<(StateName, u64), StoreError> {
+    pub(super) fn version(&self, version: &CapabilityId) -> Result<(State, u64), StoreError> {
         let name = version.to_string();
         self.find(
             "find a version",
             "SELECT state, row_version FROM version WHERE name = ?1",
             [&name],
-            |row| Ok((row.get(0)?, row.get(1)?)),
+            |row| Ok((parsed(row, 0)?, row.get(1)?)),
         )?
         .ok_or(StoreError::NotFound { what: "version", name })
     }
@@ -369,7 +372,7 @@ impl Applier<'_> {
             params![
                 seq,
                 version.to_string(),
-                kind,
+                kind.name(),
                 row_version,
                 profile,
                 policy_digest,
@@ -450,7 +453,7 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
         change: &'static str,
         who: &'a str,
         role: &'a str,
-        decision: ApprovalDecision,
+        decision: Answer,
         reason: &'a str,
         row_version: u64,
         evidence_digest: Digest,
@@ -464,7 +467,7 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
         serde_json::to_value(ApprovalSummary {
             change: "put-approval",
             who: &approval.who,
-            role: approval.role.as_str(),
+            role: approval.role.name(),
             decision: approval.decision,
             reason: &approval.reason,
             row_version: approval.row_version,

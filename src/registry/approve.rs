@@ -5,10 +5,10 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use super::names::ApprovalDecision;
 use super::rows::Table;
-use crate::approvals::{Identity, SignedApproval};
-use crate::governance::ids::{Digest, canonical_json};
+use holdpoint_approvals::{Identity, SignedApproval};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::{Digest, canonical_json};
 
 impl Applier<'_> {
     pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
@@ -35,7 +35,7 @@ impl Applier<'_> {
                 request.needed,
                 self.at_ms,
                 request.deadline_ms,
-                request.state,
+                request.state.name(),
                 request.json
             ],
         )
@@ -76,7 +76,7 @@ impl Applier<'_> {
                 self.next_seq(),
                 approval.version.to_string(),
                 approval.who,
-                approval.decision,
+                approval.decision.name(),
                 approval.row_version,
                 approval.not_after_ms,
                 approval.claim_digest().to_string(),
@@ -120,7 +120,7 @@ impl Applier<'_> {
         // The first that applies is the answer; the order is from the plainest to the subtlest.
         let problem = if consumed.is_some() {
             Some("it was used already")
-        } else if approval.decision != ApprovalDecision::Approve {
+        } else if approval.decision != Answer::Approve {
             Some("it is a refusal")
         } else if self.at_ms >= approval.not_after_ms {
             Some("it has expired")

@@ -9,7 +9,7 @@ use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Serialize;
 
 use super::error::StoreError;
-use crate::governance::ids::Digest;
+use holdpoint_governance::ids::Digest;
 
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";

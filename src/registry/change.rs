@@ -6,9 +6,11 @@
 
 use serde::Serialize;
 
-use super::names::{EvidenceKind, RequestState, StageName, StateName};
-use crate::approvals::SignedApproval;
-use crate::governance::ids::{CapabilityId, Digest, Family};
+use super::names::{EvidenceKind, RequestState};
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::State;
 
 /// The largest JSON text the store takes for one field, bytes.
 pub const BODY_BYTES_MAX: usize = 4 << 20;
@@ -92,23 +94,6 @@ pub struct NewVersion {
     pub baseline: bool,
 }
 
-/// What is going on with a version beside its state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
-pub struct VersionFlags {
-    /// The stage that is running.
-    pub running: Option<StageName>,
-    /// Blocks all but reject, demote and rollback.
-    pub paused: bool,
-    /// Waiting for people.
-    pub awaiting_approval: bool,
-    /// Active, not yet confirmed.
-    pub provisional: bool,
-    /// Under a tighter envelope by the monitor.
-    pub restricted: bool,
-    /// A rollback has begun and is not finished.
-    pub rollback_pending: bool,
-}
-
 /// Why a family's active pointer moves.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "cause", rename_all = "kebab-case")]
@@ -145,9 +130,9 @@ pub enum Change {
         /// The row version the decision was made on.
         expected_row_version: u64,
         /// The state the decision was made on.
-        from: StateName,
+        from: State,
         /// The new state.
-        to: StateName,
+        to: State,
         /// Why, in a sentence.
         reason: String,
     },
@@ -156,7 +141,7 @@ pub enum Change {
         /// The version.
         version: CapabilityId,
         /// All its flags.
-        flags: VersionFlags,
+        flags: Flags,
     },
     /// Scores of the last validation, each in 0..=1 or not measured, and the behavioural signature.
     SetScores {

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::audit::Head;
 use super::error::StoreError;
 use super::layout::write_atomically;
-use crate::approvals::keyfile::{hex, unhex};
-use crate::governance::ids::Digest;
+use holdpoint_approvals::keyfile::{hex, unhex};
+use holdpoint_governance::ids::Digest;
 
 /// Domain tag of a checkpoint's signature.
 const DOMAIN: &str = "holdpoint/checkpoint/v1";

@@ -1,9 +1,10 @@
 //! What the views return: plain data, as the registry keeps it.
 
-use super::change::VersionFlags;
-use super::names::{EvidenceKind, StateName};
-use crate::approvals::SignedApproval;
-use crate::governance::ids::{CapabilityId, Digest};
+use super::names::EvidenceKind;
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::State;
 
 #[cfg(doc)]
 use super::views::PAGE_ROWS_MAX;
@@ -25,10 +26,10 @@ pub enum VersionGroup {
 impl VersionGroup {
     /// The states of the group.
     #[must_use]
-    pub const fn states(self) -> &'static [StateName] {
-        use StateName as S;
+    pub const fn states(self) -> &'static [State] {
+        use State as S;
         match self {
-            Self::All => S::ALL,
+            Self::All => &S::ALL,
             Self::Active => &[S::Active],
             Self::Candidate => &[S::Registered, S::Validated, S::Sandboxed, S::Shadowed, S::Demoted],
             Self::History => &[S::Superseded, S::RolledBack, S::Rejected],
@@ -44,7 +45,7 @@ pub struct VersionFilter {
     /// Of one family only.
     pub family: Option<String>,
     /// In one state only.
-    pub state: Option<StateName>,
+    pub state: Option<State>,
     /// Whose name contains this text.
     pub text: Option<String>,
     /// How many to skip.
@@ -59,11 +60,11 @@ pub struct VersionSummary {
     /// Family and version.
     pub id: CapabilityId,
     /// Lifecycle state.
-    pub state: StateName,
+    pub state: State,
     /// Row version.
     pub row_version: u64,
     /// What is going on with it.
-    pub flags: VersionFlags,
+    pub flags: Flags,
     /// kappa I, P, B, R.
     pub kappas: [Option<f64>; 4],
     /// Whether it was a family's first version.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
 
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed where one is returned,
 /// except that of [`StoreError::Unknown`] the outcome is not known and the command may be retried with the same id.

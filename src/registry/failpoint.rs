@@ -6,12 +6,12 @@
 
 /// Marks a named place; nothing unless the `failpoints` feature is on.
 ///
-/// Only usable where `?` may return a [`StoreError`](crate::registry::StoreError).
+/// Only usable where `?` may return a [`StoreError`](crate::StoreError).
 #[macro_export]
 macro_rules! fp {
     ($name:literal) => {
         #[cfg(feature = "failpoints")]
-        $crate::registry::failpoint::hit($name)?;
+        $crate::failpoint::hit($name)?;
     };
 }
 

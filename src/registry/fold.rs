@@ -9,9 +9,10 @@ use serde::Deserialize;
 
 use super::apply::OWN_KINDS;
 use super::audit::{AuditRecord, Head, for_each, head};
-use super::names::StateName;
+use super::columns::parsed;
 use super::rows::{Table, all_rows};
-use crate::governance::ids::Digest;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::lifecycle::State;
 
 /// The first thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +49,7 @@ pub(crate) struct SealedBatch {
 pub(crate) struct Fold {
     end: Head,
     rows: BTreeMap<(String, String), (Digest, u64)>,
-    states: BTreeMap<String, (StateName, u64)>,
+    states: BTreeMap<String, (State, u64)>,
     hashes: Vec<Digest>,
     pub(crate) batches: Vec<SealedBatch>,
 }
@@ -64,8 +65,8 @@ struct Body {
 struct StateSet {
     version: String,
     expected_row_version: u64,
-    from: StateName,
-    to: StateName,
+    from: State,
+    to: State,
 }
 
 #[derive(Deserialize)]
@@ -149,7 +150,7 @@ impl Fold {
         match record.kind.as_str() {
             "version-registered" => {
                 let new: Registered = serde_json::from_value(body.change).map_err(unreadable)?;
-                if self.states.insert(new.id.clone(), (StateName::Registered, 1)).is_some() {
+                if self.states.insert(new.id.clone(), (State::Registered, 1)).is_some() {
                     return Err(fault(format!("{} was registered before", new.id)));
                 }
             }
@@ -202,8 +203,8 @@ impl Fold {
         let mut select = connection.prepare("SELECT name, state, row_version FROM version")?;
         let mut rows = select.query([])?;
         while let Some(row) = rows.next()? {
-            let (name, state, row_version): (String, StateName, u64) =
-                (row.get(0)?, row.get(1)?, row.get(2)?);
+            let (name, state, row_version): (String, State, u64) =
+                (row.get(0)?, parsed(row, 1)?, row.get(2)?);
             if self.states.get(&name) != Some(&(state, row_version)) {
                 let problem = format!("its state {state} is not the fold of the chain");
                 return Ok(Some(Fault::Row { table: "version", key: name, problem }));

@@ -2,8 +2,9 @@
 
 use rusqlite::{Connection, OptionalExtension};
 
+use super::columns::parsed;
 use super::fold::{Fault, Fold, FoldError};
-use super::names::StateName;
+use holdpoint_governance::lifecycle::State;
 
 /// The invariants of the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -116,11 +117,11 @@ pub(crate) fn check_family(connection: &Connection, family: &str) -> rusqlite::R
         one_active(format!("{name} is provisional, restricted or being rolled back, but not active"));
     }
     if let Some(name) = pinned {
-        let target: Option<(String, StateName)> = connection
+        let target: Option<(String, State)> = connection
             .prepare_cached("SELECT family, state FROM version WHERE name = ?1")?
-            .query_row([&name], |row| Ok((row.get(0)?, row.get(1)?)))
+            .query_row([&name], |row| Ok((row.get(0)?, parsed(row, 1)?)))
             .optional()?;
-        if target != Some((family.to_owned(), StateName::Superseded)) {
+        if target != Some((family.to_owned(), State::Superseded)) {
             let problem = format!("its rollback target {name} must be one of its superseded versions");
             found.push(violation(Invariant::RollbackTarget, family, problem));
         }

@@ -91,7 +91,7 @@ impl Layout {
     ///
     /// # Errors
     /// Where one cannot be made or written to.
-    pub(crate) fn create(&self) -> Result<(), StoreError> {
+    pub fn create(&self) -> Result<(), StoreError> {
         let folders = [
             self.folder.clone(),
             self.keys(),

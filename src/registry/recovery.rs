@@ -1,9 +1,10 @@
 //! What an interrupted engine left behind. Listing only: the engine finishes or undoes each, and says so.
 
+use crate::columns::parsed_option;
 use rusqlite::Connection;
 
-use super::names::StageName;
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 
 /// Something that was going on when the last engine ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -13,7 +14,7 @@ pub enum Interrupted {
         /// The version.
         version: CapabilityId,
         /// The stage.
-        stage: StageName,
+        stage: Stage,
     },
     /// An activation is provisional: monitor it before its next tick, or roll it back.
     Provisional {
@@ -43,7 +44,7 @@ pub(crate) fn interrupted(connection: &Connection) -> rusqlite::Result<Vec<Inter
         if row.get(3)? {
             found.push(Interrupted::RollbackPending { version: version.clone() });
         }
-        if let Some(stage) = row.get(1)? {
+        if let Some(stage) = parsed_option(row, 1)? {
             found.push(Interrupted::Stage { version: version.clone(), stage });
         }
         if row.get(2)? {

@@ -23,7 +23,7 @@ use super::open::{Durability, damaged, open_reader, open_writer, quick_check};
 use super::recovery::{Interrupted, interrupted};
 use super::telemetry::{Batch, BatchReceipt, EpisodeKey, Telemetry, TelemetryLimits};
 use super::views::{ActiveView, Views};
-use crate::approvals::keyfile;
+use holdpoint_approvals::keyfile;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;

@@ -10,7 +10,7 @@ use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, 
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
 use super::open::{Durability, open_writer};
-use crate::governance::ids::{CapabilityId, Digest, is_name};
+use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 
 /// How much the telemetry file keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,8 +17,8 @@ use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
 use super::telemetry::{BatchState, check_batch};
-use crate::approvals::SignedApproval;
-use crate::governance::ids::Digest;
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::ids::Digest;
 
 /// What was found sound.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -3,12 +3,11 @@
 use rusqlite::params;
 
 use super::apply::{Applier, Touched, check_json, check_text};
-use super::change::{NewVersion, VersionFlags};
+use super::change::NewVersion;
 use super::error::StoreError;
-use super::names::StateName;
 use super::rows::Table;
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::State;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
 
 /// The most versions a store holds.
 const VERSIONS_MAX: u64 = 100_000;
@@ -102,8 +101,8 @@ impl Applier<'_> {
     pub(super) fn set_state(
         &mut self,
         version: &CapabilityId,
-        expected: (u64, StateName),
-        to: StateName,
+        expected: (u64, State),
+        to: State,
         reason: &str,
     ) -> Result<Touched, StoreError> {
         check_text("reason", reason)?;
@@ -116,11 +115,11 @@ impl Applier<'_> {
             });
         }
         let name = version.to_string();
-        let first = state == StateName::Registered && to == StateName::Active && self.is_baseline(version)?;
+        let first = state == State::Registered && to == State::Active && self.is_baseline(version)?;
         if !first && !State::from(state).may_become(to.into()) {
             return Err(StoreError::Invariant(format!("{name} cannot go from {state} to {to}")));
         }
-        let terminal = matches!(to, StateName::Rejected | StateName::RolledBack);
+        let terminal = matches!(to, State::Rejected | State::RolledBack);
         self.execute(
             "set a state",
             "UPDATE version SET state = ?2, row_version = row_version + 1, changed_ms = ?3,
@@ -131,9 +130,9 @@ impl Applier<'_> {
                restricted = CASE WHEN ?2 = 'active' THEN restricted ELSE 0 END,
                rollback_pending = CASE WHEN ?2 = 'active' THEN rollback_pending ELSE 0 END
              WHERE name = ?1",
-            params![name, to, self.at_ms, terminal],
+            params![name, to.name(), self.at_ms, terminal],
         )?;
-        if to == StateName::Superseded {
+        if to == State::Superseded {
             crate::fp!("old-superseded");
         }
         crate::fp!("state-set");
@@ -143,11 +142,7 @@ impl Applier<'_> {
         Ok(Touched::new("state-set", version, vec![(Table::Version, name)]))
     }
 
-    pub(super) fn set_flags(
-        &mut self,
-        version: &CapabilityId,
-        flags: VersionFlags,
-    ) -> Result<Touched, StoreError> {
+    pub(super) fn set_flags(&mut self, version: &CapabilityId, flags: Flags) -> Result<Touched, StoreError> {
         self.version(version)?;
         let name = version.to_string();
         self.execute(
@@ -156,7 +151,7 @@ impl Applier<'_> {
                rollback_pending = ?7, changed_ms = ?8 WHERE name = ?1",
             params![
                 name,
-                flags.running,
+                flags.running.map(Stage::name),
                 flags.paused,
                 flags.awaiting_approval,
                 flags.provisional,

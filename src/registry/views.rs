@@ -6,20 +6,23 @@
 use std::io::Write;
 use std::path::Path;
 
-use rusqlite::types::{FromSql, FromSqlError, Type, Value};
+use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
 use super::audit::{self, AuditRecord, ExportError, Head};
-use super::change::{ApprovalRequest, VersionFlags};
+use super::change::ApprovalRequest;
+use super::columns::{conversion, parsed, parsed_option};
 use super::entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
     VersionFilter, VersionSummary,
 };
 use super::error::StoreError;
 use super::migrate::STORE;
-use super::names::{EvidenceKind, StageName, StateName};
+use super::names::EvidenceKind;
 use super::open::open_reader;
-use crate::governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::State;
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
@@ -117,7 +120,7 @@ impl Views {
         let mut values: Vec<Value> = Vec::new();
         let states: Vec<_> =
             filter.group.states().iter().filter(|s| filter.state.is_none_or(|one| one == **s)).collect();
-        if states.len() < StateName::ALL.len() {
+        if states.len() < State::ALL.len() {
             let list: Vec<_> = states.iter().map(|state| format!("'{state}'")).collect();
             conditions.push(format!("state IN ({})", list.join(", ")));
         }
@@ -202,11 +205,11 @@ impl Views {
                e.seq > (SELECT void_seq FROM family WHERE name = ?2)
                  AND e.seq > coalesce((SELECT seq FROM context WHERE id = 1), 0)
              FROM evidence e WHERE e.version = ?1 AND (?3 IS NULL OR e.kind = ?3) ORDER BY e.seq LIMIT 10000";
-        let parameters = params![id.to_string(), id.family.as_str(), kind];
+        let parameters = params![id.to_string(), id.family.as_str(), kind.map(EvidenceKind::name)];
         many(&self.connection, sql, parameters, |row| {
             Ok(EvidenceEntry {
                 seq: row.get(0)?,
-                kind: row.get(1)?,
+                kind: parsed(row, 1)?,
                 row_version: row.get(2)?,
                 profile: row.get(3)?,
                 policy_digest: parsed(row, 4)?,
@@ -250,7 +253,7 @@ impl Views {
                 profile: row.get(5)?,
                 needed: row.get(6)?,
                 deadline_ms: row.get(7)?,
-                state: row.get(8)?,
+                state: parsed(row, 8)?,
                 json: row.get(9)?,
             })
         })
@@ -362,10 +365,10 @@ fn limit(asked: usize) -> i64 {
 fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
     Ok(VersionSummary {
         id: parsed(row, 0)?,
-        state: row.get(1)?,
+        state: parsed(row, 1)?,
         row_version: row.get(2)?,
-        flags: VersionFlags {
-            running: row.get::<_, Option<StageName>>(3)?,
+        flags: Flags {
+            running: parsed_option(row, 3)?,
             paused: row.get(4)?,
             awaiting_approval: row.get(5)?,
             provisional: row.get(6)?,
@@ -390,31 +393,6 @@ fn read_activation(row: &Row<'_>) -> rusqlite::Result<ActivationEntry> {
         gate_digest: parsed_option(row, 4)?,
         at_ms: row.get(5)?,
     })
-}
-
-fn conversion(column: usize, error: impl std::error::Error + Send + Sync + 'static) -> rusqlite::Error {
-    rusqlite::Error::FromSqlConversionFailure(column, Type::Text, Box::new(error))
-}
-
-/// A text column parsed.
-fn parsed<T>(row: &Row<'_>, column: usize) -> rusqlite::Result<T>
-where
-    T: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>,
-{
-    let text = row.get_ref(column)?;
-    let text = text.as_str().map_err(|error: FromSqlError| conversion(column, error))?;
-    text.parse().map_err(|error| conversion(column, error))
-}
-
-/// A text column that may be missing, parsed.
-fn parsed_option<T>(row: &Row<'_>, column: usize) -> rusqlite::Result<Option<T>>
-where
-    T: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>,
-{
-    match Option::<String>::column_result(row.get_ref(column)?) {
-        Ok(None) => Ok(None),
-        _ => parsed(row, column).map(Some),
-    }
 }
 
 fn one<T>(

@@ -4,48 +4,7 @@
 //! cannot be copied. What holds no handle cannot send a command: a candidate in shadow is run
 //! against a [`Recorder`] instead, which is a different type.
 
-use holdpoint_sim::SimError;
-use holdpoint_sim::io::{Command, GuardVerdict, Interrupt, Observation, Telemetry};
-use holdpoint_sim::world::World;
-
-/// The messages between the runtime and whatever body it governs.
-///
-/// The simulated cell is the first implementation; a bridge to a real robot or to a hard
-/// real-time substrate stands behind the same five calls.
-pub trait Body {
-    /// What a skill may see now. `last` is what became of its previous command.
-    fn observe(&mut self, last: GuardVerdict) -> Observation;
-    /// What the watcher and the monitor may see now.
-    fn telemetry(&self) -> Telemetry;
-    /// Sends one command and lets one tick pass.
-    ///
-    /// # Errors
-    /// Where the body has failed (for the simulator: a state that is not finite).
-    fn step(&mut self, command: &Command) -> Result<(), SimError>;
-    /// From outside the skill: stop, or take commands again.
-    fn interrupt(&mut self, interrupt: Interrupt);
-    /// Whether the work was done, by inspection after the task.
-    fn inspect(&self) -> bool;
-}
-
-impl Body for World {
-    fn observe(&mut self, last: GuardVerdict) -> Observation {
-        self.set_guard(last);
-        World::observe(self).clone()
-    }
-    fn telemetry(&self) -> Telemetry {
-        World::telemetry(self)
-    }
-    fn step(&mut self, command: &Command) -> Result<(), SimError> {
-        World::step(self, command)
-    }
-    fn interrupt(&mut self, interrupt: Interrupt) {
-        World::interrupt(self, interrupt);
-    }
-    fn inspect(&self) -> bool {
-        self.task_succeeded()
-    }
-}
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, Telemetry};
 
 /// One arm and the only handle to it.
 pub struct Arm<B> {
@@ -98,7 +57,7 @@ impl<B: Body> ActuatorHandle<'_, B> {
     ///
     /// # Errors
     /// As [`Body::step`].
-    pub fn step(&mut self, command: &Command) -> Result<(), SimError> {
+    pub fn step(&mut self, command: &Command) -> Result<(), BodyError> {
         self.body.step(command)
     }
     /// See [`Body::interrupt`].

@@ -5,28 +5,15 @@ use std::sync::Arc;
 
 use cap_std::ambient_authority;
 use cap_std::fs::Dir;
-use serde::{Deserialize, Serialize};
 use std::io::Read as _;
 
-use crate::governance::ids::{CapabilityId, Digest};
-use crate::governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
-use crate::governance::submission::Submission;
-use crate::governance::text_error::TextError;
-use crate::runtime::skill::SkillBundle;
-use crate::runtime::skill::native::{Controller, NativeBundle, NativeError};
-use crate::text::Untrusted;
-
-/// The three texts a version consists of, as they were submitted.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Package {
-    /// `manifest.toml`.
-    pub manifest: String,
-    /// `submission.toml`.
-    pub submission: String,
-    /// The parameter file the manifest names; empty where it names none.
-    pub params: String,
-}
+use crate::skill::SkillBundle;
+use crate::skill::native::{Controller, NativeBundle, NativeError};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
+use holdpoint_governance::submission::{Package, Submission};
+use holdpoint_governance::text_error::TextError;
+use holdpoint_text::Untrusted;
 
 /// Why a version could not be taken in.
 #[derive(Debug, thiserror::Error)]
@@ -115,28 +102,26 @@ impl std::fmt::Debug for Capability {
     }
 }
 
-impl Package {
-    /// Reads a candidate's folder. Nothing outside the folder is opened, links included.
-    ///
-    /// # Errors
-    /// Where a file is missing, too large, no text, or outside the folder.
-    pub fn read(folder: &Path) -> Result<Self, PackageError> {
-        let shown = Untrusted::new(folder.display().to_string()).line().into_string();
-        let dir = Dir::open_ambient_dir(folder, ambient_authority())
-            .map_err(|source| PackageError::Read { file: shown.clone(), source })?;
-        let manifest_file = format!("{shown}/manifest.toml");
-        let manifest = read_text(&dir, "manifest.toml", &manifest_file, MANIFEST_BYTES_MAX)?;
-        let submission =
-            read_text(&dir, "submission.toml", &format!("{shown}/submission.toml"), MANIFEST_BYTES_MAX)?;
-        let parsed = Manifest::parse(&manifest_file, &manifest)?;
-        let params = match &parsed.deployment.params {
-            None => String::new(),
-            Some(path) => {
-                read_text(&dir, path.as_str(), &format!("{shown}/{}", path.as_str()), MANIFEST_BYTES_MAX)?
-            }
-        };
-        Ok(Self { manifest, submission, params })
-    }
+/// Reads a candidate's folder. Nothing outside the folder is opened, links included.
+///
+/// # Errors
+/// Where a file is missing, too large, no text, or outside the folder.
+pub fn read(folder: &Path) -> Result<Package, PackageError> {
+    let shown = Untrusted::new(folder.display().to_string()).line().into_string();
+    let dir = Dir::open_ambient_dir(folder, ambient_authority())
+        .map_err(|source| PackageError::Read { file: shown.clone(), source })?;
+    let manifest_file = format!("{shown}/manifest.toml");
+    let manifest = read_text(&dir, "manifest.toml", &manifest_file, MANIFEST_BYTES_MAX)?;
+    let submission =
+        read_text(&dir, "submission.toml", &format!("{shown}/submission.toml"), MANIFEST_BYTES_MAX)?;
+    let parsed = Manifest::parse(&manifest_file, &manifest)?;
+    let params = match &parsed.deployment.params {
+        None => String::new(),
+        Some(path) => {
+            read_text(&dir, path.as_str(), &format!("{shown}/{}", path.as_str()), MANIFEST_BYTES_MAX)?
+        }
+    };
+    Ok(Package { manifest, submission, params })
 }
 
 fn read_text(dir: &Dir, path: &str, shown: &str, bytes_max: usize) -> Result<String, PackageError> {

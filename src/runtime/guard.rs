@@ -8,14 +8,12 @@
 
 use std::sync::Arc;
 
-use holdpoint_sim::io::{Command, GuardVerdict, JointVec, Telemetry};
-use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
+use holdpoint_body::{Command, Geometry, GuardVerdict, JointVec, Telemetry, zone};
 use serde::{Deserialize, Serialize};
 
 use super::limits::Envelope;
-use crate::governance::mode::{Authority, CommandKind, ModeKey, Zone};
-use crate::governance::policy::{PolicyTable, Verdict};
+use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, Zone};
+use holdpoint_governance::policy::{PolicyTable, Verdict};
 
 /// Why the guard denied or clamped a command, or what a sensor told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -88,8 +86,8 @@ pub struct Guard {
     table: Arc<PolicyTable>,
     envelope: Envelope,
     authority: Authority,
-    model: Arc<RobotModel>,
-    scene: Arc<Scene>,
+    geometry: Arc<Geometry>,
+    zones: Arc<[zone::Zone]>,
     speed_over_ticks: u32,
     force_over_ticks: u32,
     transient_over_ticks: u32,
@@ -102,15 +100,15 @@ impl Guard {
         table: Arc<PolicyTable>,
         envelope: Envelope,
         authority: Authority,
-        model: Arc<RobotModel>,
-        scene: Arc<Scene>,
+        geometry: Arc<Geometry>,
+        zones: Arc<[zone::Zone]>,
     ) -> Self {
         Self {
             table,
             envelope,
             authority,
-            model,
-            scene,
+            geometry,
+            zones,
             speed_over_ticks: 0,
             force_over_ticks: 0,
             transient_over_ticks: 0,
@@ -146,7 +144,7 @@ impl Guard {
                     return Err(PolicyHit::NotFinite);
                 }
                 let start = seen.tool.position;
-                let human = self.scene.zone(Zone::Human.name());
+                let human = zone::named(&self.zones, Zone::Human.name());
                 if human.is_some_and(|zone| segment_enters(zone.min_m, zone.max_m, start, pose.position)) {
                     return Err(PolicyHit::KeepOut);
                 }
@@ -158,7 +156,7 @@ impl Guard {
             Command::Joints { q, max_speed_rad_s } => {
                 let finite =
                     q.iter().all(|v| v.is_finite()) && *max_speed_rad_s > 0.0 && max_speed_rad_s.is_finite();
-                if !finite || q.len() != self.model.joint_count() {
+                if !finite || q.len() != self.geometry.joint_count() {
                     return Err(PolicyHit::NotFinite);
                 }
                 let limit = CLAMP_SHARE * cap.joint_speed_max_rad_s;
@@ -198,9 +196,9 @@ impl Guard {
         let target = match command {
             Command::ToolPose { pose, .. } => pose.position,
             Command::Joints { q, .. }
-                if q.len() == self.model.joint_count() && q.iter().all(|v| v.is_finite()) =>
+                if q.len() == self.geometry.joint_count() && q.iter().all(|v| v.is_finite()) =>
             {
-                self.model.tool_pose(q).translation.vector.into()
+                self.geometry.tool_pose(q).translation.vector.into()
             }
             Command::Joints { .. } => return Err(PolicyHit::NotFinite),
             _ => seen.tool.position,
@@ -221,7 +219,7 @@ impl Guard {
     fn zone_of(&self, point: [f64; 3]) -> Option<Zone> {
         [Zone::Human, Zone::Work, Zone::Tray, Zone::Transit]
             .into_iter()
-            .find(|zone| self.scene.zone(zone.name()).is_some_and(|bounds| bounds.contains(&point)))
+            .find(|zone| zone::named(&self.zones, zone.name()).is_some_and(|bounds| bounds.contains(&point)))
     }
 
     /// Holds one tick of telemetry against the envelope. Speed has to be over its limit for three
@@ -256,8 +254,8 @@ impl Guard {
     #[must_use]
     pub fn predicts_collision(&self, seen: &Telemetry) -> bool {
         let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();
-        let now = self.model.clearance(&seen.q);
-        let then = self.model.clearance(&ahead);
+        let now = self.geometry.clearance(&seen.q);
+        let then = self.geometry.clearance(&ahead);
         // A motion that leads away from contact is never refused.
         (then.table_m < 0.0 && then.table_m < now.table_m - 1e-4)
             || (then.self_m < 0.0 && then.self_m < now.self_m - 1e-4)

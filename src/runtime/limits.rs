@@ -1,6 +1,6 @@
 //! The numbers guard and watcher work with, derived from a profile and a version's conditions.
 
-use holdpoint_sim::io::RATE_HZ;
+use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 /// What the guard enforces at every tick, outside the skill. SI units, world frame.

@@ -4,15 +4,16 @@
 //! the interrupt that no skill can refuse. Whether the arm stands is read from joint speeds, never
 //! from what a hook returns.
 
-use holdpoint_sim::SimError;
-use holdpoint_sim::io::{GuardVerdict, Interrupt, JointVec, RATE_HZ, Telemetry};
+use holdpoint_body::BodyError;
+use holdpoint_body::{GuardVerdict, Interrupt, JointVec, RATE_HZ, Telemetry};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-use super::arm::{ActuatorHandle, Body};
+use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
 use super::skill::{Hook, Skill};
 use super::watcher::Watcher;
+use holdpoint_body::Body;
 
 /// Joint speed below which a joint stands, rad/s.
 pub const STANDSTILL_RAD_S: f64 = 0.02;
@@ -93,7 +94,7 @@ pub fn abort<B: Body>(
     guard: &mut Guard,
     watcher: &mut Watcher,
     hook_secs: f64,
-) -> Result<RecoveryReport, SimError> {
+) -> Result<RecoveryReport, BodyError> {
     skill.enter(Hook::SafeAbort);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let hook_ticks = (hook_secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64;
@@ -145,7 +146,7 @@ pub fn abort<B: Body>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_sim::io::{Contacts, Pose};
+    use holdpoint_body::{Contacts, Pose};
 
     fn seen(dq: f64) -> Telemetry {
         Telemetry {

@@ -4,19 +4,20 @@
 //! Everything in the [`TaskRecord`] is measured: by the inspection after the task, by the guard,
 //! by the watcher, or counted from the commands that were given.
 
-use holdpoint_sim::SimError;
-use holdpoint_sim::io::{
+use holdpoint_body::BodyError;
+use holdpoint_body::{
     Command, FailureSignal, GuardVerdict, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry,
 };
 use serde::{Deserialize, Serialize};
 
-use super::arm::{ActuatorHandle, Body};
+use super::arm::ActuatorHandle;
 use super::guard::{Checked, Guard, PolicyHit};
 use super::limits::WatchLimits;
 use super::recovery::{self, RecoveryReport, StoppedBy};
 use super::skill::Skill;
 use super::watcher::{Raised, Watcher, WatcherSignal};
-use crate::governance::evidence::{EpisodeValues, HardStop};
+use holdpoint_body::Body;
+use holdpoint_governance::evidence::{EpisodeValues, HardStop};
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -235,7 +236,7 @@ pub fn run<B: Body>(
     guard: &mut Guard,
     terms: &TaskTerms,
     supervise: &mut Supervisor<'_, B>,
-) -> Result<TaskRecord, SimError> {
+) -> Result<TaskRecord, BodyError> {
     let mut record = TaskRecord { invalid: false, ..TaskRecord::invalid(terms.task, terms.seed) };
     let mut watcher = Watcher::new(terms.task, terms.watch);
     let mut attempts = AttemptCounter::new(terms.task);

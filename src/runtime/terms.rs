@@ -2,23 +2,21 @@
 
 use std::sync::Arc;
 
-use holdpoint_sim::io::{RATE_HZ, TaskKind};
-use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
+use holdpoint_body::{Geometry, RATE_HZ, TaskKind, Zone};
 
 use super::guard::Guard;
 use super::limits::{Envelope, WatchLimits};
 use super::task::TaskTerms;
-use crate::governance::mode::Authority;
-use crate::governance::policy::PolicyTable;
-use crate::governance::profile::Profile;
+use holdpoint_governance::mode::Authority;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::Profile;
 
 /// Everything around a skill but the skill.
 #[derive(Clone)]
 pub struct Terms {
     table: Arc<PolicyTable>,
-    model: Arc<RobotModel>,
-    scene: Arc<Scene>,
+    geometry: Arc<Geometry>,
+    zones: Arc<[Zone]>,
     envelope: Envelope,
     watch: WatchLimits,
     limit_ticks: u64,
@@ -32,8 +30,8 @@ impl Terms {
     pub fn new(
         profile: &Profile,
         table: Arc<PolicyTable>,
-        model: Arc<RobotModel>,
-        scene: Arc<Scene>,
+        geometry: Arc<Geometry>,
+        zones: Arc<[Zone]>,
     ) -> Self {
         let runtime = &profile.runtime;
         let watcher = &profile.watcher;
@@ -66,7 +64,7 @@ impl Terms {
             ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
-        Self { table, model, scene, envelope, watch, limit_ticks, detect_ticks }
+        Self { table, geometry, zones, envelope, watch, limit_ticks, detect_ticks }
     }
 
     /// The same terms with a tighter envelope: `share` of speed and force, in (0, 1].
@@ -86,7 +84,7 @@ impl Terms {
     /// A guard for a version of this authority.
     #[must_use]
     pub fn guard(&self, authority: Authority) -> Guard {
-        Guard::new(self.table.clone(), self.envelope, authority, self.model.clone(), self.scene.clone())
+        Guard::new(self.table.clone(), self.envelope, authority, self.geometry.clone(), self.zones.clone())
     }
 
     /// The terms of one task.

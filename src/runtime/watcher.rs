@@ -4,7 +4,7 @@
 //! [`WatcherSignal`]s, each with the tick it was established at. A condition has to last a few
 //! ticks before it is named, so that one noisy sample is no event.
 
-use holdpoint_sim::io::{Command, TaskKind, Telemetry};
+use holdpoint_body::{Command, TaskKind, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use super::limits::WatchLimits;
@@ -216,7 +216,7 @@ impl Watcher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_sim::io::{Contacts, JointVec, Pose};
+    use holdpoint_body::{Contacts, JointVec, Pose};
 
     fn quiet() -> Telemetry {
         Telemetry {

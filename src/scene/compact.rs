@@ -18,8 +18,8 @@ use super::limits::CHUNK_ROWS_MAX;
 use super::read::{Contents, contents};
 use super::rows::{Ids, Rows};
 use super::{ReadError, blueprint};
-use crate::governance::ids::Digest;
-use crate::text::Untrusted;
+use holdpoint_governance::ids::Digest;
+use holdpoint_text::Untrusted;
 
 /// A file that is ended.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -10,15 +10,17 @@ use super::compact::{self, Found};
 use super::config::shown;
 use super::drawing::Head;
 use super::limits::{OPEN_MAX, RING_MAX, RING_MS};
-use super::recording::About;
 use super::writer::{Open, Place, Writer};
-use super::{Closed, Report, file_stem, read, words};
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::{Picture, Scenery};
-use crate::engine::snapshot::Snapshot;
-use crate::governance::ids::{CapabilityId, Digest, Family};
-use crate::governance::lifecycle::Stage;
-use crate::text::Untrusted;
+use super::{read, words};
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::{Picture, Scenery};
+use holdpoint_protocol::sink::{Closed, Report};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_recordings::folder::file_stem;
+use holdpoint_recordings::recording::About;
+use holdpoint_text::Untrusted;
 
 /// What a recording begins with.
 #[derive(Debug, Default)]

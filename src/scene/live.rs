@@ -9,10 +9,11 @@ use super::file::{message, opening, store};
 use super::limits::LIVE_PATH_EVERY_MS;
 use super::rows::Ids;
 use super::server::Server;
-use super::{Report, blueprint, words};
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::Snapshot;
+use super::{blueprint, words};
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::sink::Report;
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// A server and its drawing.
 pub struct Live {

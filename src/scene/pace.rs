@@ -6,8 +6,8 @@ use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use super::limits::{FULL_SEQUENCES_MAX, GAPS_MS, SEQUENCE_PICTURES_MAX};
-use crate::engine::clock::tick_of;
-use crate::engine::picture::Picture;
+use holdpoint_protocol::clock::tick_of;
+use holdpoint_protocol::picture::Picture;
 
 /// How much something matters that happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,13 +12,14 @@ use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{Arrows3D, Boxes3D, Component, ComponentDescriptor, Points3D, Scalars, TextLog};
 
+use super::ReadError;
 use super::drawing::{Frame, Head, Tail, paths};
 use super::limits::READ_BYTES_MAX;
-use super::recording::{Recording, Series};
 use super::rows::TICK;
-use super::{ReadError, TICKS_PER_SECOND};
-use crate::engine::event::Event;
-use crate::engine::picture::{Block, Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin};
+use holdpoint_protocol::clock::TICKS_PER_SECOND;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::{Block, Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin};
+use holdpoint_recordings::recording::{Recording, Series};
 
 /// What a file holds of its recording, in the order in which it was written.
 #[derive(Debug)]
@@ -258,7 +259,7 @@ mod tests {
     #[test]
     fn a_ticks_time_is_a_time_of_that_tick() {
         for tick in [0_u64, 1, 7, 239, 240, 1_234_567] {
-            assert_eq!(crate::engine::clock::tick_of(ms_of(i64::try_from(tick).unwrap())), tick);
+            assert_eq!(holdpoint_protocol::clock::tick_of(ms_of(i64::try_from(tick).unwrap())), tick);
         }
     }
 }

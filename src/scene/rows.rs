@@ -10,7 +10,7 @@ use rerun::time::{TimeCell, TimePoint};
 use rerun::{AsComponents, EntityPath};
 
 use super::limits::BLOCK_ROWS;
-use crate::engine::clock::tick_of;
+use holdpoint_protocol::clock::tick_of;
 
 /// The timeline of the cell's ticks.
 pub const TICK: &str = "tick";

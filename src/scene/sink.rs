@@ -13,8 +13,10 @@ use super::limits::{FLUSH_EVERY, PATIENCE, REPORTS_MAX, SEND_EVERY};
 use super::live::Live;
 use super::tap::{Drain, Item, Tap, queue};
 use super::writer::Open;
-use super::{Report, SceneConfig, SceneError};
-use crate::engine::snapshot::Snapshot;
+use super::{SceneConfig, SceneError};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::sink::{Pictures, Report, Serve, Sink};
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// The running sink. Dropped, it ends by itself and nobody waits for it.
 #[derive(Debug)]
@@ -76,6 +78,30 @@ impl Scenes {
                 Err(RecvTimeoutError::Timeout) => asked = asked || self.tap.end(),
             }
         }
+    }
+}
+
+impl Sink for Scenes {
+    fn pictures(&self) -> Option<Pictures> {
+        let tap = self.tap();
+        Some(Arc::new(move |picture| tap.picture(picture)))
+    }
+
+    fn serve(&self) -> Option<Serve> {
+        let tap = self.tap();
+        Some(Arc::new(move |address| tap.serve(address)))
+    }
+
+    fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot) {
+        self.tap.events(events, state);
+    }
+
+    fn reports(&mut self) -> Vec<Report> {
+        Self::reports(self)
+    }
+
+    fn finish(self: Box<Self>, patience: Duration) -> Vec<Report> {
+        Self::finish(*self, patience)
     }
 }
 

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::Snapshot;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// The most items that wait.
 pub const QUEUE_MAX: usize = 8_192;

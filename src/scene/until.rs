@@ -23,7 +23,10 @@ pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let end = [paths::TAIL, END].map(rerun::EntityPath::parse_forgiving);
     let kept = chunks.into_iter().filter(|chunk| !end.contains(chunk.entity_path()));
     let kept = kept.filter_map(|chunk| before(&chunk, last)).collect();
-    let stem = format!("{}-until-{tick}", super::file_stem(&head.about.version, &head.about.digest));
+    let stem = format!(
+        "{}-until-{tick}",
+        holdpoint_recordings::folder::file_stem(&head.about.version, &head.about.digest)
+    );
     write_all(&stem, kept, out).map_err(|source| ReadError::file(out, source))?;
     Ok(())
 }

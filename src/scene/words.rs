@@ -2,13 +2,13 @@
 //!
 //! Foreign text passes the sanitiser, and loses what Markdown would act on.
 
-use crate::engine::event::{DimensionResult, Event, EventKind};
-use crate::governance::decision::Reason;
-use crate::governance::ids::CapabilityId;
-use crate::text::Untrusted;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_text::Untrusted;
 
 use super::limits::TEXT_WIDTH_MAX;
-use super::recording::About;
+use holdpoint_recordings::recording::About;
 
 /// Whose an event is; absent where it is everybody's.
 #[must_use]

@@ -13,12 +13,13 @@ use super::file::{Framed, message, opening, store};
 use super::limits::{FILE_BYTES_MAX, PATH_EVERY_MS};
 use super::pace::{News, Pace};
 use super::rows::Ids;
-use super::{Closed, ReadError, blueprint, words};
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::Snapshot;
-use crate::governance::lifecycle::Stage;
-use crate::text::Untrusted;
+use super::{ReadError, blueprint, words};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::sink::Closed;
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::Untrusted;
 
 /// How a file is made; tests make some that cannot be written.
 pub type Open = dyn Fn(&std::path::Path) -> io::Result<File> + Send;

@@ -16,20 +16,20 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
-use holdpoint::bench::stats::tables;
+use holdpoint::engine::pipeline::cell::{Cell, Conditions};
+use holdpoint::engine::pipeline::drills::{Cast, DrillResult, drill};
+use holdpoint::engine::pipeline::evaluate::{Job, Worker, batch};
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::rho;
-use holdpoint::pipeline::cell::{Cell, Conditions};
-use holdpoint::pipeline::drills::{Cast, DrillResult, drill};
-use holdpoint::pipeline::evaluate::{Job, Worker, batch};
-use holdpoint::runtime::capability::{Capability, Package};
+use holdpoint::governance::stats::{PairedCounts, binary_pairs};
+use holdpoint::lab::bench::stats::tables;
+use holdpoint::runtime::capability::{self, Capability};
 use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::Terms;
 use holdpoint::runtime::watcher::WatcherSignal;
-use holdpoint::stats::{PairedCounts, binary_pairs};
 use holdpoint_sim::pool::run_ordered;
 
 fn main() -> Result<()> {
@@ -57,10 +57,10 @@ fn main() -> Result<()> {
     let cell = Cell::builtin()?;
     let profile = Profile::builtin(ProfileName::Sim)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
-    let terms = Terms::new(&profile, table, cell.model.clone(), cell.scene.clone());
+    let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let capabilities = folders
         .iter()
-        .map(|folder| Ok(Capability::load(folder, Package::read(Path::new(folder))?)?))
+        .map(|folder| Ok(Capability::load(folder, capability::read(Path::new(folder))?)?))
         .collect::<Result<Vec<_>>>()?;
     let versions: Vec<(&Capability, &Terms)> = capabilities.iter().map(|c| (c, &terms)).collect();
     let mut first: Option<Vec<TaskRecord>> = None;
@@ -101,9 +101,9 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
     let cell = Cell::builtin()?;
     let profile = Profile::builtin(ProfileName::Sim)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
-    let terms = Terms::new(&profile, table, cell.model.clone(), cell.scene.clone());
+    let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let load = |folder: &str| -> Result<Capability> {
-        Ok(Capability::load(folder, Package::read(Path::new(folder))?)?)
+        Ok(Capability::load(folder, capability::read(Path::new(folder))?)?)
     };
     let fallback = load("manifests/park/1.0.0")?;
     let versions = folders.iter().map(|folder| load(folder)).collect::<Result<Vec<_>>>()?;

@@ -17,14 +17,14 @@ use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::event::{Event, EventKind};
-use holdpoint::engine::picture::Picture;
+use holdpoint::engine::pipeline::cache::EpisodeCache;
+use holdpoint::engine::pipeline::cell::Cell;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::{CapabilityId, Digest};
 use holdpoint::governance::lifecycle::Stage;
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::pipeline::cache::EpisodeCache;
-use holdpoint::pipeline::cell::Cell;
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::protocol::picture::Picture;
 use holdpoint::scene::{SceneConfig, Scenes};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -128,14 +128,14 @@ fn turn(way: Way) -> Turn {
     let longest = Arc::new(AtomicU64::new(0));
     let tap = Mutex::new(scenes.as_ref().map(Scenes::tap));
     let seen = Arc::clone(&longest);
-    let easel = move |picture: Picture| {
+    let pictures = move |picture: Picture| {
         let begun = Instant::now();
         if let Some(tap) = &*tap.lock().unwrap() {
             tap.picture(picture);
         }
         seen.fetch_max(u64::try_from(begun.elapsed().as_nanos()).unwrap(), Ordering::Relaxed);
     };
-    engine.pace_live_world(None, Arc::new(easel));
+    engine.pace_live_world(None, Arc::new(pictures));
     let (from, from_ms) = (cpu(), engine.now_ms());
     let mut worked = 0;
     let (_nobody, rest) = sync_channel::<()>(0);

@@ -11,7 +11,7 @@ use holdpoint::governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOu
 use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::recovery::{self, StaticInput};
-use holdpoint_sim::io::FailureSignal;
+use holdpoint_body::FailureSignal;
 
 use crate::fixture::{GOOD, binding, exports, manifest, manifest_with, pairs, profile, recovery as drilled};
 

@@ -2,8 +2,11 @@
 
 use std::sync::Barrier;
 
-use holdpoint::approvals::{Approval, Identity, Nonce, Role};
-use holdpoint::registry::names::{ApprovalDecision, EvidenceKind, RequestState, StateName};
+use holdpoint::approvals::{Approval, Identity, Nonce};
+use holdpoint::governance::approval::Answer;
+use holdpoint::governance::approval::Role;
+use holdpoint::governance::lifecycle::State;
+use holdpoint::registry::names::{EvidenceKind, RequestState};
 use holdpoint::registry::{ApprovalRequest, Change, verify};
 
 use crate::support::*;
@@ -68,7 +71,7 @@ fn an_approval_of_something_else_is_refused() {
     let other = digest("other");
     type Edit = fn(&mut Approval, holdpoint::governance::ids::Digest);
     let edits: [(&str, Edit, &str); 8] = [
-        ("refusal", |a, _| a.decision = ApprovalDecision::Reject, "refusal"),
+        ("refusal", |a, _| a.decision = Answer::Reject, "refusal"),
         ("expired", |a, _| a.not_after_ms = 1, "expired"),
         ("row version", |a, _| a.row_version = 3, "changed since"),
         ("candidate", |a, d| a.candidate_digest = d, "another candidate"),
@@ -99,7 +102,7 @@ fn what_happens_later_voids_it() {
     let events: [(&str, Event); 4] = [
         ("profile", || vec![context("human"), context("sim")]),
         ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
-        ("state", || vec![set_state(NEW, 4, StateName::Shadowed, StateName::Demoted)]),
+        ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),
         ("use", || vec![consume(NEW, 1)]),
     ];
     for (name, event) in events {
@@ -129,13 +132,13 @@ fn forged_and_unknown_ones_are_refused() {
     let forged = serde_json::from_value(json).unwrap();
     let elsewhere = tempfile::tempdir().unwrap();
     for (name, role, message) in [
-        ("ada", "operator", "another key"),
-        ("eve", "operator", "no identity"),
-        ("ada", "chief", "another key"),
+        ("ada", Role::Operator, "another key"),
+        ("eve", Role::Operator, "no identity"),
+        ("ada", Role::Safety, "another key"),
     ] {
         let folder = elsewhere.path().join(format!("{name} {role}"));
         std::fs::create_dir(&folder).unwrap();
-        let stranger = Identity::create(&folder, name, Role::new(role).unwrap()).unwrap();
+        let stranger = Identity::create(&folder, name, role).unwrap();
         let signed = Box::new(approve(&store, &stranger, NEW, 2));
         let error = commit(&store, &format!("{name} {role}"), vec![Change::PutApproval(signed)]).unwrap_err();
         assert!(error.to_string().contains(message), "{name} {role}: {error}");

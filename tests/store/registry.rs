@@ -1,10 +1,12 @@
 //! Versions, states, the active pointer, views.
 
 use holdpoint::governance::ids::Digest;
-use holdpoint::registry::names::{EvidenceKind, StateName as S};
+use holdpoint::governance::lifecycle::Flags;
+use holdpoint::governance::lifecycle::State as S;
+use holdpoint::registry::names::EvidenceKind;
 use holdpoint::registry::{
     ActiveCause, AuditBody, AuditFilter, Change, Interrupted, StoreError, Transaction, VersionFilter,
-    VersionFlags, VersionGroup, check_invariants, verify,
+    VersionGroup, check_invariants, verify,
 };
 
 use crate::support::*;
@@ -28,7 +30,7 @@ fn a_candidate_comes_replaces_and_goes() {
     let views = store.views().unwrap();
     let detail = views.version(&id("grasp@1.1.0")).unwrap().unwrap();
     assert_eq!(detail.summary.state, S::RolledBack);
-    assert_eq!(detail.summary.flags, VersionFlags::default());
+    assert_eq!(detail.summary.flags, Flags::default());
     assert_eq!(detail.activations.iter().map(|a| a.cause.as_str()).collect::<Vec<_>>(), ["gate"]);
     let kinds: Vec<_> = detail.evidence.iter().map(|e| e.kind).collect();
     assert_eq!(kinds, [EvidenceKind::Gate, EvidenceKind::Rollback]);
@@ -56,7 +58,7 @@ fn refused_changes_leave_the_store_as_it_was() {
     let both = |last: Change| vec![old_out(), new_in(), last];
     let pin = Some("grasp@1.0.0");
     let new = Some("grasp@1.1.0");
-    let flags = VersionFlags { provisional: true, ..VersionFlags::default() };
+    let flags = Flags { provisional: true, ..Flags::default() };
     let long = "x".repeat(5000);
     let note = |kind: &str, body: &str| {
         let audit = vec![AuditBody { kind: kind.into(), subject: String::new(), body: body.into() }];
@@ -343,16 +345,13 @@ fn what_was_interrupted_is_listed() {
     commit(&store, "a", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
     commit(&store, "n", vec![new_version("grasp@1.2.0", false)]).unwrap();
     let running = |name: &str, flags| Change::SetFlags { version: id(name), flags };
-    let stage = holdpoint::registry::names::StageName::Sandbox;
+    let stage = holdpoint::governance::lifecycle::Stage::Sandbox;
     commit(
         &store,
         "f",
         vec![
-            running("grasp@1.2.0", VersionFlags { running: Some(stage), ..VersionFlags::default() }),
-            running(
-                "grasp@1.1.0",
-                VersionFlags { provisional: true, rollback_pending: true, ..VersionFlags::default() },
-            ),
+            running("grasp@1.2.0", Flags { running: Some(stage), ..Flags::default() }),
+            running("grasp@1.1.0", Flags { provisional: true, rollback_pending: true, ..Flags::default() }),
         ],
     )
     .unwrap();

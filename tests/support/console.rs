@@ -2,24 +2,24 @@
 
 use std::sync::Arc;
 
-use holdpoint::alarms::AlarmSummary;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::console::model::{EngineState, Listing, Model, Operator, Settings, Told, View};
-use holdpoint::engine::detail::{
-    AuditPage, AuditRow, Detail, DifferenceView, DrillView, ExplainedLine, ExplainedView, Measure, ModeView,
-    RegistryPage, RegistryRow, Verified,
-};
-use holdpoint::engine::event::DimensionResult;
-use holdpoint::engine::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
-use holdpoint::engine::snapshot::{
-    AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
-    PromptView, QuestionView, ShadowView, Snapshot,
-};
+use holdpoint::governance::alarms::AlarmSummary;
 use holdpoint::governance::composition::Condition;
 use holdpoint::governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint::governance::evidence::Signature;
 use holdpoint::governance::ids::{CapabilityId, Digest, Family};
 use holdpoint::governance::lifecycle::{Flags, Stage, State};
+use holdpoint::protocol::detail::{
+    AuditPage, AuditRow, Detail, DifferenceView, DrillView, ExplainedLine, ExplainedView, Measure, ModeView,
+    RegistryPage, RegistryRow, Verified,
+};
+use holdpoint::protocol::event::DimensionResult;
+use holdpoint::protocol::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
+use holdpoint::protocol::snapshot::{
+    AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
+    PromptView, QuestionView, ShadowView, Snapshot,
+};
 
 /// The profile's limits of the four kappas.
 const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
@@ -373,7 +373,7 @@ pub fn snapshot() -> Snapshot {
         }],
         alarms: alarms(),
         alarm_summary: AlarmSummary {
-            highest_unacknowledged: Some(holdpoint::alarms::Priority::Critical),
+            highest_unacknowledged: Some(holdpoint::governance::alarms::Priority::Critical),
             unacknowledged: [1, 1, 1],
             acknowledged: 1,
             latched: 1,

@@ -3,13 +3,13 @@
 use holdpoint::console::replay::model::Model;
 use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::timeline::Timeline;
-use holdpoint::engine::event::{Event, EventKind, TaskSummary};
-use holdpoint::engine::picture::{Envelope, Picture, Twin};
 use holdpoint::governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint::governance::lifecycle::{Stage, State};
 use holdpoint::governance::outcome::ActivationMode;
 use holdpoint::governance::rollback::{RollbackRecord, Trigger, TriggerKind};
-use holdpoint::scene::recording::{About, Recording, Series};
+use holdpoint::protocol::event::{Event, EventKind, TaskSummary};
+use holdpoint::protocol::picture::{Envelope, Picture, Twin};
+use holdpoint::recordings::recording::{About, Recording, Series};
 
 use super::support::{digest, id, picture, snapshot};
 

@@ -2,18 +2,22 @@
 
 use std::path::Path;
 
-use holdpoint::approvals::{Approval, Identity, Nonce, Role, SignedApproval};
+use holdpoint::approvals::{Approval, Identity, Nonce, SignedApproval};
+use holdpoint::governance::approval::Answer;
+use holdpoint::governance::approval::Role;
 use holdpoint::governance::ids::{CapabilityId, Digest, Family};
-use holdpoint::registry::names::{ApprovalDecision, EvidenceKind, StateName};
+use holdpoint::governance::lifecycle::Flags;
+use holdpoint::governance::lifecycle::State;
+use holdpoint::registry::names::EvidenceKind;
 use holdpoint::registry::{
-    ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction, VersionFlags,
+    ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
 };
 
 /// The states a candidate passes before it can be active.
-const STEPS: [(StateName, StateName); 3] = [
-    (StateName::Registered, StateName::Validated),
-    (StateName::Validated, StateName::Sandboxed),
-    (StateName::Sandboxed, StateName::Shadowed),
+const STEPS: [(State, State); 3] = [
+    (State::Registered, State::Validated),
+    (State::Validated, State::Sandboxed),
+    (State::Sandboxed, State::Shadowed),
 ];
 
 /// The digest of a text.
@@ -51,7 +55,7 @@ pub fn new_version(name: &str, baseline: bool) -> Change {
 }
 
 /// A change of state.
-pub fn set_state(name: &str, expected_row_version: u64, from: StateName, to: StateName) -> Change {
+pub fn set_state(name: &str, expected_row_version: u64, from: State, to: State) -> Change {
     Change::SetState { version: id(name), expected_row_version, from, to, reason: "test".into() }
 }
 
@@ -87,7 +91,7 @@ pub fn bootstrap(store: &Store, name: &str) {
     let changes = vec![
         context("sim"),
         new_version(&baseline, true),
-        set_state(&baseline, 1, StateName::Registered, StateName::Active),
+        set_state(&baseline, 1, State::Registered, State::Active),
         Change::SetActive {
             family: family(name),
             active: Some(id(&baseline)),
@@ -116,26 +120,23 @@ pub fn shadowed(store: &Store, name: &str) {
 /// The changes that make `name` active in place of `old`, whose row version is given.
 pub fn activation(name: &str, old: (&str, u64), approvals_needed: u32) -> Vec<Change> {
     vec![
-        set_state(old.0, old.1, StateName::Active, StateName::Superseded),
-        set_state(name, 4, StateName::Shadowed, StateName::Active),
+        set_state(old.0, old.1, State::Active, State::Superseded),
+        set_state(name, 4, State::Shadowed, State::Active),
         Change::SetActive {
             family: id(name).family,
             active: Some(id(name)),
             pinned: Some(id(old.0)),
             cause: ActiveCause::Gate { evidence: digest(&format!("gate {name}")), approvals_needed },
         },
-        Change::SetFlags {
-            version: id(name),
-            flags: VersionFlags { provisional: true, ..VersionFlags::default() },
-        },
+        Change::SetFlags { version: id(name), flags: Flags { provisional: true, ..Flags::default() } },
     ]
 }
 
 /// The changes that take the active `name` out and restore `old`, with their row versions.
 pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
     vec![
-        set_state(name.0, name.1, StateName::Active, StateName::RolledBack),
-        set_state(old.0, old.1, StateName::Superseded, StateName::Active),
+        set_state(name.0, name.1, State::Active, State::RolledBack),
+        set_state(old.0, old.1, State::Superseded, State::Active),
         Change::SetActive {
             family: id(name.0).family,
             active: Some(id(old.0)),
@@ -148,7 +149,7 @@ pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
 
 /// Someone who may decide.
 pub fn person(store: &Store, name: &str) -> Identity {
-    Identity::create(&store.layout().identities(), name, Role::new("operator").unwrap()).unwrap()
+    Identity::create(&store.layout().identities(), name, Role::Operator).unwrap()
 }
 
 /// An approval of the shadowed `name` on its gate record, until 1000 ms.
@@ -160,8 +161,8 @@ pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedAp
 pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
     Approval {
         who: String::new(),
-        role: Role::new("operator").unwrap(),
-        decision: ApprovalDecision::Approve,
+        role: Role::Operator,
+        decision: Answer::Approve,
         reason: "seen".into(),
         version: id(name),
         candidate_digest: digest(&format!("candidate {name}")),

@@ -13,7 +13,7 @@ mod store;
 
 use std::time::{Duration, Instant};
 
-use holdpoint::registry::names::StateName;
+use holdpoint::governance::lifecycle::State;
 use holdpoint::registry::{Store, StoreError, VersionFilter, VersionGroup, check_invariants, verify};
 use store::{commit, new_version};
 
@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("one family", page(VersionFilter { family: Some("family3".into()), ..Default::default() })),
         ("text", page(VersionFilter { text: Some("1.77".into()), ..Default::default() })),
         ("candidates", page(VersionFilter { group: VersionGroup::Candidate, ..Default::default() })),
-        ("active only", page(VersionFilter { state: Some(StateName::Active), ..Default::default() })),
+        ("active only", page(VersionFilter { state: Some(State::Active), ..Default::default() })),
         ("all 10,000 at once", VersionFilter::default()),
     ] {
         let (median, most) = timed(|| views.versions(&filter))?;

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use holdpoint::cli::candidate::Folder;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::submission::Package;
 use holdpoint::headless::script::Script;
-use holdpoint::runtime::capability::{Capability, Package};
+use holdpoint::runtime::capability::Capability;
 
 use crate::report;
 

@@ -1,6 +1,6 @@
 //! Same seed, same bits: across repeats, threads, and a snapshot in the middle.
 
-use holdpoint_sim::io::{Command, TaskKind};
+use holdpoint_body::{Command, TaskKind};
 use holdpoint_sim::{Distribution, EpisodeSetup, SimError, World};
 
 use crate::script::{arm, fingers, scene, world};

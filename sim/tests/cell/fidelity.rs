@@ -1,7 +1,7 @@
 //! The cheaper solver modes come to the same outcomes as the full effort.
 
+use holdpoint_body::TaskKind;
 use holdpoint_sim::bench_episode::{PeerBench, PeerOutcome};
-use holdpoint_sim::io::TaskKind;
 use holdpoint_sim::{EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
 
 use crate::script::{align, canonical, grasp, place, scene};

@@ -1,10 +1,12 @@
 //! Forward and inverse kinematics, and clearance.
 
+use holdpoint_body::ik::IkOptions;
+use holdpoint_sim::RobotModel;
 use holdpoint_sim::rng::Stream;
-use holdpoint_sim::{IkOptions, RobotModel};
 
 fn random_configuration(robot: &RobotModel, stream: &mut Stream) -> Vec<f64> {
     robot
+        .geometry
         .chain
         .joints
         .iter()
@@ -19,7 +21,7 @@ fn random_configuration(robot: &RobotModel, stream: &mut Stream) -> Vec<f64> {
 #[test]
 fn the_seven_axis_arm_stands_where_the_data_sheet_says() {
     let robot = RobotModel::builtin("arm7").expect("robot");
-    let tool = robot.tool_pose(&robot.home);
+    let tool = robot.geometry.tool_pose(&robot.home);
     // The comparison's start pose, which lies 105 mm beyond the hand; ours lies 103.4 mm.
     let expected = [0.306_890_7, 0.0, 0.485_281_9 + 0.0016];
     for (is, wanted) in tool.translation.vector.iter().zip(expected) {
@@ -37,14 +39,14 @@ fn inverse_kinematics_reaches_random_poses() {
         let mut reached = 0;
         for _ in 0..300 {
             let q = random_configuration(&robot, &mut stream);
-            let target = robot.tool_pose(&q);
+            let target = robot.geometry.tool_pose(&q);
             // From a start some way off, as a motion would.
             let warm: Vec<f64> = q.iter().map(|v| v + stream.uniform(-0.4, 0.4)).collect();
             let outcome = robot.solve_ik(&target, &warm, &IkOptions::GLOBAL);
-            assert!(robot.within_limits(&outcome.q));
+            assert!(robot.geometry.within_limits(&outcome.q));
             if outcome.converged(1e-5) {
                 reached += 1;
-                let back = robot.tool_pose(&outcome.q);
+                let back = robot.geometry.tool_pose(&outcome.q);
                 assert!((back.translation.vector - target.translation.vector).norm() < 2e-5);
                 assert!(back.rotation.angle_to(&target.rotation) < 2e-5);
             }
@@ -60,13 +62,13 @@ fn the_jacobian_is_the_derivative() {
         let mut stream = Stream::from_state(3);
         for _ in 0..20 {
             let q = random_configuration(&robot, &mut stream);
-            let jacobian = robot.chain.jacobian(&robot.chain.frames(&q));
+            let jacobian = robot.geometry.chain.jacobian(&robot.geometry.chain.frames(&q));
             for i in 0..q.len() {
                 let h = 1e-6;
                 let (mut a, mut b) = (q.clone(), q.clone());
                 a[i] -= h;
                 b[i] += h;
-                let (a, b) = (robot.tool_pose(&a), robot.tool_pose(&b));
+                let (a, b) = (robot.geometry.tool_pose(&a), robot.geometry.tool_pose(&b));
                 let linear = (b.translation.vector - a.translation.vector) / (2.0 * h);
                 let angular = (b.rotation * a.rotation.inverse()).scaled_axis() / (2.0 * h);
                 let column = jacobian.columns[i];
@@ -83,7 +85,7 @@ fn an_unreachable_pose_is_answered_with_an_error_and_a_legal_configuration() {
     let far = nalgebra::Isometry3::translation(3.0, 0.0, 0.5);
     let outcome = robot.solve_ik(&far, &robot.home, &IkOptions::GLOBAL);
     assert!(!outcome.converged(1e-2));
-    assert!(robot.within_limits(&outcome.q));
+    assert!(robot.geometry.within_limits(&outcome.q));
     let nan = nalgebra::Isometry3::translation(f64::NAN, 0.0, 0.5);
     assert!(!robot.solve_ik(&nan, &robot.home, &IkOptions::GLOBAL).converged(1.0));
 }
@@ -92,21 +94,21 @@ fn an_unreachable_pose_is_answered_with_an_error_and_a_legal_configuration() {
 fn clearance_knows_table_and_self() {
     for name in ["arm7", "arm6"] {
         let robot = RobotModel::builtin(name).expect("robot");
-        let home = robot.clearance(&robot.home);
+        let home = robot.geometry.clearance(&robot.home);
         assert!(home.table_m > 0.2 && home.self_m > 0.01, "{name} at home: {home:?}");
         // Finger tips reach 9 mm beyond the tool point: a tool point at 5 mm is in the table.
         for (z, clear) in [(0.05, true), (0.005, false)] {
             let target = holdpoint_sim::episode::tool_down(0.5, -0.15, z, 0.0);
             let outcome = robot.solve_ik(&target, &robot.home, &IkOptions::GLOBAL);
             assert!(outcome.converged(1e-5), "{name} reaches {z}");
-            assert_eq!(robot.clearance(&outcome.q).table_m > 0.0, clear, "{name} at {z}");
+            assert_eq!(robot.geometry.clearance(&outcome.q).table_m > 0.0, clear, "{name} at {z}");
         }
     }
     // The hand folded back onto the upper arm.
     let robot = RobotModel::builtin("arm7").expect("robot");
     let folded = [0.0, -1.2, 0.0, -3.0, 0.0, -0.0, 0.785];
-    assert!(robot.clearance(&folded).self_m < robot.clearance(&robot.home).self_m);
+    assert!(robot.geometry.clearance(&folded).self_m < robot.geometry.clearance(&robot.home).self_m);
     let robot = RobotModel::builtin("arm6").expect("robot");
     let folded = [0.0, -0.5, 2.75, 1.2, 1.57, 0.0];
-    assert!(robot.clearance(&folded).self_m < 0.0, "{:?}", robot.clearance(&folded));
+    assert!(robot.geometry.clearance(&folded).self_m < 0.0, "{:?}", robot.geometry.clearance(&folded));
 }

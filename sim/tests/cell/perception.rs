@@ -1,6 +1,6 @@
 //! What camera and sensors deliver has the statistics the distribution says.
 
-use holdpoint_sim::io::{Command, TaskKind};
+use holdpoint_body::{Command, TaskKind};
 use holdpoint_sim::{Distribution, Drift, DriftKind, EpisodeSetup, Magnitude, Range};
 
 use crate::script::{act, arm, canonical, scene, world};

@@ -1,7 +1,7 @@
 //! The referee catches each unsafe kind, and nothing in clean work.
 
+use holdpoint_body::{Command, FailureSignal, JointVec, TaskKind};
 use holdpoint_sim::episode::tool_down;
-use holdpoint_sim::io::{Command, FailureSignal, JointVec, TaskKind};
 use holdpoint_sim::referee::UnsafeKind;
 use holdpoint_sim::{EpisodeSetup, Referee, RefereeLimits, RefereeReport, World};
 

@@ -1,7 +1,7 @@
 //! Scripted work from true poses: what a perfect skill would do, to exercise the world.
 
+use holdpoint_body::{Command, Pose};
 use holdpoint_sim::episode::{tool_down, upright, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::io::{Command, Pose};
 use holdpoint_sim::{Distribution, RobotModel, Scene, World};
 use nalgebra::Isometry3;
 

@@ -1,6 +1,6 @@
 //! The three tasks, and their sequence, can be done; the inspection says when they are not.
 
-use holdpoint_sim::io::{Command, Interrupt, Pose, TaskKind};
+use holdpoint_body::{Command, Interrupt, Pose, TaskKind};
 use holdpoint_sim::{Distribution, EpisodeSetup};
 
 use crate::script::{act, align, arm, bring_over_tray, canonical, fingers, grasp, place, scene, world};
@@ -22,7 +22,7 @@ fn both_arms_do_the_whole_sequence() {
                 );
                 work(&mut world);
                 assert!(world.task_succeeded(), "{robot}, seed {seed}: {task:?}: {:#?}", world.truth());
-                let clearance = world.robot().clearance(&world.truth().q);
+                let clearance = world.robot().geometry.clearance(&world.truth().q);
                 assert!(clearance.self_m > 0.01, "{robot}, seed {seed}: {task:?}: {clearance:?}");
             }
         }

@@ -1,8 +1,8 @@
 //! The verb on a store with recordings: listed, verified, removed with a record.
 
 use super::*;
-use crate::registry::{AuditBody, Store, Transaction};
-use crate::scene::record::{KIND, Recorded};
+use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_registry::{AuditBody, Store, Transaction};
 
 const FILE: &str = "grasp-1.1.0-0123abcd.rrd";
 const SECOND: &str = "grasp-1.1.0-0123abcd.2.rrd";
@@ -18,7 +18,7 @@ fn store() -> (tempfile::TempDir, Context) {
         std::fs::write(folder.join(file), file).unwrap();
         let recorded = Recorded {
             file: file.to_owned(),
-            sha256: shelf::digest(&folder.join(file)).unwrap(),
+            sha256: folder::digest(&folder.join(file)).unwrap(),
             bytes: file.len() as u64,
             pictures: 3,
             dropped_pictures: 0,
@@ -99,7 +99,7 @@ fn a_removal_is_on_record_and_then_nothing_is_missing() {
     let removed = record.0[FILE].removed.clone().unwrap();
     assert_eq!((removed.reason.as_str(), removed.bytes), ("too old", FILE.len() as u64));
     assert_eq!(removed.sha256, record.recorded(FILE).unwrap().sha256);
-    assert!(crate::registry::verify(&layout.database(), None).is_ok());
+    assert!(holdpoint_registry::verify(&layout.database(), None).is_ok());
 }
 
 #[test]

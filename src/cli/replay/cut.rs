@@ -5,8 +5,8 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::cli::CliError;
-use crate::scene;
+use crate::error::CliError;
+use crate::scenes;
 
 /// What the names of this verb's folders begin with.
 const PREFIX: &str = "holdpoint-replay-";
@@ -56,7 +56,7 @@ pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<Pa
     for (place, path) in files.iter().enumerate() {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let out = scratch.join(format!("{place}-{name}-to-{tick}.rrd"));
-        scene::until(path, tick, &out).map_err(CliError::usage)?;
+        scenes::until(path, tick, &out)?;
         cut.push(out);
     }
     Ok(cut)
@@ -78,7 +78,7 @@ pub(super) fn write(files: &[PathBuf], tick: u64, out: &Path) -> Result<(), CliE
             "cannot write {out:?}: it is there already\nHint: name a new file"
         )));
     }
-    scene::until(path, tick, out).map_err(CliError::usage)
+    scenes::until(path, tick, out)
 }
 
 #[cfg(test)]

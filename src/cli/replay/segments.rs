@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::cli::CliError;
-use crate::scene;
-use crate::scene::recording::{Recording, Series};
+use crate::error::CliError;
+use crate::scenes;
+use holdpoint_recordings::recording::{Recording, Series};
 
 /// Reads every file, in order, and joins them.
 ///
@@ -13,7 +13,7 @@ use crate::scene::recording::{Recording, Series};
 pub(super) fn read(files: &[PathBuf]) -> Result<Recording, CliError> {
     let mut parts = Vec::new();
     for path in files {
-        parts.push(scene::read(path).map_err(CliError::usage)?);
+        parts.push(scenes::read(path)?);
     }
     join(parts).ok_or_else(|| CliError::internal("no file was named"))
 }
@@ -25,7 +25,7 @@ fn join(parts: Vec<Recording>) -> Option<Recording> {
     let mut whole = parts.next()?;
     for part in parts {
         whole.outcome = part.outcome;
-        if part.scenery != crate::engine::picture::Scenery::default() {
+        if part.scenery != holdpoint_protocol::picture::Scenery::default() {
             whole.scenery = part.scenery;
         }
         whole.pictures.extend(part.pictures);
@@ -55,13 +55,13 @@ fn add(all: &mut Vec<Series>, more: Series) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::recording::About;
+    use holdpoint_recordings::recording::About;
 
     fn part(outcome: Option<&str>, points: &[(u64, f64)], name: &str) -> Recording {
         Recording {
             about: About {
                 version: "grasp@1.1.0".parse().unwrap(),
-                digest: crate::governance::ids::Digest::from_bytes([1; 32]),
+                digest: holdpoint_governance::ids::Digest::from_bytes([1; 32]),
                 predecessor: None,
                 profile: "sim".to_owned(),
                 robot: "arm7".to_owned(),
@@ -69,7 +69,7 @@ mod tests {
                 engine_build: "test".to_owned(),
             },
             outcome: outcome.map(str::to_owned),
-            scenery: crate::engine::picture::Scenery::default(),
+            scenery: holdpoint_protocol::picture::Scenery::default(),
             pictures: Vec::new(),
             events: Vec::new(),
             series: vec![Series { name: name.to_owned(), points: points.to_vec() }],

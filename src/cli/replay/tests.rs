@@ -1,8 +1,8 @@
 //! The verb as far as it needs no scene crate: which files, whether they are as recorded, and the viewer's start.
 
 use super::*;
-use crate::registry::{AuditBody, Store, Transaction};
-use crate::scene::record::{KIND, Recorded};
+use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_registry::{AuditBody, Store, Transaction};
 
 const FILES: [&str; 2] = ["grasp-1.1.0-0123abcd.rrd", "grasp-1.1.0-0123abcd.2.rrd"];
 
@@ -16,7 +16,7 @@ fn store() -> (tempfile::TempDir, Context) {
     }
     let recorded = Recorded {
         file: FILES[0].to_owned(),
-        sha256: shelf::digest(&folder.join(FILES[0])).unwrap(),
+        sha256: folder::digest(&folder.join(FILES[0])).unwrap(),
         bytes: 1,
         pictures: 1,
         dropped_pictures: 0,
@@ -123,7 +123,7 @@ fn a_viewer_that_ends_at_once_is_said() {
 fn a_tick_ends_with_its_last_millisecond() {
     for tick in [0, 1, 2, 239, 240, 28_800, 1_000_003] {
         let end = end_of_tick_ms(tick);
-        let tick_of = crate::engine::clock::tick_of;
+        let tick_of = holdpoint_protocol::clock::tick_of;
         assert!(tick_of(end) <= tick && tick_of(end + 1) > tick, "{tick} ends at {end} ms");
     }
 }

@@ -6,7 +6,7 @@ use ratatui::crossterm::Command as _;
 use ratatui::crossterm::clipboard::CopyToClipboard;
 
 use super::{Outcome, good};
-use crate::console::run::screen::Screen;
+use crate::run::screen::Screen;
 
 /// The most bytes a copy holds: terminals take 100,000 bytes of base64, which makes four bytes of three.
 pub const COPY_BYTES_MAX: usize = 74_994;

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
-use crate::console::frame;
-use crate::console::look::{Look, LookOptions};
-use crate::console::model::{Model, View};
-use crate::text::{Untrusted, escape_json};
+use crate::frame;
+use crate::look::{Look, LookOptions};
+use crate::model::{Model, View};
+use holdpoint_text::{Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
 const TEXT_SIZE: (u16, u16) = (160, 100);
@@ -116,8 +116,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::console::keymap::Keymap;
-    use crate::console::model::Settings;
+    use crate::keymap::Keymap;
+    use crate::model::Settings;
 
     #[test]
     fn files_are_new_private_and_never_replace_another() {

@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
-use crate::approvals::{Identity, IdentityInfo};
-use crate::console::model::Operator;
-use crate::console::prompt::Decision;
-use crate::engine::command::Command;
+use crate::model::Operator;
+use crate::prompt::Decision;
+use holdpoint_approvals::{Identity, IdentityInfo};
+use holdpoint_protocol::command::Command;
 
 /// What went wrong, and what would help.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -54,7 +54,7 @@ pub fn list(folder: &Path) -> Result<Vec<Operator>, Problem> {
         return Ok(Vec::new());
     }
     let known = Identity::list(folder).map_err(|error| Problem::new(error.to_string()))?;
-    Ok(known.iter().map(operator).collect())
+    Ok(known.known.iter().map(operator).collect())
 }
 
 /// Somebody by name.
@@ -75,13 +75,13 @@ pub fn sign(folder: &Path, decision: &Decision) -> Result<Command, Problem> {
 }
 
 fn operator(info: &IdentityInfo) -> Operator {
-    Operator { name: info.name.clone(), role: info.role.as_str().to_owned() }
+    Operator { name: info.name.clone(), role: info.role.name().to_owned() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::approvals::Role;
+    use holdpoint_governance::approval::Role;
 
     #[test]
     fn people_are_found_by_name_and_strangers_get_a_hint() {
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(list(&keys).unwrap(), []);
         std::fs::create_dir(&keys).unwrap();
         for name in ["mara", "alice"] {
-            Identity::create(&keys, name, Role::new("engineer").unwrap()).unwrap();
+            Identity::create(&keys, name, Role::Engineer).unwrap();
         }
         let names: Vec<String> = list(&keys).unwrap().into_iter().map(|known| known.name).collect();
         assert_eq!(names, ["alice", "mara"]);

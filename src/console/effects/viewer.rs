@@ -11,11 +11,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 use super::{bad, good};
-use crate::console::effects::Outcome;
-use crate::console::msg::What;
-use crate::governance::ids::CapabilityId;
-use crate::scene::{shelf, viewer};
-use crate::text::Untrusted;
+use crate::effects::Outcome;
+use crate::msg::What;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_recordings::{folder, viewer};
+use holdpoint_text::Untrusted;
 
 /// Where the live scene is served when the console asks for it: on this machine alone.
 pub(super) const LIVE: SocketAddr =
@@ -41,7 +41,7 @@ pub(super) enum Shown {
 /// The files of an upgrade, in order.
 pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
     let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
-    let own = shelf::of(recordings, version);
+    let own = folder::of(recordings, version);
     let own = own.map_err(|error| format!("cannot read {}: {error}", shown()))?;
     if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
 }

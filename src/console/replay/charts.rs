@@ -3,8 +3,8 @@
 //! A recording without charts of the tool still has them: its pictures carry speed, force and what was allowed.
 //! Must not draw.
 
-use crate::engine::picture::{Envelope, Picture};
-use crate::scene::recording::{Recording, Series};
+use holdpoint_protocol::picture::{Envelope, Picture};
+use holdpoint_recordings::recording::{Recording, Series};
 
 /// Last parts of names that make a series the limit of another.
 const LIMITS: [&str; 2] = ["limit", "threshold"];

@@ -13,8 +13,8 @@ use ratatui::layout::Rect;
 
 use super::model::Model;
 use super::views::{bar, charts, events, header, help, hints, robot, tiny};
-use crate::console::look::Look;
-use crate::console::widgets::pen::{Fit, Pen, above, below, cut};
+use crate::look::Look;
+use crate::widgets::pen::{Fit, Pen, above, below, cut};
 
 /// Lines of the header.
 const HEAD: u16 = 2;

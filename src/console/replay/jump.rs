@@ -21,7 +21,7 @@ pub struct JumpError(String);
 /// # Errors
 /// [`JumpError`] with the text, sanitised.
 pub fn parse(text: &str) -> Result<Target, JumpError> {
-    let wrong = || JumpError(crate::text::Untrusted::new(text).display(20).into_string());
+    let wrong = || JumpError(holdpoint_text::Untrusted::new(text).display(20).into_string());
     let plain = text.trim().to_ascii_lowercase();
     let time = |part: &str| span_ms(part.trim()).ok_or_else(wrong);
     if let Some(on) = plain.strip_prefix('+') {
@@ -36,7 +36,7 @@ pub fn parse(text: &str) -> Result<Target, JumpError> {
 /// The first ms of a tick.
 #[must_use]
 pub fn ms_of_tick(tick: u64) -> u64 {
-    let rate = u64::from(holdpoint_sim::io::RATE_HZ);
+    let rate = u64::from(holdpoint_body::RATE_HZ);
     // Saturating first keeps a senseless number at the end of time.
     tick.saturating_mul(1000).div_ceil(rate)
 }
@@ -66,7 +66,7 @@ fn seconds_ms(text: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::clock::tick_of;
+    use holdpoint_protocol::clock::tick_of;
 
     #[test]
     fn texts_and_targets() {

@@ -1,8 +1,8 @@
 //! What an event is on the time bar: sign, role, how grave it is, and whether it is a turn in the upgrade's story.
 
-use crate::console::look::{Glyph, Role};
-use crate::console::theme::Mark as Outcome;
-use crate::engine::event::EventKind;
+use crate::look::{Glyph, Role};
+use crate::theme::Mark as Outcome;
+use holdpoint_protocol::event::EventKind;
 
 /// A mark on the time bar. Where several fall on one column the gravest is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::charts::Group;
 use super::speed::Speed;
 use super::timeline::{Cursor, Timeline};
-use crate::console::line::Line;
+use crate::line::Line;
 
 /// How long an answer stands at the foot, ms.
 pub const NOTICE_MS: u64 = 5_000;

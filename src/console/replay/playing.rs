@@ -4,7 +4,7 @@
 
 use super::model::Model;
 use super::timeline::GAP_MS;
-use crate::console::words::duration;
+use crate::words::duration;
 
 /// How long playing stands on an event that it has jumped to, ms: long enough to read it, and less where somebody
 /// wants to get on.

@@ -4,10 +4,10 @@
 
 use std::io::{self, Write};
 
-use crate::engine::clock::tick_of;
-use crate::engine::told;
-use crate::scene::recording::Recording;
-use crate::text::Untrusted;
+use holdpoint_protocol::clock::tick_of;
+use holdpoint_protocol::words;
+use holdpoint_recordings::recording::Recording;
+use holdpoint_text::Untrusted;
 
 /// Prints whose recording it is, its events with virtual time in seconds and tick, up to `to_ms`, and how it ended.
 ///
@@ -23,7 +23,7 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     writeln!(out, "{}", Untrusted::new(head).line())?;
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
     for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
-        writeln!(out, "{:>8} {}", tick_of(event.at_ms), told::line(event))?;
+        writeln!(out, "{:>8} {}", tick_of(event.at_ms), words::line(event))?;
     }
     let pictures = recording.pictures.iter().filter(|picture| is_shown(picture.at_ms)).count();
     let all_shown = recording.span_ms().is_none_or(|(_, last_ms)| is_shown(last_ms));

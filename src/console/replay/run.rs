@@ -15,17 +15,17 @@ use super::playing::wakes_in_ms;
 use super::speed::Speed;
 use super::timeline::Timeline;
 use super::update::{Effect, Msg, What, update};
-use crate::console::look::{Depth, Look, ThemeError};
-use crate::console::msg;
-use crate::console::options::Options;
-use crate::console::run::input;
-use crate::console::run::look;
-use crate::console::run::screen::Screen;
-use crate::console::terminal::guard::Guard;
-use crate::console::terminal::log::{LogFile, state_folder};
-use crate::console::terminal::{TerminalGuard, background, panic};
-use crate::console::theme::Themes;
-use crate::scene::recording::Recording;
+use crate::look::{Depth, Look, ThemeError};
+use crate::msg;
+use crate::options::Options;
+use crate::run::input;
+use crate::run::look;
+use crate::run::screen::Screen;
+use crate::terminal::guard::Guard;
+use crate::terminal::log::{LogFile, state_folder};
+use crate::terminal::{TerminalGuard, background, panic};
+use crate::theme::Themes;
+use holdpoint_recordings::recording::Recording;
 
 /// Keys that are folded in before a frame is drawn.
 const BATCH_MAX: usize = 64;

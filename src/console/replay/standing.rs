@@ -2,9 +2,9 @@
 //!
 //! Must not guess: before the first word about it a state is not known.
 
-use crate::engine::event::{Event, EventKind};
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_protocol::event::{Event, EventKind};
 
 /// How a version stood.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -7,11 +7,11 @@ use super::super::playing::wakes_in_ms;
 use super::super::speed::Speed;
 use super::super::timeline::Timeline;
 use super::{Effect, Msg, What, update};
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::{Body, NO_TURN, Picture, Scenery};
-use crate::governance::ids::Digest;
-use crate::governance::lifecycle::{Stage, State};
-use crate::scene::recording::{About, Recording};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::{Body, NO_TURN, Picture, Scenery};
+use holdpoint_recordings::recording::{About, Recording};
 
 /// Pictures every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
 fn pictures() -> Vec<Picture> {
@@ -48,7 +48,7 @@ fn pictures() -> Vec<Picture> {
 }
 
 fn recording() -> Recording {
-    let version: crate::governance::ids::CapabilityId = "grasp@1.1.0".parse().unwrap();
+    let version: holdpoint_governance::ids::CapabilityId = "grasp@1.1.0".parse().unwrap();
     let decided = |stage, outcome: &str| EventKind::Decided {
         version: version.clone(),
         stage,
@@ -316,8 +316,10 @@ fn nothing_wakes_a_replay_that_stands() {
 #[test]
 fn charts_follow_the_stage_until_others_are_chosen() {
     let mut recording = recording();
-    let series =
-        |name: &str| crate::scene::recording::Series { name: name.to_owned(), points: vec![(10_000, 1.0)] };
+    let series = |name: &str| holdpoint_recordings::recording::Series {
+        name: name.to_owned(),
+        points: vec![(10_000, 1.0)],
+    };
     recording.series = ["monitor/time", "kappa/B", "shadow/output"].map(series).to_vec();
     let mut model = Model::new(Timeline::new(recording), Speed::default());
     let shown = |model: &Model| model.shown_charts().map(|(_, group)| group.name.clone()).unwrap_or_default();

@@ -7,9 +7,9 @@
 use super::charts::{self, Group};
 use super::mark::{self, Mark};
 use super::standing::{self, Standing};
-use crate::engine::event::{Event, EventKind};
-use crate::engine::picture::Picture;
-use crate::scene::recording::Recording;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_recordings::recording::Recording;
 
 /// A stretch of this length without anything to see is a gap, ms of virtual time.
 pub const GAP_MS: u64 = 2_000;

@@ -7,8 +7,8 @@ use super::jump::{self, Target};
 use super::model::Model;
 use super::playing;
 use super::timeline::Cursor;
-use crate::console::line::Line;
-use crate::console::update::into_line;
+use crate::line::Line;
+use crate::update::into_line;
 
 /// One second, ms.
 const SECOND_MS: u64 = 1_000;

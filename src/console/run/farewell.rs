@@ -1,9 +1,9 @@
 //! The last line: how things were left, in words that are true.
 
 use super::{Cause, Left};
-use crate::engine::snapshot::{CandidateView, Snapshot};
-use crate::governance::lifecycle::Stage;
-use crate::text::Untrusted;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_text::Untrusted;
 
 /// How a console left things: why it ended, how the engine did, and what was on its way when it was last seen.
 pub(super) fn left(cause: Cause, ended: Option<Result<(), String>>, last: Option<&Snapshot>) -> Left {

@@ -10,7 +10,7 @@ use ratatui::crossterm::event::{
 };
 use tokio::sync::mpsc;
 
-use crate::console::msg::What;
+use crate::msg::What;
 
 /// Inputs that wait at most; the thread waits with reading while so many do.
 const WAITING_MAX: usize = 256;

@@ -16,7 +16,7 @@ use ratatui::crossterm::style::force_color_output;
 use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
 use ratatui::layout::Rect;
 
-use crate::console::terminal::modes;
+use crate::terminal::modes;
 
 /// Bytes of a frame that are kept room for: a full screen of 200x60 with styles.
 const FRAME_BYTES: usize = 64 * 1024;

@@ -4,6 +4,7 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -13,18 +14,18 @@ use tokio::time::MissedTickBehavior;
 use super::pace::{Pace, Want};
 use super::screen::Screen;
 use super::{Cause, Left, farewell, input};
-use crate::console::effect::Effect;
-use crate::console::effects::{Hands, Outcome, Place, ReadCandidate};
-use crate::console::frame;
-use crate::console::look::Look;
-use crate::console::model::{Model, View};
-use crate::console::msg::{Msg, What};
-use crate::console::terminal::TerminalGuard;
-use crate::console::terminal::guard::{Ending, Guard};
-use crate::console::theme::Themes;
-use crate::console::update::update;
-use crate::engine::command::Command;
-use crate::engine::host::{Host, HostConfig, StopError, Update};
+use crate::effect::Effect;
+use crate::effects::{Hands, Outcome, Place, ReadCandidate};
+use crate::frame;
+use crate::look::Look;
+use crate::model::{Model, View};
+use crate::msg::{Msg, What};
+use crate::terminal::TerminalGuard;
+use crate::terminal::guard::{Ending, Guard};
+use crate::theme::Themes;
+use crate::update::update;
+use holdpoint_engine::host::{Host, HostConfig, StopError, Update};
+use holdpoint_protocol::command::Command;
 
 /// Time passes this often where nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -44,6 +45,7 @@ const ERRANDS_MAX: usize = 16;
 /// What a session is made of beside the screen.
 pub(super) struct Parts {
     pub(super) host: HostConfig,
+    pub(super) view: Option<SocketAddr>,
     pub(super) candidates: ReadCandidate,
     pub(super) themes: Themes,
     pub(super) exports: Option<PathBuf>,
@@ -95,7 +97,7 @@ impl Session {
         terminal: TerminalGuard,
         guard: Guard,
     ) -> io::Result<Self> {
-        let view = parts.host.scenes.view;
+        let view = parts.view;
         let host = Host::start(parts.host);
         let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let Parts { candidates, themes, exports, .. } = parts;

@@ -6,7 +6,7 @@
 use std::io::Write as _;
 use std::panic::PanicHookInfo;
 
-use crate::text::{LINE_WIDTH_MAX, sanitise};
+use holdpoint_text::{LINE_WIDTH_MAX, sanitise};
 
 /// Installs the hook. The calling thread is the screen's from now on.
 pub fn install() {

@@ -1,8 +1,8 @@
 //! The table of states: glyph, word and role together, so that no state is told by colour alone.
 
 use super::Role;
-use crate::console::look::Glyph;
-use crate::governance::lifecycle::{Flags, State};
+use crate::look::Glyph;
+use holdpoint_governance::lifecycle::{Flags, State};
 
 /// How a state is shown: always all three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

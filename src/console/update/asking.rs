@@ -1,9 +1,9 @@
 //! What the console asks the engine for, and when: on entering a view, and again when something changed.
 
 use super::tell;
-use crate::console::effect::{Effect, Question};
-use crate::console::model::{EngineState, Model, View};
-use crate::engine::detail::Group;
+use crate::effect::{Effect, Question};
+use crate::model::{EngineState, Model, View};
+use holdpoint_protocol::detail::Group;
 
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use super::{asking, tell};
-use crate::alarms::Priority;
-use crate::console::effect::{Effect, Question};
-use crate::console::model::{EngineState, LOG_MAX, Model, Overlay, Told, View};
-use crate::engine::command::Reply;
-use crate::engine::detail::Group;
-use crate::engine::event::{Event, EventKind};
-use crate::engine::snapshot::Snapshot;
-use crate::engine::told;
+use crate::effect::{Effect, Question};
+use crate::model::{EngineState, LOG_MAX, Model, Overlay, Told, View};
+use holdpoint_governance::alarms::Priority;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::detail::Group;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::words;
 
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
@@ -29,7 +29,7 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.changes += 1;
         }
-        let text = told::told(&event);
+        let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
         model.told.push_back(Told { seq: event.seq, at_ms: event.at_ms, text });
         if model.told.len() > LOG_MAX {
             model.told.pop_front();

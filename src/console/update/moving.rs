@@ -1,12 +1,12 @@
 //! Moving about: cursors, panes, branches, and what Enter opens.
 
 use super::{asking, refuse, show};
-use crate::console::action::Action;
-use crate::console::effect::Effect;
-use crate::console::model::{Model, Overlay, View};
-use crate::console::prompt::Prompt;
-use crate::console::rows::{RegistryItem, WaitingItem};
-use crate::governance::ids::Family;
+use crate::action::Action;
+use crate::effect::Effect;
+use crate::model::{Model, Overlay, View};
+use crate::prompt::Prompt;
+use crate::rows::{RegistryItem, WaitingItem};
+use holdpoint_governance::ids::Family;
 
 /// Rows kept in sight when a page is turned.
 const PAGE_OVERLAP: usize = 12;

@@ -1,13 +1,13 @@
 //! What an operator does to versions and alarms: which form opens, and why not.
 
 use super::{asking, refuse, tell};
-use crate::console::action::Action;
-use crate::console::effect::{Effect, Question};
-use crate::console::form::{Abort, Confirmed, Form, Intent};
-use crate::console::model::{EngineState, Model, Overlay};
-use crate::console::words::standing;
-use crate::governance::ids::CapabilityId;
-use crate::governance::lifecycle::{Flags, State};
+use crate::action::Action;
+use crate::effect::{Effect, Question};
+use crate::form::{Abort, Confirmed, Form, Intent};
+use crate::model::{EngineState, Model, Overlay};
+use crate::words::standing;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Flags, State};
 
 /// Hands a confirmed operation to the engine.
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
@@ -177,7 +177,7 @@ fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
 
 /// Acknowledging and unshelving are undone as easily and act at once; the others open a form.
 pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
-    use crate::console::model::View;
+    use crate::model::View;
     if model.view != View::Alarms {
         return refuse(model, "go to the alarms first (5, or ! for the highest)");
     }
@@ -229,7 +229,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
 
 /// Leaves the view, or asks about ending the program and says what the engine will do.
 pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
-    use crate::console::model::View;
+    use crate::model::View;
     if matches!(model.engine, EngineState::Ended(_)) {
         return vec![Effect::End];
     }

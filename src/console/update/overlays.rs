@@ -3,12 +3,12 @@
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
 use super::{act, asking, operating, tell, typing};
-use crate::approvals::ApprovalDecision;
-use crate::console::action::Action;
-use crate::console::effect::Effect;
-use crate::console::form::{FormFocus, Intent};
-use crate::console::model::{Model, Overlay};
-use crate::console::prompt::{Block, Focus};
+use crate::action::Action;
+use crate::effect::Effect;
+use crate::form::{FormFocus, Intent};
+use crate::model::{Model, Overlay};
+use crate::prompt::{Block, Focus};
+use holdpoint_governance::approval::Answer;
 
 pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Palette(palette)) = &mut model.overlay else { return Vec::new() };
@@ -61,7 +61,7 @@ pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action
 fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
     match action {
-        Some(Action::Approve) => decide(model, ApprovalDecision::Approve),
+        Some(Action::Approve) => decide(model, Answer::Approve),
         Some(Action::Reject) => {
             // The key that rejects leads to the reason first.
             if prompt.reason.text().trim().is_empty() {
@@ -69,7 +69,7 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
                 prompt.focus = Focus::Reason;
                 return Vec::new();
             }
-            decide(model, ApprovalDecision::Reject)
+            decide(model, Answer::Reject)
         }
         Some(Action::Reread) => {
             let (now_ms, snapshot) = (model.now_ms, model.snapshot.clone());
@@ -94,12 +94,12 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
     }
 }
 
-fn decide(model: &mut Model, answer: ApprovalDecision) -> Vec<Effect> {
+fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
     let made = prompt.decide(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms);
     match made {
         Ok(decision) => {
-            let what = format!("{} {}", answer.as_str(), prompt.seen.version);
+            let what = format!("{} {}", answer.name(), prompt.seen.version);
             match asking::request(model, "decide", what) {
                 Some(id) => {
                     model.overlay = None;

@@ -6,16 +6,16 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use serde_json::json;
 
 use super::update;
-use crate::approvals::ApprovalDecision;
-use crate::console::action::Action;
-use crate::console::effect::{Effect, Question};
-use crate::console::form::Intent;
-use crate::console::keymap::Keymap;
-use crate::console::model::{EngineState, Model, Operator, Overlay, Settings, Typing, View};
-use crate::console::msg::{Msg, What};
-use crate::console::prompt::{Block, GUARD_MS};
-use crate::engine::command::Command;
-use crate::engine::snapshot::Snapshot;
+use crate::action::Action;
+use crate::effect::{Effect, Question};
+use crate::form::Intent;
+use crate::keymap::Keymap;
+use crate::model::{EngineState, Model, Operator, Overlay, Settings, Typing, View};
+use crate::msg::{Msg, What};
+use crate::prompt::{Block, GUARD_MS};
+use holdpoint_governance::approval::Answer;
+use holdpoint_protocol::command::Command;
+use holdpoint_protocol::snapshot::Snapshot;
 
 const CANDIDATE: &str = "grasp@1.3.0";
 
@@ -230,7 +230,7 @@ fn tiers_ask_for_more_and_more() {
             assert_eq!(decides(&effects), block.is_none(), "tier {tier}, {short_id:?}, {reason:?}");
             assert_eq!(desk.block(), block);
             let Some(Effect::Decide { decision, .. }) = effects.first() else { continue };
-            assert_eq!((decision.by(), decision.answer()), ("ana", ApprovalDecision::Approve));
+            assert_eq!((decision.by(), decision.answer()), ("ana", Answer::Approve));
             assert_eq!(decision.over().evidence.to_string(), digest('e'));
             assert!(decision.shown().contains("Replaces grasp@1.2.0"), "{}", decision.shown());
             assert!(desk.model.overlay.is_none());
@@ -327,7 +327,7 @@ fn rejecting_needs_a_reason_and_its_key_again() {
     desk.press(KeyCode::Esc);
     let effects = desk.keys("N");
     let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
-    assert_eq!((decision.answer(), decision.reason()), (ApprovalDecision::Reject, "too hard a grip"));
+    assert_eq!((decision.answer(), decision.reason()), (Answer::Reject, "too hard a grip"));
 }
 
 #[test]

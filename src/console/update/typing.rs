@@ -4,10 +4,10 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use tui_input::InputRequest;
 
 use super::{act, asking, show, tell};
-use crate::console::commands::{self, Asked};
-use crate::console::effect::{Effect, Question};
-use crate::console::line::Line;
-use crate::console::model::{Model, Overlay, Typing, View};
+use crate::commands::{self, Asked};
+use crate::effect::{Effect, Question};
+use crate::line::Line;
+use crate::model::{Model, Overlay, Typing, View};
 
 /// Command lines remembered.
 const HISTORY_MAX: usize = 100;
@@ -48,7 +48,7 @@ pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
 }
 
 /// Types a key into a line. False where the key is no text and edits nothing.
-pub(in crate::console) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
+pub(crate) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
     if let Some(request) = edit(key) {
         line.edit(request);
         return true;

@@ -11,15 +11,15 @@
 use ratatui::layout::Rect;
 
 use super::status::priority_words;
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::model::Model;
-use crate::console::rows::AlarmItem;
-use crate::console::theme::Mark;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::console::words::{duration, seconds};
-use crate::engine::snapshot::AlarmView;
+use crate::look::{Glyph, Look, Role};
+use crate::model::Model;
+use crate::rows::AlarmItem;
+use crate::theme::Mark;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Pen, below, cut};
+use crate::widgets::row::Row;
+use crate::words::{duration, seconds};
+use holdpoint_protocol::snapshot::AlarmView;
 
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 7;
@@ -84,7 +84,7 @@ fn row(item: AlarmItem<'_>, look: &Look) -> Row {
 /// Everything about an alarm, in sentences.
 fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
-    let text = crate::console::widgets::row::wrap(&alarm.text, width, 2);
+    let text = crate::widgets::row::wrap(&alarm.text, width, 2);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(Role::Text, line)).collect();
     let since = duration(now_ms.saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };

@@ -11,16 +11,16 @@
 use ratatui::layout::Rect;
 
 use super::overview::{left, waiting_row};
-use crate::console::action::Action;
-use crate::console::look::Role;
-use crate::console::model::Model;
-use crate::console::prompt::Prompt;
-use crate::console::rows::WaitingItem;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Pen, cut};
-use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::reason_line;
-use crate::engine::snapshot::QuestionView;
+use crate::action::Action;
+use crate::look::Role;
+use crate::model::Model;
+use crate::prompt::Prompt;
+use crate::rows::WaitingItem;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Pen, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::reason_line;
+use holdpoint_protocol::snapshot::QuestionView;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

@@ -9,14 +9,14 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::action::Action;
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Fit, Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::console::words::seconds;
-use crate::engine::detail::AuditRow;
+use crate::action::Action;
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::row::Row;
+use crate::words::seconds;
+use holdpoint_protocol::detail::AuditRow;
 
 /// Characters of a record's content that a list's row looks at.
 const CONTENT_CHARS: usize = 200;

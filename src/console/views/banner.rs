@@ -6,12 +6,12 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::{Glyph, Role};
-use crate::console::model::{EngineState, Model};
-use crate::console::theme::Mark;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
-use crate::console::words::{duration, seconds};
+use crate::look::{Glyph, Role};
+use crate::model::{EngineState, Model};
+use crate::theme::Mark;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use crate::words::{duration, seconds};
 
 /// Draws it. What was not known to be well stands first and is never cut off before what merely helps.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

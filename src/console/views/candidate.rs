@@ -12,15 +12,15 @@ use ratatui::layout::Rect;
 
 use super::candidate_rows::item;
 use super::{pipeline, tabs};
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::model::{Model, View};
-use crate::console::rows::CandidateItem;
-use crate::console::theme::Mark;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Fit, Pen, below, cut};
-use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::seconds;
-use crate::engine::detail::Detail;
+use crate::look::{Glyph, Look, Role};
+use crate::model::{Model, View};
+use crate::rows::CandidateItem;
+use crate::theme::Mark;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::seconds;
+use holdpoint_protocol::detail::Detail;
 
 /// The pane of the decisions, which stands beside the checks where there is room.
 const TIMELINE: usize = 4;

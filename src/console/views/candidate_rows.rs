@@ -1,14 +1,14 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::rows::CandidateItem;
-use crate::console::theme::Mark;
-use crate::console::widgets::bar::against_limit;
-use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::{kappa_sign, reason_line, seconds};
-use crate::engine::detail::{DifferenceView, DrillView, ExplainedView, Measure};
-use crate::engine::event::DimensionResult;
-use crate::governance::composition::Condition;
+use crate::look::{Glyph, Look, Role};
+use crate::rows::CandidateItem;
+use crate::theme::Mark;
+use crate::widgets::bar::against_limit;
+use crate::widgets::row::{Row, wrap};
+use crate::words::{kappa_sign, reason_line, seconds};
+use holdpoint_governance::composition::Condition;
+use holdpoint_protocol::detail::{DifferenceView, DrillView, ExplainedView, Measure};
+use holdpoint_protocol::event::DimensionResult;
 
 /// Lines of one wrapped text.
 const LINES_MAX: usize = 6;

@@ -6,14 +6,14 @@
 //! last sequences •••••••✖••••••••  94 % of 50
 //! ```
 
-use crate::console::look::Role;
-use crate::console::model::Model;
-use crate::console::theme::Mark;
-use crate::console::widgets::bar::outcomes;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
-use crate::engine::snapshot::{FamilyView, LiveView};
-use crate::governance::lifecycle::State;
+use crate::look::Role;
+use crate::model::Model;
+use crate::theme::Mark;
+use crate::widgets::bar::outcomes;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::snapshot::{FamilyView, LiveView};
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
@@ -36,7 +36,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         ));
     }
     if let Some(drift) = &snapshot.live.drift {
-        let glyph = pen.look.glyph(crate::console::look::Glyph::Warning);
+        let glyph = pen.look.glyph(crate::look::Glyph::Warning);
         rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {}", super::short(drift, width))));
     }
     rows

@@ -11,10 +11,10 @@
 use ratatui::layout::Rect;
 
 use super::hints::field;
-use crate::console::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
-use crate::console::look::{Glyph, Role};
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::{Row, wrap};
+use crate::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
+use crate::look::{Glyph, Role};
+use crate::widgets::pen::Pen;
+use crate::widgets::row::{Row, wrap};
 
 /// The widest form, columns.
 const WIDTH_MAX: u16 = 76;
@@ -29,7 +29,7 @@ pub fn draw(form: &Form, pen: &mut Pen<'_>, area: Rect) {
     let inside = super::window(pen, area, WIDTH_MAX, height, &title, "");
     // Where not all fits, the fields and buttons stay in sight.
     let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(inside.height);
-    let (upper, lower) = crate::console::widgets::pen::cut(inside, inside.height - foot_height);
+    let (upper, lower) = crate::widgets::pen::cut(inside, inside.height - foot_height);
     pen.rows(upper, 0, &body);
     pen.rows(lower, 0, &foot);
 }

@@ -6,11 +6,11 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::action::Action;
-use crate::console::look::{Glyph, Role};
-use crate::console::model::{Model, Overlay, Typing, View};
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::action::Action;
+use crate::look::{Glyph, Role};
+use crate::model::{Model, Overlay, Typing, View};
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
@@ -37,7 +37,7 @@ fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
 
 /// A field's text; with its cursor where it has the keys.
 #[must_use]
-pub fn field(pen: &Pen<'_>, line: &crate::console::line::Line, width: usize, has_keys: bool) -> Row {
+pub fn field(pen: &Pen<'_>, line: &crate::line::Line, width: usize, has_keys: bool) -> Row {
     let (text, cursor) = (line.text(), line.cursor());
     if !has_keys {
         return Row::of(Role::Text, &super::short(text, width));

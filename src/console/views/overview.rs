@@ -13,13 +13,13 @@
 use ratatui::layout::Rect;
 
 use super::{families, pipeline, robot, story, tabs};
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::rows::WaitingItem;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Fit, Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::console::words::duration;
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::rows::WaitingItem;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::row::Row;
+use crate::words::duration;
 
 const PIPELINE: usize = 0;
 const ROBOT: usize = 1;
@@ -109,7 +109,7 @@ fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
         return;
     }
-    let key = model.keymap.key(crate::console::action::Action::ShowApprovals);
+    let key = model.keymap.key(crate::action::Action::ShowApprovals);
     let inside = pen.pane(area, "Waits for people", false, &format!("{key} opens"));
     let now_ms = model.engine_ms();
     for (at, item) in (0..inside.height).zip(&rows) {

@@ -10,12 +10,12 @@
 use ratatui::layout::Rect;
 
 use super::hints::field;
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::palette::Palette;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Pen, below};
-use crate::console::widgets::row::Row;
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::palette::Palette;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Pen, below};
+use crate::widgets::row::Row;
 
 /// The widest palette, columns.
 const WIDTH_MAX: u16 = 96;

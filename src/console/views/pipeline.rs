@@ -10,17 +10,17 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::action::Action;
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::model::Model;
-use crate::console::theme::Mark;
-use crate::console::widgets::bar::progress;
-use crate::console::widgets::list::GUTTER;
-use crate::console::widgets::pen::{Pen, below};
-use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::{STAGES, duration, reason_line, stage_place, stages_done};
-use crate::engine::snapshot::{CandidateView, ProgressView};
-use crate::governance::lifecycle::State;
+use crate::action::Action;
+use crate::look::{Glyph, Look, Role};
+use crate::model::Model;
+use crate::theme::Mark;
+use crate::widgets::bar::progress;
+use crate::widgets::list::GUTTER;
+use crate::widgets::pen::{Pen, below};
+use crate::widgets::row::{Row, wrap};
+use crate::words::{STAGES, duration, reason_line, stage_place, stages_done};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 
 /// Rows for what would end a stage early.
 const EARLY_ROWS_MAX: usize = 3;

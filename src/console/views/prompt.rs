@@ -15,14 +15,14 @@ use unicode_width::UnicodeWidthStr as _;
 
 use super::form::button;
 use super::hints::field;
-use crate::approvals::ApprovalDecision;
-use crate::console::action::Action;
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::prompt::{Block, Focus, Prompt};
-use crate::console::widgets::pen::{Pen, cut};
-use crate::console::widgets::row::{Row, wrap};
-use crate::console::words::seconds;
+use crate::action::Action;
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::prompt::{Block, Focus, Prompt};
+use crate::widgets::pen::{Pen, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::seconds;
+use holdpoint_governance::approval::Answer;
 
 /// Draws it over all of `area`.
 pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
@@ -98,9 +98,9 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
     rows.push(fields(prompt, pen, width));
     rows.extend(missing(model, prompt, width));
     let key = |action| model.keymap.key(action);
-    let approve = !blocks(model, prompt, ApprovalDecision::Approve).is_empty();
+    let approve = !blocks(model, prompt, Answer::Approve).is_empty();
     // Without a reason the key that rejects leads to its field.
-    let reject = blocks(model, prompt, ApprovalDecision::Reject).iter().any(|block| *block != Block::Reason);
+    let reject = blocks(model, prompt, Answer::Reject).iter().any(|block| *block != Block::Reason);
     let role = |off: bool| if off { Role::KeyOff } else { Role::Key };
     let named = |off: bool, key: String, word: &str| {
         if off {
@@ -135,14 +135,14 @@ fn fields(prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Row {
     row.and(field(pen, &prompt.reason, left, has))
 }
 
-fn blocks(model: &Model, prompt: &Prompt, answer: ApprovalDecision) -> Vec<Block> {
+fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Block> {
     prompt.blocks(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms)
 }
 
 /// What stands against each answer, in words; what stands against both is told once.
 fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
-    let approve = blocks(model, prompt, ApprovalDecision::Approve);
-    let reject = blocks(model, prompt, ApprovalDecision::Reject);
+    let approve = blocks(model, prompt, Answer::Approve);
+    let reject = blocks(model, prompt, Answer::Reject);
     let hints = |blocks: &[Block]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
     let both: Vec<Block> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
     let rest = |all: &[Block]| all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>();

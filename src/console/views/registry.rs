@@ -11,17 +11,17 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::model::Model;
-use crate::console::rows::RegistryItem;
-use crate::console::theme::Mark;
-use crate::console::widgets::bar::against_limit;
-use crate::console::widgets::list::{GUTTER, place};
-use crate::console::widgets::pen::{Fit, Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::console::words::{duration, kappa_sign, reason_line};
-use crate::engine::detail::RegistryRow;
-use crate::governance::decision::Dimension;
+use crate::look::{Glyph, Look, Role};
+use crate::model::Model;
+use crate::rows::RegistryItem;
+use crate::theme::Mark;
+use crate::widgets::bar::against_limit;
+use crate::widgets::list::{GUTTER, place};
+use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::row::Row;
+use crate::words::{duration, kappa_sign, reason_line};
+use holdpoint_governance::decision::Dimension;
+use holdpoint_protocol::detail::RegistryRow;
 
 /// Lines for what is said of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;

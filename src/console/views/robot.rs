@@ -12,12 +12,12 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::widgets::dots::{Dots, Ink};
-use crate::console::widgets::pen::{Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::engine::picture::{Body, Picture, Point, Region, Scenery};
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::widgets::dots::{Dots, Ink};
+use crate::widgets::pen::{Pen, below, cut};
+use crate::widgets::row::Row;
+use holdpoint_protocol::picture::{Body, Picture, Point, Region, Scenery};
 
 const SCENERY: Ink = Ink { role: Role::Scenery, ascii: ".", dashed: false };
 const WORKSPACE: Ink = Ink { role: Role::Scenery, ascii: ":", dashed: true };
@@ -221,7 +221,7 @@ fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
     for region in named {
         let (left, top) = scale.at(region.min);
         let (right, other) = scale.at(region.max);
-        let name = crate::text::Untrusted::from(region.name.as_str()).display(10);
+        let name = holdpoint_text::Untrusted::from(region.name.as_str()).display(10);
         let width = u16::try_from(name.width()).unwrap_or(u16::MAX);
         // What is flat has its name above it.
         let flat = (top - other).abs() < 4;

@@ -12,14 +12,14 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::console::look::{Glyph, Role};
-use crate::console::model::Model;
-use crate::console::widgets::bar::against_limit;
-use crate::console::widgets::chart::Chart;
-use crate::console::widgets::list::place;
-use crate::console::widgets::pen::{Fit, Pen, below, cut};
-use crate::console::widgets::row::Row;
-use crate::engine::snapshot::{CandidateView, MonitorView, ShadowView};
+use crate::look::{Glyph, Role};
+use crate::model::Model;
+use crate::widgets::bar::against_limit;
+use crate::widgets::chart::Chart;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::row::Row;
+use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
 
 const CHARTS: usize = 0;
 
@@ -147,7 +147,7 @@ fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(area, 0, &rows);
 }
 
-fn toward(look: &crate::console::look::Look, share: f64, width: usize, past: bool) -> Row {
+fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row {
     let bar = against_limit(look, Some(share), 0.8, width);
     // Here to reach the limit is bad: the roles are turned round.
     let mut row = Row::new();

@@ -7,13 +7,13 @@
 
 use ratatui::layout::Rect;
 
-use crate::alarms::AlarmSummary;
-use crate::console::look::{Glyph, Look, Role};
-use crate::console::model::Model;
-use crate::console::theme::Mark;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
-use crate::engine::snapshot::{AlarmView, Snapshot};
+use crate::look::{Glyph, Look, Role};
+use crate::model::Model;
+use crate::theme::Mark;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use holdpoint_governance::alarms::AlarmSummary;
+use holdpoint_protocol::snapshot::{AlarmView, Snapshot};
 
 /// Columns kept for the text of an alarm before counts are left off.
 const TEXT_MIN: usize = 26;

@@ -7,11 +7,11 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::Role;
-use crate::console::model::Model;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
-use crate::console::words::seconds;
+use crate::look::Role;
+use crate::model::Model;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use crate::words::seconds;
 
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {

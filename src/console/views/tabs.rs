@@ -6,10 +6,10 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::Role;
-use crate::console::model::{Model, View};
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::look::Role;
+use crate::model::{Model, View};
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {

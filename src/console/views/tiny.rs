@@ -10,12 +10,12 @@
 use ratatui::layout::Rect;
 
 use super::{banner, hints, overview, palette, prompt, status};
-use crate::console::action::Action;
-use crate::console::look::Role;
-use crate::console::model::{Model, Overlay};
-use crate::console::theme::Mark;
-use crate::console::widgets::pen::{Pen, above, below};
-use crate::console::widgets::row::Row;
+use crate::action::Action;
+use crate::look::Role;
+use crate::model::{Model, Overlay};
+use crate::theme::Mark;
+use crate::widgets::pen::{Pen, above, below};
+use crate::widgets::row::Row;
 
 /// Lines from which an overlay can be read at all.
 const OVERLAY_HEIGHT_MIN: u16 = 6;

@@ -1,6 +1,6 @@
 //! The tour: one sentence on each screen, dismissed with one key.
 
-use crate::console::model::{Model, View};
+use crate::model::{Model, View};
 
 /// The sentence for this screen and step; the last of a screen stays.
 #[must_use]

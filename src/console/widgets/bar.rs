@@ -1,7 +1,7 @@
 //! Bars with their limit drawn in, progress, and small trends. Each reads the same without colours.
 
 use super::row::Row;
-use crate::console::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, Role};
 
 /// A share of 0 to 1 as a bar of `width` columns with a limit that is to be reached.
 #[must_use]
@@ -62,7 +62,7 @@ fn columns(share: f64, width: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::console::look::{Depth, Glyphs, Theme};
+    use crate::look::{Depth, Glyphs, Theme};
 
     fn text(row: &Row) -> String {
         row.parts().map(|(text, _)| text).collect()

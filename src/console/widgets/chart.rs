@@ -7,7 +7,7 @@ use ratatui::layout::Rect;
 use super::dots::{ACROSS, DOWN, Dots, Ink};
 use super::pen::Pen;
 use super::row::Row;
-use crate::console::look::{Glyph, Role};
+use crate::look::{Glyph, Role};
 
 /// Columns left of a chart, for its numbers.
 const SCALE: u16 = 6;

@@ -5,7 +5,7 @@
 use ratatui::layout::Rect;
 
 use super::pen::Pen;
-use crate::console::look::Role;
+use crate::look::Role;
 
 /// Dots across a cell.
 pub const ACROSS: usize = 2;

@@ -4,7 +4,7 @@ use ratatui::layout::Rect;
 
 use super::pen::Pen;
 use super::row::Row;
-use crate::console::look::{Glyph, Role};
+use crate::look::{Glyph, Role};
 
 /// Columns before a row: the mark of the row under the cursor.
 pub const GUTTER: u16 = 2;

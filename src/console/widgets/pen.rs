@@ -6,7 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
 use super::row::{Row, wrap};
-use crate::console::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, Role};
 
 /// How much room the screen has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -6,8 +6,8 @@ use std::borrow::Cow;
 
 use unicode_width::UnicodeWidthStr as _;
 
-use crate::console::look::Role;
-use crate::text::Untrusted;
+use crate::look::Role;
+use holdpoint_text::Untrusted;
 
 /// The widest piece, columns: wider than any screen that is drawn.
 const PIECE_MAX: usize = 600;
@@ -120,7 +120,7 @@ pub fn wrap(text: &str, width: usize, rows_max: usize) -> Vec<String> {
         return Vec::new();
     }
     // What cannot be seen anyway is cut before it is measured.
-    let safe = safe(text, width.saturating_mul(rows_max).min(crate::text::WIDTH_MAX));
+    let safe = safe(text, width.saturating_mul(rows_max).min(holdpoint_text::WIDTH_MAX));
     let mut lines: Vec<String> =
         textwrap::wrap(&safe, width).into_iter().map(|line| self::safe(line.trim_end(), width)).collect();
     lines.truncate(rows_max);

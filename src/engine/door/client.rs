@@ -5,12 +5,12 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, PROTOCOL};
 use super::{DoorError, socket, socket_path};
-use crate::approvals::Nonce;
-use crate::engine::command::{Command, Reply, Request};
-use crate::engine::event::Event;
-use crate::registry::Layout;
+use holdpoint_approvals::Nonce;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, PROTOCOL};
+use holdpoint_registry::Layout;
 
 /// How long the first line may take.
 const HELLO_SECS: u64 = 5;

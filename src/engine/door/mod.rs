@@ -10,7 +10,6 @@
 mod client;
 mod server;
 mod socket;
-pub mod wire;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,9 +25,10 @@ pub use client::{Client, Subscription, Told};
 pub use socket::socket_path;
 
 use super::Engine;
-use super::command::{Reply, Request};
-use super::event::Event;
-use crate::registry::Layout;
+use holdpoint_protocol::command::{Reply, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::wire;
+use holdpoint_registry::Layout;
 
 /// The most connections at a time.
 pub const CONNECTIONS_MAX: usize = 32;
@@ -109,7 +109,7 @@ pub enum DoorError {
     },
     /// The system gave no random numbers for a command's id.
     #[error(transparent)]
-    Random(#[from] crate::approvals::ApprovalError),
+    Random(#[from] holdpoint_approvals::ApprovalError),
 }
 
 impl DoorError {

@@ -17,9 +17,11 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use super::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, ID_BYTES_MAX, PROTOCOL};
 use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, Signals};
-use crate::engine::command::{Refusal, Reply};
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::wire::{
+    self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, ID_BYTES_MAX, PROTOCOL,
+};
 
 /// How long a connection may say nothing.
 const IDLE_MAX: Duration = Duration::from_mins(1);
@@ -133,7 +135,7 @@ impl Server {
         }
     }
 
-    async fn ask(&self, request: Box<crate::engine::command::Request>) -> Reply {
+    async fn ask(&self, request: Box<holdpoint_protocol::command::Request>) -> Reply {
         let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
         if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());

@@ -8,7 +8,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
 use super::DoorError;
-use crate::registry::Layout;
+use holdpoint_registry::Layout;
 
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;

@@ -24,19 +24,19 @@ use tokio::sync::{mpsc, watch};
 
 use self::outlet::Outlet;
 use self::serving::{Serving, said};
-use super::command::{Command, Reply, Request};
 use super::door::Door;
-use super::event::Event;
-use super::picture::Picture;
-use super::recorder::{Recorder, SceneOptions};
-use super::snapshot::Snapshot;
+use super::listeners::Listeners;
 use super::{Config, Engine, service};
-use crate::governance::profile::ProfileName;
 use crate::pipeline::cache::EpisodeCache;
 use crate::pipeline::cell::Cell;
 use crate::pipeline::pacer::Switch;
-use crate::registry::Layout;
-use crate::scene::tap::Tap;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::sink::{MakeSink, Serve};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::Layout;
 
 /// The most requests that are on their way or not yet answered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -48,7 +48,6 @@ pub const UPDATES_MAX: usize = 256;
 const NICE: i32 = 5;
 
 /// What a host is started with.
-#[derive(Clone, Debug)]
 pub struct HostConfig {
     /// The store's folder.
     pub data: PathBuf,
@@ -62,8 +61,8 @@ pub struct HostConfig {
     pub robot: Option<PathBuf>,
     /// Simulated seconds of the live world in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
-    /// Recordings and a live viewer.
-    pub scenes: SceneOptions,
+    /// Who listens besides the front end: recordings, a live viewer.
+    pub sinks: Vec<MakeSink>,
 }
 
 impl HostConfig {
@@ -115,12 +114,12 @@ pub enum StopError {
 }
 
 /// What the front end's thread reaches of the engine's without asking it.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Shared {
     /// Stops the arm.
     switch: OnceLock<Arc<Switch>>,
-    /// Hands over to the scene sink.
-    tap: OnceLock<Tap>,
+    /// Has the live scene served.
+    serve: OnceLock<Serve>,
 }
 
 /// A running engine. Dropping it ends the engine in an orderly way, without waiting for that.
@@ -152,7 +151,7 @@ impl Host {
         let layout = Layout::new(config.data.clone());
         let outlet = Outlet::new(told, snapshot, Arc::clone(&outstanding));
         let own = Arc::clone(&shared);
-        let work = move || run(&config, &asked, outlet, picture, &own);
+        let work = move || run(config, &asked, outlet, picture, &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
         Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
@@ -180,7 +179,7 @@ impl Host {
     /// what came of it is told as an event.
     #[must_use]
     pub fn serve_scene(&self, address: std::net::SocketAddr) -> bool {
-        self.shared.tap.get().is_some_and(|tap| tap.serve(address))
+        self.shared.serve.get().is_some_and(|serve| serve(address))
     }
 
     /// The folder of the store's identities.
@@ -230,7 +229,7 @@ impl Host {
 
 /// The engine's thread.
 fn run(
-    config: &HostConfig,
+    config: HostConfig,
     asked: &Receiver<Request>,
     mut outlet: Outlet,
     picture: watch::Sender<Option<Arc<Picture>>>,
@@ -241,16 +240,16 @@ fn run(
     let started = catch_unwind(AssertUnwindSafe(|| start(config, picture)));
     let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
     let ended = match started {
-        Ok((engine, door, recorder)) => {
+        Ok((engine, door, listeners)) => {
             // Both are set once, here.
             if let Some(own) = engine.switch() {
                 drop(shared.switch.set(own));
             }
-            if let Some(recorder) = &recorder {
-                drop(shared.tap.set(recorder.tap()));
+            if let Some(serve) = listeners.serve() {
+                drop(shared.serve.set(serve));
             }
             outlet.say(Update::Started);
-            Serving::new(engine, door, recorder, asked).run(&mut outlet);
+            Serving::new(engine, door, listeners, asked).run(&mut outlet);
             Ok(())
         }
         Err(text) => Err(text),
@@ -261,9 +260,9 @@ fn run(
 }
 
 fn start(
-    config: &HostConfig,
+    config: HostConfig,
     picture: watch::Sender<Option<Arc<Picture>>>,
-) -> Result<(Engine, Door, Option<Recorder>), String> {
+) -> Result<(Engine, Door, Listeners), String> {
     let model = match &config.robot {
         None => RobotModel::builtin("arm7"),
         Some(path) => RobotModel::load(path),
@@ -278,17 +277,17 @@ fn start(
         cache: EpisodeCache::InStore,
     })
     .map_err(|error| error.to_string())?;
-    let recorder = Recorder::start(&mut engine, config.scenes);
-    let tap = recorder.as_ref().map(Recorder::tap);
-    let easel = move |taken: Picture| {
-        if let Some(tap) = &tap {
-            tap.picture(taken.clone());
+    let listeners = Listeners::start(&mut engine, config.sinks);
+    let others = listeners.pictures();
+    let pictures = move |taken: Picture| {
+        if let Some(take) = &others {
+            take(taken.clone());
         }
         picture.send_replace(Some(Arc::new(taken)));
     };
-    engine.pace_live_world(config.pace, Arc::new(easel));
+    engine.pace_live_world(config.pace, Arc::new(pictures));
     let door = service::open(&engine).map_err(|error| error.to_string())?;
-    Ok((engine, door, recorder))
+    Ok((engine, door, listeners))
 }
 
 #[cfg(test)]
@@ -304,7 +303,7 @@ mod tests {
             jobs,
             robot: None,
             pace: None,
-            scenes: SceneOptions::NONE,
+            sinks: Vec::new(),
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         assert_eq!(config(0).workers(), (cores - 1).max(1));

@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 use super::{OUTSTANDING_MAX, Update};
-use crate::engine::Engine;
-use crate::engine::command::Reply;
-use crate::engine::event::Event;
-use crate::engine::snapshot::Snapshot;
+use crate::Engine;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// Least time between two snapshots, but for those after an answer.
 const SNAPSHOT_EVERY: Duration = Duration::from_millis(50);
@@ -123,9 +123,9 @@ impl Outlet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::command::Refusal;
-    use crate::engine::event::EventKind;
-    use crate::engine::host::UPDATES_MAX;
+    use crate::host::UPDATES_MAX;
+    use holdpoint_protocol::command::Refusal;
+    use holdpoint_protocol::event::EventKind;
 
     fn outlet() -> (Outlet, mpsc::Receiver<Update>) {
         let (updates, receiver) = mpsc::channel(UPDATES_MAX);

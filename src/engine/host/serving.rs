@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use super::OUTSTANDING_MAX;
 use super::outlet::Outlet;
-use crate::engine::command::{Command, Reply, Request};
-use crate::engine::door::Door;
-use crate::engine::event::{Event, EventKind};
-use crate::engine::recorder::Recorder;
-use crate::engine::{Engine, service};
+use crate::door::Door;
+use crate::listeners::Listeners;
 use crate::pipeline::manager::Progress;
+use crate::{Engine, service};
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::{Event, EventKind};
 
 /// How long an idle engine waits for a request before it looks at its clock, its socket and the live world.
 const PAUSE_MAX: Duration = Duration::from_millis(15);
@@ -25,7 +25,7 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 pub(super) struct Serving<'a> {
     engine: Engine,
     door: Door,
-    recorder: Option<Recorder>,
+    listeners: Listeners,
     asked: &'a Receiver<Request>,
     /// Requests whose answer comes after the sequence that runs.
     waiting: Vec<String>,
@@ -36,10 +36,10 @@ impl<'a> Serving<'a> {
     pub(super) fn new(
         engine: Engine,
         door: Door,
-        recorder: Option<Recorder>,
+        listeners: Listeners,
         asked: &'a Receiver<Request>,
     ) -> Self {
-        Self { engine, door, recorder, asked, waiting: Vec::new(), trial: Trial::new() }
+        Self { engine, door, listeners, asked, waiting: Vec::new(), trial: Trial::new() }
     }
 
     /// Until the engine has ended.
@@ -64,9 +64,7 @@ impl<'a> Serving<'a> {
                 progress = serving.engine.advance();
             });
             self.guarded("the scenes", |serving| {
-                if let Some(recorder) = &mut serving.recorder {
-                    recorder.settle(&mut serving.engine);
-                }
+                serving.listeners.settle(&mut serving.engine);
             });
             self.tell(outlet);
             self.answer_waiting(outlet);
@@ -90,18 +88,14 @@ impl<'a> Serving<'a> {
         let events = self.engine.drain_events();
         self.trial.note(&events);
         self.door.publish(&events);
-        if let Some(recorder) = &self.recorder {
-            recorder.events(&self.engine, &events);
-        }
+        self.listeners.events(&self.engine, &events);
         outlet.tell(events);
     }
 
     /// Ends the recordings, which are on record then.
     fn end_scenes(&mut self, outlet: &mut Outlet) {
         self.guarded("the scenes", |serving| {
-            if let Some(recorder) = serving.recorder.take() {
-                recorder.finish(&mut serving.engine);
-            }
+            serving.listeners.finish(&mut serving.engine);
         });
         self.tell(outlet);
         outlet.flush();
@@ -165,7 +159,7 @@ impl<'a> Serving<'a> {
 
 fn failed() -> Reply {
     Reply::Refused {
-        code: crate::engine::command::Refusal::Holding,
+        code: holdpoint_protocol::command::Refusal::Holding,
         text: "the engine failed on it and holds".to_owned(),
         hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
     }
@@ -175,7 +169,7 @@ fn failed() -> Reply {
 pub(super) fn said(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    crate::text::Untrusted::new(text.unwrap_or_else(|| "no message".to_owned())).line().into_string()
+    holdpoint_text::Untrusted::new(text.unwrap_or_else(|| "no message".to_owned())).line().into_string()
 }
 
 /// A panic on purpose, for tests of a build that checks itself: `HOLDPOINT_TEST_PANIC=engine` fails the first slice

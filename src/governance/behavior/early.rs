@@ -5,11 +5,11 @@
 //! they count as no worsening here, which is the least they can be.
 
 use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, nothing, unusable};
-use crate::governance::decision::{Dimension, Reason, ReasonCode};
-use crate::governance::ended::Ended;
-use crate::governance::evidence::{Binding, EpisodeValues, PairedEvidence};
-use crate::governance::outcome::BehaviorOutcome;
-use crate::governance::profile::Profile;
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::ended::Ended;
+use crate::evidence::{Binding, EpisodeValues, PairedEvidence};
+use crate::outcome::BehaviorOutcome;
+use crate::profile::Profile;
 use crate::stats::population::Pairs;
 use crate::stats::{self, PairedCounts};
 

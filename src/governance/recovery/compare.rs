@@ -4,9 +4,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::governance::decision::{Dimension, Reason, ReasonCode};
-use crate::governance::evidence::{DrillKind, DrillTally, Drills, RecoveryEvidence};
-use crate::governance::profile::Profile;
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::evidence::{DrillKind, DrillTally, Drills, RecoveryEvidence};
+use crate::profile::Profile;
 use crate::stats::{self, PairedCounts};
 
 /// Two-sided level of the intervals that are shown.

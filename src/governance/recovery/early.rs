@@ -4,11 +4,11 @@
 //! the lower its `rho`, the better the candidate looks beside it.
 
 use super::{RecoveryAssessment, assess, compare, judge, kappa, kinds, rho};
-use crate::governance::decision::{Dimension, Reason, ReasonCode};
-use crate::governance::ended::Ended;
-use crate::governance::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
-use crate::governance::outcome::{Assessment, Basis, RecoveryOutcome};
-use crate::governance::profile::Profile;
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::ended::Ended;
+use crate::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
+use crate::outcome::{Assessment, Basis, RecoveryOutcome};
+use crate::profile::Profile;
 use crate::stats::population::Runs;
 
 /// Exact curtailment: whether the outcome is `incompatible` even where every missing drill of the candidate

@@ -3,17 +3,18 @@
 //! Admission checks what the version declares it needs before a call, on measured observables; a
 //! version whose preconditions do not hold, or that cannot be measured, is not started.
 
-use holdpoint_sim::SimError;
-use holdpoint_sim::io::{TaskKind, Telemetry};
+use holdpoint_body::BodyError;
+use holdpoint_body::{TaskKind, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use super::{ActiveView, Agent};
-use crate::governance::ids::{CapabilityId, Family};
-use crate::governance::manifest::{Bound, Manifest};
-use crate::runtime::arm::{Arm, Body};
-use crate::runtime::capability::Capability;
-use crate::runtime::task::{self, Supervisor, TaskRecord};
-use crate::runtime::terms::Terms;
+use crate::arm::Arm;
+use crate::capability::Capability;
+use crate::task::{self, Supervisor, TaskRecord};
+use crate::terms::Terms;
+use holdpoint_body::Body;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::manifest::{Bound, Manifest};
 
 /// Why a task was not started.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Serialize, Deserialize)]
@@ -44,7 +45,7 @@ pub enum DispatchError {
     Refused(#[from] Refused),
     /// The body failed.
     #[error(transparent)]
-    Body(#[from] SimError),
+    Body(#[from] BodyError),
 }
 
 /// Measured quantities that manifests may name in pre- and postconditions.

@@ -8,11 +8,11 @@ pub mod dispatcher;
 
 use std::fmt;
 
-use holdpoint_sim::io::TaskKind;
+use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
-use crate::governance::ids::{Digest, Family};
-use crate::runtime::capability::Capability;
+use crate::capability::Capability;
+use holdpoint_governance::ids::{Digest, Family};
 
 /// What the agent can be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

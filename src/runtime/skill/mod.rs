@@ -9,10 +9,10 @@
 
 pub mod native;
 
-use holdpoint_sim::io::{Command, Observation, TaskKind};
+use holdpoint_body::{Command, Observation, TaskKind};
 
-use crate::governance::exports::Interface;
-use crate::governance::ids::Digest;
+use holdpoint_governance::exports::Interface;
+use holdpoint_governance::ids::Digest;
 
 /// An entry point beside the ordinary tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ pub trait SkillBundle: Send + Sync {
 
 /// One run of a bundle.
 pub trait Skill: Send {
-    /// One decision, [`holdpoint_sim::io::RATE_HZ`] times a second.
+    /// One decision, [`holdpoint_body::RATE_HZ`] times a second.
     fn tick(&mut self, seen: &Observation) -> Command;
 
     /// Turns to a hook; ordinary work ends.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io;
 
 use super::*;
-use crate::scene::pace::tests::picture;
+use crate::pace::tests::picture;
 
 fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()

@@ -17,10 +17,10 @@ use std::collections::BTreeMap;
 pub use record::{Frame, Head, Tail, head, paths, tail};
 
 use super::rows::{Ids, Moment, Rows};
-use crate::engine::event::Event;
-use crate::engine::picture::{Picture, Point, Scenery};
-use crate::engine::snapshot::Snapshot;
-use crate::governance::ids::CapabilityId;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::{Picture, Point, Scenery};
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// A drawing: rows that wait, and what has to be remembered between two of them.
 #[derive(Debug)]

@@ -3,13 +3,13 @@
 use rerun::Scalars;
 
 use super::{Drawing, part, style};
-use crate::engine::event::{DimensionResult, Event, EventKind};
-use crate::engine::picture::Picture;
-use crate::engine::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
-use crate::governance::decision::Dimension;
-use crate::scene::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};
-use crate::scene::rows::Moment;
-use crate::text::Untrusted;
+use crate::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};
+use crate::rows::Moment;
+use holdpoint_governance::decision::Dimension;
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
+use holdpoint_text::Untrusted;
 
 impl Drawing {
     pub(super) fn draw_tool(&mut self, picture: &Picture, moment: &Moment) {

@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use rerun::TextLog;
 
-use crate::engine::event::Event;
-use crate::engine::picture::{Block, Envelope, Picture, Scenery};
-use crate::governance::ids::CapabilityId;
-use crate::scene::recording::About;
-use crate::scene::rows::{Moment, Rows};
+use crate::rows::{Moment, Rows};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::{Block, Envelope, Picture, Scenery};
+use holdpoint_recordings::recording::About;
 
 /// Where it is kept.
 pub mod paths {

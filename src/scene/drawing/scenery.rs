@@ -7,10 +7,10 @@ use rerun::{
 
 use super::world::Whose;
 use super::{part, theme};
-use crate::engine::picture::{Region, Scenery};
-use crate::scene::limits::TEXT_WIDTH_MAX;
-use crate::scene::rows::Rows;
-use crate::text::Untrusted;
+use crate::limits::TEXT_WIDTH_MAX;
+use crate::rows::Rows;
+use holdpoint_protocol::picture::{Region, Scenery};
+use holdpoint_text::Untrusted;
 
 /// Draws both.
 pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {

@@ -3,7 +3,7 @@
 use rerun::{SeriesLines, components::InterpolationMode};
 
 use super::theme;
-use crate::scene::rows::Rows;
+use crate::rows::Rows;
 
 /// A line of a chart: path beneath `plots/`, name, colour, whether it is a limit.
 type Line = (&'static str, &'static str, [u8; 3], bool);

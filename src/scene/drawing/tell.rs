@@ -3,13 +3,12 @@
 use rerun::{StateChange, TextDocument, TextLog, TextLogLevel};
 
 use super::Drawing;
-use crate::engine::event::{Event, EventKind};
-use crate::engine::told;
-use crate::scene::limits::TEXT_WIDTH_MAX;
-use crate::scene::recording::About;
-use crate::scene::rows::Moment;
-use crate::scene::words;
-use crate::text::Untrusted;
+use crate::limits::TEXT_WIDTH_MAX;
+use crate::rows::Moment;
+use crate::words;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::words::sentence;
+use holdpoint_recordings::recording::About;
 
 /// What is known of the upgrade.
 #[derive(Debug, Default)]
@@ -59,7 +58,7 @@ impl Drawing {
             EventKind::Alarm { priority, state, .. } => ("log/alarms", words::alarm_level(priority, state)),
             kind => ("log/audit", words::level(kind)),
         };
-        let text = Untrusted::new(told::told(event)).display(TEXT_WIDTH_MAX).into_string();
+        let text = sentence(event, TEXT_WIDTH_MAX).into_string();
         self.rows.at(path, moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
     }
 

@@ -5,9 +5,9 @@ use rerun::{
 };
 
 use super::{Drawing, Trail, theme};
-use crate::engine::picture::{Block, Body, Contact, Picture, Point, Turn};
-use crate::scene::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
-use crate::scene::rows::Moment;
+use crate::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
+use crate::rows::Moment;
+use holdpoint_protocol::picture::{Block, Body, Contact, Picture, Point, Turn};
 
 /// Whether a body is the one that drives, or the ghost of the one that would.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -198,7 +198,7 @@ fn links(joints: &[Point]) -> Capsules3D {
 /// The shortest turn that brings z into a direction.
 fn turn_from_z(way: Point, length: f32) -> Turn {
     if length <= f32::EPSILON {
-        return crate::engine::picture::NO_TURN;
+        return holdpoint_protocol::picture::NO_TURN;
     }
     let [x, y, z] = way.map(|part| part / length);
     let turn = [-y, x, 0.0, 1.0 + z];

@@ -1,7 +1,7 @@
 //! Which pictures are chosen.
 
 use super::*;
-use crate::engine::picture::{Body, NO_TURN};
+use holdpoint_protocol::picture::{Body, NO_TURN};
 
 /// A picture at a time.
 pub fn picture(sequence: u64, at_ms: u64) -> Arc<Picture> {

@@ -8,11 +8,11 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::console::look::{Glyph, Role};
-use crate::console::replay::mark::Mark;
-use crate::console::replay::model::Model;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::look::{Glyph, Role};
+use crate::replay::mark::Mark;
+use crate::replay::model::Model;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// Draws its two lines.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

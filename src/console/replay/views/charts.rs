@@ -11,11 +11,11 @@ use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
 use super::plot;
-use crate::console::look::{Glyph, Role};
-use crate::console::replay::charts::{Chart, heading};
-use crate::console::replay::model::Model;
-use crate::console::widgets::pen::{Pen, above, below, cut};
-use crate::console::widgets::row::Row;
+use crate::look::{Glyph, Role};
+use crate::replay::charts::{Chart, heading};
+use crate::replay::model::Model;
+use crate::widgets::pen::{Pen, above, below, cut};
+use crate::widgets::row::Row;
 
 /// Lines that a chart needs with its heading.
 const HEIGHT_MIN: u16 = 4;

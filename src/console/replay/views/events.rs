@@ -10,12 +10,12 @@
 use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
-use crate::console::look::{Look, Role};
-use crate::console::replay::model::Model;
-use crate::console::widgets::list::{GUTTER, place};
-use crate::console::widgets::pen::{Pen, cut};
-use crate::console::widgets::row::{Row, wrap};
-use crate::engine::told;
+use crate::look::{Look, Role};
+use crate::replay::model::Model;
+use crate::widgets::list::{GUTTER, place};
+use crate::widgets::pen::{Pen, cut};
+use crate::widgets::row::{Row, wrap};
+use holdpoint_protocol::words;
 
 /// Lines from which there is a list.
 const PANE_HEIGHT_MIN: u16 = 3;
@@ -59,7 +59,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// One event: its mark on the time bar, and its line of the plain stream.
 #[must_use]
 pub fn row(model: &Model, look: &Look, event: usize) -> Row {
-    let Some(told) = model.timeline.event(event).map(told::line) else { return Row::new() };
+    let Some(told) = model.timeline.event(event).map(words::line) else { return Row::new() };
     let (glyph, role) =
         model.timeline.mark(event).map_or((" ", Role::Text), |mark| (look.glyph(mark.glyph), mark.role));
     let is_past = model.cursor.event.is_some_and(|here| event <= here);
@@ -70,7 +70,7 @@ pub fn row(model: &Model, look: &Look, event: usize) -> Row {
 fn whole(model: &Model, inside: Rect) -> Vec<Row> {
     let width = inside.width.saturating_sub(GUTTER);
     let here = model.cursor.event.and_then(|event| model.timeline.event(event));
-    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(told::line).unwrap_or_default();
+    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(words::line).unwrap_or_default();
     if told.width() < usize::from(width) {
         return Vec::new();
     }

@@ -8,14 +8,14 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::console::look::{Glyph, Role};
-use crate::console::replay::model::Model;
-use crate::console::theme::Mark;
-use crate::console::views::short;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
-use crate::console::words;
-use crate::engine::clock::tick_of;
+use crate::look::{Glyph, Role};
+use crate::replay::model::Model;
+use crate::theme::Mark;
+use crate::views::short;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use crate::words;
+use holdpoint_protocol::clock::tick_of;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

@@ -2,12 +2,12 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::{Look, Role};
-use crate::console::replay::action::Action;
-use crate::console::replay::mark::LEGEND;
-use crate::console::views::window;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::look::{Look, Role};
+use crate::replay::action::Action;
+use crate::replay::mark::LEGEND;
+use crate::views::window;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// The widest help, columns.
 const WIDTH_MAX: u16 = 80;

@@ -6,13 +6,13 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::{Glyph, Role};
-use crate::console::replay::action::Action;
-use crate::console::replay::model::Model;
-use crate::console::views::hints::field;
-use crate::console::views::short;
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::look::{Glyph, Role};
+use crate::replay::action::Action;
+use crate::replay::model::Model;
+use crate::views::hints::field;
+use crate::views::short;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

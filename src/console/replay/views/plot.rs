@@ -6,12 +6,12 @@
 
 use ratatui::layout::Rect;
 
-use crate::console::look::Role;
-use crate::console::replay::charts::Chart;
-use crate::console::replay::model::Model;
-use crate::console::widgets::dots::{ACROSS, DOWN, Dots, Ink};
-use crate::console::widgets::pen::Pen;
-use crate::console::widgets::row::Row;
+use crate::look::Role;
+use crate::replay::charts::Chart;
+use crate::replay::model::Model;
+use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
 
 /// Columns left of a chart, for its numbers.
 const SCALE: u16 = 6;

@@ -9,11 +9,11 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::console::look::{Glyph, Role};
-use crate::console::replay::FRESH_MS;
-use crate::console::replay::model::Model;
-use crate::console::views::robot;
-use crate::console::widgets::pen::{Pen, below};
+use crate::look::{Glyph, Role};
+use crate::replay::FRESH_MS;
+use crate::replay::model::Model;
+use crate::views::robot;
+use crate::widgets::pen::{Pen, below};
 
 /// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {

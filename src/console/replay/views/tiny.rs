@@ -10,10 +10,10 @@
 use ratatui::layout::Rect;
 
 use super::{bar, events, header, hints, robot, secs};
-use crate::console::look::Role;
-use crate::console::replay::model::Model;
-use crate::console::widgets::pen::{Pen, above, below, cut};
-use crate::console::widgets::row::Row;
+use crate::look::Role;
+use crate::replay::model::Model;
+use crate::widgets::pen::{Pen, above, below, cut};
+use crate::widgets::row::Row;
 
 /// Lines from which the arm is drawn.
 const ROBOT_HEIGHT_MIN: u16 = 9;

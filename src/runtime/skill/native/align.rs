@@ -1,6 +1,6 @@
 //! `native:align`: carry the held object over the tray, square to it, and hold it there.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, FailureSignal, Observation, Pose, TaskKind};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! `native:grasp`: look, approach from above, check, close, lift, verify.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, FailureSignal, Observation, Pose, TaskKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

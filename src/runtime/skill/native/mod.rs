@@ -13,18 +13,18 @@ pub mod place;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_sim::io::{Command, Estimate, FailureSignal, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, Estimate, FailureSignal, Observation, Pose, TaskKind};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use self::motion::{AbortStyle, RollbackStyle};
 use self::phases::Runner;
 use super::{Hook, Skill, SkillBundle};
-use crate::governance::exports::Interface;
-use crate::governance::ids::{Digest, canonical_json};
-use crate::governance::mode::{Channel, CommandKind, ModeNeed};
-use crate::governance::text_error::{self, TextError};
-use crate::governance::value_type::{FieldSpec, Frame, Kind, Unit};
+use holdpoint_governance::exports::Interface;
+use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::mode::{Channel, CommandKind, ModeNeed};
+use holdpoint_governance::text_error::{self, TextError};
+use holdpoint_governance::value_type::{FieldSpec, Frame, Kind, Unit};
 
 /// The largest parameter file, bytes.
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;

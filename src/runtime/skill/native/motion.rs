@@ -1,12 +1,12 @@
 //! What the three native controllers share: poses with the hand pointing down, averages of
 //! pictures, arrival tests and the behaviour of the hooks.
 
-use holdpoint_sim::io::{Command, Estimate, Observation, Pose, TICK_SECS};
+use holdpoint_body::{Command, Estimate, Observation, Pose, TICK_SECS};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::runtime::skill::Hook;
+use crate::skill::Hook;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Below this pad distance the hand is empty, m.

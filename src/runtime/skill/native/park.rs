@@ -1,11 +1,11 @@
 //! `native:park`: the fallback of every family. Rise with whatever is in the hand, and stand.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose};
+use holdpoint_body::{Command, FailureSignal, Observation, Pose};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{AbortStyle, HookRun, RollbackStyle, arrived, at_height, ticks};
-use crate::runtime::skill::{Hook, Skill};
+use crate::skill::{Hook, Skill};
 
 /// Everything a version of the park controller may set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -2,10 +2,10 @@
 //!
 //! A controller is then its phases and nothing else. Decides nothing about the work.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose};
+use holdpoint_body::{Command, FailureSignal, Observation, Pose};
 
 use super::motion::{AbortStyle, HookRun, RollbackStyle, ticks};
-use crate::runtime::skill::{Hook, Skill};
+use crate::skill::{Hook, Skill};
 
 /// What a controller's parameters say of the frame around its phases.
 #[derive(Clone, Copy, Debug, PartialEq)]

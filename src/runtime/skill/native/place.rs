@@ -1,6 +1,6 @@
 //! `native:place`: lower the aligned object into the tray, let go and retreat.
 
-use holdpoint_sim::io::{Command, FailureSignal, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, FailureSignal, Observation, Pose, TaskKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,0 +1,180 @@
+//! Kinematics of a serial arm: forward, Jacobian. Generic over the number of joints, no allocation.
+//!
+//! Link frames are canonical: the joint of link `i` turns about the frame's own z. Angles in rad,
+//! lengths in m, poses in the frame of the base.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+use crate::messages::{JointVec, MAX_JOINTS};
+
+/// A rigid transform with its rotation as a matrix: cheaper to chain than a quaternion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Rotation.
+    pub rotation: Matrix3<f64>,
+    /// Position of the origin, m.
+    pub origin: Vector3<f64>,
+}
+
+impl Frame {
+    /// The identity.
+    pub const IDENTITY: Self = Self {
+        rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        origin: Vector3::new(0.0, 0.0, 0.0),
+    };
+
+    /// From an isometry.
+    #[must_use]
+    pub fn new(isometry: &Isometry3<f64>) -> Self {
+        Self {
+            rotation: isometry.rotation.to_rotation_matrix().into_inner(),
+            origin: isometry.translation.vector,
+        }
+    }
+
+    /// `self` followed by `next`.
+    #[must_use]
+    pub fn then(&self, next: &Self) -> Self {
+        Self { rotation: self.rotation * next.rotation, origin: self.point(&next.origin) }
+    }
+
+    /// A point given in this frame, expressed in its parent.
+    #[must_use]
+    pub fn point(&self, local: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * local + self.origin
+    }
+
+    /// The z axis.
+    #[must_use]
+    pub fn z(&self) -> Vector3<f64> {
+        self.rotation.column(2).into_owned()
+    }
+
+    /// As an isometry.
+    #[must_use]
+    pub fn isometry(&self) -> Isometry3<f64> {
+        let rotation = Rotation3::from_matrix_unchecked(self.rotation);
+        Isometry3::from_parts(
+            Translation3::from(self.origin),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
+    }
+}
+
+/// One revolute joint of the arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointSpec {
+    /// Name in the URDF.
+    pub name: String,
+    /// Parent link frame to this joint's frame at angle 0; the joint turns about z.
+    pub origin: Frame,
+    /// Lower position limit, rad.
+    pub lower_rad: f64,
+    /// Upper position limit, rad.
+    pub upper_rad: f64,
+    /// Speed limit, rad/s.
+    pub speed_max_rad_s: f64,
+    /// Acceleration limit of the servo, rad/s^2.
+    pub acceleration_max_rad_s2: f64,
+    /// Torque limit, N m.
+    pub effort_max_n_m: f64,
+}
+
+/// The joints from base to tool, and the tool frame on the last link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chain {
+    /// Joints, base first; at most [`MAX_JOINTS`].
+    pub joints: Vec<JointSpec>,
+    /// Last link frame to tool frame.
+    pub tool_from_last: Frame,
+}
+
+/// Where every link and the tool are.
+#[derive(Clone, Copy, Debug)]
+pub struct Frames {
+    /// Frame of link `i + 1` (the link that joint `i` moves); only the first `count` are meaningful.
+    pub links: [Frame; MAX_JOINTS],
+    /// Number of joints.
+    pub count: usize,
+    /// The tool.
+    pub tool: Frame,
+}
+
+/// Geometric Jacobian of the tool: one column (linear m/rad, angular) per joint.
+#[derive(Clone, Copy, Debug)]
+pub struct Jacobian {
+    /// Columns; only the first `count` are meaningful.
+    pub columns: [Vector6<f64>; MAX_JOINTS],
+    /// Number of joints.
+    pub count: usize,
+}
+
+impl Jacobian {
+    /// Tool velocity (linear, angular) of the given joint velocities.
+    #[must_use]
+    pub fn twist(&self, dq: &[f64]) -> Vector6<f64> {
+        self.columns.iter().take(self.count).zip(dq).map(|(column, v)| column * *v).sum()
+    }
+}
+
+impl Chain {
+    /// Number of joints.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Whether there is no joint at all (never, for a loaded robot).
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.joints.is_empty()
+    }
+
+    /// Forward kinematics. Missing values count as 0, surplus ones are ignored.
+    #[must_use]
+    pub fn frames(&self, q: &[f64]) -> Frames {
+        let mut links = [Frame::IDENTITY; MAX_JOINTS];
+        let mut at = Frame::IDENTITY;
+        for (i, joint) in self.joints.iter().enumerate() {
+            at = at.then(&joint.origin);
+            let (sin, cos) = libm::sincos(q.get(i).copied().unwrap_or(0.0));
+            let x = at.rotation.column(0) * cos + at.rotation.column(1) * sin;
+            let y = at.rotation.column(1) * cos - at.rotation.column(0) * sin;
+            at.rotation.set_column(0, &x);
+            at.rotation.set_column(1, &y);
+            links[i] = at;
+        }
+        Frames { links, count: self.len(), tool: at.then(&self.tool_from_last) }
+    }
+
+    /// Pose of the tool.
+    #[must_use]
+    pub fn tool(&self, q: &[f64]) -> Isometry3<f64> {
+        self.frames(q).tool.isometry()
+    }
+
+    /// Geometric Jacobian of the tool for frames already computed.
+    #[must_use]
+    pub fn jacobian(&self, frames: &Frames) -> Jacobian {
+        let mut columns = [Vector6::zeros(); MAX_JOINTS];
+        for (column, link) in columns.iter_mut().zip(&frames.links).take(frames.count) {
+            let z = link.z();
+            let linear = z.cross(&(frames.tool.origin - link.origin));
+            *column = Vector6::new(linear.x, linear.y, linear.z, z.x, z.y, z.z);
+        }
+        Jacobian { columns, count: frames.count }
+    }
+
+    /// The configuration with every angle inside its limits, `margin_rad` away from them.
+    #[must_use]
+    pub fn clamped(&self, q: &[f64], margin_rad: f64) -> JointVec {
+        self.joints
+            .iter()
+            .zip(q)
+            .map(|(joint, angle)| {
+                let (low, high) = (joint.lower_rad + margin_rad, joint.upper_rad - margin_rad);
+                if low <= high { angle.clamp(low, high) } else { 0.5 * (low + high) }
+            })
+            .collect()
+    }
+}

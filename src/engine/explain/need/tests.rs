@@ -1,0 +1,92 @@
+//! Numbers in "what would have to change" against the rule's own bounds.
+
+use super::*;
+use holdpoint_governance::decision::ReasonCode;
+
+fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> Reason {
+    let value = serde_json::json!({
+        "code": code, "dimension": dimension, "text": text, "evidence": evidence, "limit": limit,
+    });
+    serde_json::from_value(value).unwrap()
+}
+
+/// A dossier of 120 pairs, of which the candidate alone has a violation in so many.
+fn dossier(worse: usize) -> Dossier {
+    let pairs: Vec<_> = (0..120)
+        .map(|i| serde_json::json!({ "candidate": { "violation": i < worse }, "active": {} }))
+        .collect();
+    let counts = PairedCounts { pairs: 120, candidate_only: worse as u64, active_only: 0 };
+    let bound = binary_pairs(counts, UPPER_ALPHA).unwrap();
+    serde_json::from_value(serde_json::json!({
+        "kappas": {},
+        "pairs": pairs,
+        "behavior": {
+            "pairs": 120,
+            "components": [{
+                "name": "violation", "worsening": bound.mean, "lower": 0.0, "upper": bound.upper,
+                "tolerance": 0.05, "field": "of a later build",
+            }],
+        },
+        "drills": [
+            { "rollback": { "passed": 26, "failed": 14 }, "abort": { "passed": 40, "failed": 0 } },
+            { "rollback": { "passed": 40, "failed": 0 }, "abort": { "passed": 40, "failed": 0 } },
+        ],
+    }))
+    .unwrap()
+}
+
+#[test]
+fn the_number_of_episodes_is_the_smallest_that_does() {
+    for worse in [3, 10, 25] {
+        let dossier = dossier(worse);
+        let component = &dossier.behavior.as_ref().unwrap().components[0];
+        let (less, all) = fewer(component, &dossier).unwrap();
+        assert_eq!(all, 120);
+        let upper = |worse: u64| {
+            let counts = PairedCounts { pairs: 120, candidate_only: worse, active_only: 0 };
+            binary_pairs(counts, UPPER_ALPHA).unwrap().upper
+        };
+        let left = worse as u64 - less;
+        assert!(upper(left) <= 0.05, "{worse}: {left} are left");
+        assert!(less == 0 || upper(left + 1) > 0.05, "{worse}: one fewer would do as well");
+        let said = reason("behavior-suspicious", "behavior", "violation may be worse", 0.1, 0.05);
+        let text = change(&said, &dossier).unwrap();
+        assert!(text.ends_with(&format!("must be at most 0.050: {less} fewer of 120 episodes")), "{text}");
+    }
+}
+
+#[test]
+fn drills_are_counted() {
+    let dossier = dossier(0);
+    let said = reason("recovery-rollback-below-floor", "recovery", "too seldom", 0.65, 0.7);
+    assert_eq!(change(&said, &dossier).unwrap(), "rollback drills passed 26 of 40; 28 are needed");
+    let said = reason("recovery-fragile", "recovery", "below the floor", 0.66, 0.7);
+    let text = change(&said, &dossier).unwrap();
+    assert!(text.contains("at least 0.700") && text.contains("rollback drills, 26 of 40"), "{text}");
+    assert_eq!(
+        measured(&said, &dossier).unwrap(),
+        "drills passed: rollback 26/40 (active 40/40), abort 40/40 (active 40/40)"
+    );
+}
+
+#[test]
+fn people_are_counted() {
+    let said = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
+    assert_eq!(change(&said(1.0), &Dossier::default()).unwrap(), "approval by 1 more operator");
+    assert_eq!(change(&said(2.0), &Dossier::default()).unwrap(), "approval by 2 more operators");
+}
+
+/// Every reason there is either speaks for the version or says what would have to change, also without evidence.
+#[test]
+fn no_reason_is_left_without_a_word() {
+    let mut in_favour = Vec::new();
+    for code in ReasonCode::ALL {
+        let said = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
+        match change(&said, &Dossier::default()) {
+            Some(text) => assert!(!text.is_empty(), "{code}"),
+            None => in_favour.push(code.as_str()),
+        }
+    }
+    assert!(in_favour.contains(&"gate-passed") && !in_favour.contains(&"gate-frozen"));
+    assert!(in_favour.len() < 20, "{in_favour:?}");
+}

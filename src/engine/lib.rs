@@ -1,0 +1,331 @@
+//! The one door: commands in, events out, a snapshot for whoever looks.
+//!
+//! The engine numbers events, remembers answers so that a retried command is carried out once, and
+//! keeps nothing else: authority lies with the manager and the rules behind it. It is synchronous:
+//! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
+
+pub mod door;
+pub mod embedded;
+mod evidence_view;
+pub mod explain;
+pub mod host;
+pub mod listeners;
+mod lookup;
+pub mod pipeline;
+pub mod recordings;
+pub mod service;
+mod view;
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::pipeline::cache::EpisodeCache;
+use crate::pipeline::cell::Cell;
+use crate::pipeline::ledger::{Ledger, LedgerError};
+use crate::pipeline::manager::{Fault, Progress, Settings, UpgradeManager};
+use crate::pipeline::paced::Timing;
+use crate::pipeline::pacer::Switch;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::{Store, StoreError};
+use holdpoint_runtime::capability::{Capability, PackageError};
+
+/// The three texts of a family's first version.
+macro_rules! embedded_baseline {
+    ($family:literal) => {
+        (
+            concat!("manifests/", $family, "/1.0.0"),
+            [
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/manifest.toml")),
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/submission.toml")),
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/params.toml")),
+            ],
+        )
+    };
+}
+/// Answers remembered for retried commands.
+const ANSWERS_KEPT: usize = 1024;
+
+/// The most requests that wait for the end of a sequence.
+const WAITING_MAX: usize = 64;
+
+/// Why an engine could not start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The store cannot be used.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The registry cannot be read.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// A profile does not parse.
+    #[error(transparent)]
+    Profile(#[from] holdpoint_governance::text_error::TextError),
+    /// The policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] holdpoint_governance::policy::PolicyError),
+    /// A baseline does not load.
+    #[error(transparent)]
+    Baseline(#[from] PackageError),
+    /// The cell cannot be built.
+    #[error(transparent)]
+    Sim(#[from] holdpoint_sim::SimError),
+    /// The start could not be written.
+    #[error(transparent)]
+    Fault(#[from] Fault),
+}
+
+/// What an engine is started with.
+pub struct Config<'a> {
+    /// The store's folder.
+    pub data: &'a Path,
+    /// The profile.
+    pub profile: ProfileName,
+    /// The run's seed.
+    pub seed: u64,
+    /// Workers for evaluation.
+    pub jobs: usize,
+    /// Whether time is virtual (a script) or follows the machine's.
+    pub scripted: bool,
+    /// The cell.
+    pub cell: Cell,
+    /// Where episodes of active versions are kept.
+    pub cache: EpisodeCache,
+}
+
+/// See the module's head.
+pub struct Engine {
+    manager: UpgradeManager,
+    next_seq: u64,
+    answers: VecDeque<(String, Reply)>,
+    waiting: VecDeque<Request>,
+    ended: bool,
+}
+
+/// The embedded baselines, in the order they are bootstrapped: what others fall back to comes first.
+const BASELINES: [(&str, [&str; 3]); 4] = [
+    embedded_baseline!("park"),
+    embedded_baseline!("grasp"),
+    embedded_baseline!("align"),
+    embedded_baseline!("place"),
+];
+
+/// The embedded first versions of every family.
+///
+/// # Errors
+/// Where an embedded file does not load.
+pub fn baselines() -> Result<Vec<Capability>, PackageError> {
+    BASELINES
+        .into_iter()
+        .map(|(name, [manifest, submission, params])| {
+            let package = Package {
+                manifest: manifest.to_owned(),
+                submission: submission.to_owned(),
+                params: params.to_owned(),
+            };
+            Capability::load(name, package)
+        })
+        .collect()
+}
+
+impl Engine {
+    /// Opens the store and starts; finishes or undoes what an interrupted engine left.
+    ///
+    /// # Errors
+    /// [`StartError`]; the store is then as it was, but for the recovery that was written.
+    pub fn start(config: Config<'_>) -> Result<Self, StartError> {
+        let profile = Profile::builtin(config.profile)?;
+        let table = PolicyTable::builtin(&profile)?;
+        let baselines = baselines()?;
+        let store = Store::open(config.data)?;
+        let from_ms = store.opening().head.at_ms;
+        let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
+        let ledger = Ledger::open(store, !config.scripted)?;
+        let settings = Settings {
+            seed: config.seed,
+            jobs: config.jobs,
+            profile,
+            table,
+            cell: config.cell,
+            cache: config.cache,
+        };
+        let manager = UpgradeManager::new(settings, ledger, clock, baselines)?;
+        Ok(Self { manager, next_seq: 1, answers: VecDeque::new(), waiting: VecDeque::new(), ended: false })
+    }
+
+    /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
+    /// on a thread of its own, a request that has to wait for the end of a sequence is waited for.
+    pub fn submit(&mut self, request: Request) -> Reply {
+        let id = request.id.clone();
+        if let Some(reply) = self.offer(request) {
+            return reply;
+        }
+        self.manager.come_home(true);
+        self.carry_out_waiting();
+        self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
+    }
+
+    /// As [`Engine::submit`], but never waits: `None` where the request has to wait for the end of a sequence of the
+    /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
+    pub fn offer(&mut self, request: Request) -> Option<Reply> {
+        if let Some(reply) = self.answer_of(&request.id) {
+            return Some(reply);
+        }
+        if self.waiting.iter().any(|waiting| waiting.id == request.id) {
+            return None;
+        }
+        if self.waiting.len() >= WAITING_MAX {
+            return Some(refused("too many requests wait for the end of a sequence"));
+        }
+        match self.manager.timing(&request.command) {
+            Timing::Now => return Some(self.carry_out(request)),
+            Timing::Between => {}
+            Timing::Stop => self.manager.stop_live(),
+        }
+        self.waiting.push_back(request);
+        None
+    }
+
+    /// The answer to a request that was carried out and changed something.
+    #[must_use]
+    pub fn answer_of(&self, id: &str) -> Option<Reply> {
+        self.answers.iter().find(|(known, _)| known == id).map(|(_, reply)| reply.clone())
+    }
+
+    fn carry_out(&mut self, request: Request) -> Reply {
+        let remembered = !request.command.only_reads();
+        let reply = match request.command {
+            Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
+            Command::Shutdown => {
+                self.manager.end();
+                self.ended = true;
+                Reply::Accepted {
+                    text: "the engine ends; nothing was approved or activated by it".to_owned(),
+                    version: None,
+                }
+            }
+            _ if self.ended => refused("the engine is ending"),
+            command => self.manager.command(command),
+        };
+        if remembered {
+            self.answers.push_back((request.id, reply.clone()));
+            if self.answers.len() > ANSWERS_KEPT {
+                self.answers.pop_front();
+            }
+        }
+        reply
+    }
+
+    fn carry_out_waiting(&mut self) {
+        while let Some(request) = self.waiting.pop_front() {
+            self.carry_out(request);
+        }
+    }
+
+    /// One slice of work.
+    pub fn advance(&mut self) -> Progress {
+        if self.ended {
+            return Progress::Idle { next_ms: None };
+        }
+        if !self.waiting.is_empty() {
+            if self.manager.come_home(false) {
+                self.carry_out_waiting();
+                return Progress::Worked;
+            }
+            if self.manager.is_stopping() {
+                // The arm comes to a stand; nothing is begun meanwhile.
+                return Progress::Idle { next_ms: Some(self.now_ms()) };
+            }
+        }
+        self.manager.advance()
+    }
+
+    /// From now on pictures of the live world go to `pictures`, which must not wait. Nothing else changes by it.
+    pub fn draw_live_world(&mut self, pictures: Pictures) {
+        self.manager.draw_live_world(pictures);
+    }
+
+    /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
+    /// fast as it computes). Pictures of it go to `pictures`, which must not wait.
+    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
+        self.manager.pace_live_world(times, pictures);
+    }
+
+    /// Stops the arm where it works now, from any thread; absent where the live world works in step.
+    #[must_use]
+    pub fn switch(&self) -> Option<Arc<Switch>> {
+        self.manager.switch()
+    }
+
+    /// The engine's thread failed: nothing is approved, activated or begun from now on.
+    pub fn fail(&mut self, why: &str) {
+        self.manager.fail(why);
+    }
+
+    /// A script's clock jumps to a deadline. Tells whether it moved.
+    pub const fn jump_to(&mut self, at_ms: u64) -> bool {
+        self.manager.jump_to(at_ms)
+    }
+
+    /// Virtual time, ms.
+    #[must_use]
+    pub fn now_ms(&self) -> u64 {
+        self.manager.clock().now_ms()
+    }
+
+    /// Events since the last call, numbered, in order.
+    pub fn drain_events(&mut self) -> Vec<Event> {
+        let at_ms = self.now_ms();
+        let kinds = self.manager.drain_events();
+        kinds
+            .into_iter()
+            .map(|kind| {
+                let seq = self.next_seq;
+                self.next_seq += 1;
+                Event { seq, at_ms, kind }
+            })
+            .collect()
+    }
+
+    /// How things stand.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        self.manager.snapshot()
+    }
+
+    /// Whether the engine was asked to end.
+    #[must_use]
+    pub const fn has_ended(&self) -> bool {
+        self.ended
+    }
+
+    /// Why the engine holds, where it does.
+    #[must_use]
+    pub fn holding(&self) -> Option<&str> {
+        self.manager.holding()
+    }
+
+    /// Set to interrupt running evaluations between episodes.
+    #[must_use]
+    pub fn cancel(&self) -> Arc<AtomicBool> {
+        self.manager.cancel()
+    }
+
+    /// Where the store keeps what.
+    #[must_use]
+    pub fn layout(&self) -> &holdpoint_registry::Layout {
+        self.manager.ledger().store().layout()
+    }
+}
+
+fn refused(text: &str) -> Reply {
+    Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint: None }
+}

@@ -1,0 +1,443 @@
+//! Families, their versions and where they stand: one lifecycle event, one transaction on disk.
+//!
+//! [`Ledger::transition`] is the only way a state changes: the pure transition function says what
+//! changes, the store writes all of it with its audit record or nothing, and only then does the
+//! memory follow. It decides nothing.
+
+use std::collections::BTreeMap;
+
+use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
+use holdpoint_governance::lifecycle::{
+    self, Change as LifeChange, Event, FamilyState, Refusal, State, Version, VersionRef,
+};
+use holdpoint_governance::submission::Package;
+use holdpoint_registry::{ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, Views};
+use holdpoint_runtime::agent::ActiveView;
+use holdpoint_runtime::capability::{Capability, PackageError};
+
+/// Why a transition did not take place. Nothing has changed then.
+#[derive(Debug, thiserror::Error)]
+pub enum LedgerError {
+    /// There is no such family.
+    #[error("there is no family {0:?}; Hint: a family begins with a baseline, see `holdpoint registry list`")]
+    UnknownFamily(String),
+    /// There is no such version.
+    #[error("there is no version {0} in the registry")]
+    UnknownVersion(CapabilityId),
+    /// It is there already.
+    #[error("{0} is registered already; Hint: a changed candidate needs a new version number")]
+    Exists(CapabilityId),
+    /// The lifecycle does not allow it.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// The store could not write it.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A stored version does not load.
+    #[error("{id} does not load from the store: {source}")]
+    Load {
+        /// The version.
+        id: CapabilityId,
+        /// Why.
+        source: PackageError,
+    },
+    /// A stored record cannot be read.
+    #[error("the stored {what} of {of} cannot be read: {source}")]
+    Record {
+        /// What it is.
+        what: &'static str,
+        /// Whose.
+        of: String,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// A stored version's digest is not what was recorded.
+    #[error("{id} is not what was registered: its digest is {found}, {recorded} was recorded")]
+    DigestDiffers {
+        /// The version.
+        id: CapabilityId,
+        /// What it is now.
+        found: Digest,
+        /// What was recorded.
+        recorded: Digest,
+    },
+}
+
+/// What goes into the transaction of an event beside what the event itself changes.
+#[derive(Default)]
+pub struct Note {
+    /// Why, one sentence.
+    pub reason: String,
+    /// Why the active pointer moves, where it does.
+    pub cause: Option<ActiveCause>,
+    /// Written before the state changes (evidence, used approvals).
+    pub before: Vec<Change>,
+    /// Written after them.
+    pub after: Vec<Change>,
+    /// Records for the chain.
+    pub audit: Vec<AuditBody>,
+}
+
+impl Note {
+    /// A note with a reason only.
+    #[must_use]
+    pub fn because(reason: impl Into<String>) -> Self {
+        Self { reason: reason.into(), ..Self::default() }
+    }
+}
+
+/// A state that changed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Moved {
+    /// The version.
+    pub id: CapabilityId,
+    /// From.
+    pub from: State,
+    /// To.
+    pub to: State,
+}
+
+/// A version in the ledger.
+#[derive(Clone, Debug)]
+pub struct Member {
+    /// The version with its bundle.
+    pub capability: Capability,
+    /// Counts state changes; approvals name it.
+    pub row_version: u64,
+}
+
+/// A family in the ledger.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Where its versions stand.
+    pub state: FamilyState,
+    /// The versions, in registration order.
+    pub members: Vec<Member>,
+}
+
+impl Entry {
+    /// The active version.
+    #[must_use]
+    pub fn active(&self) -> Option<&Member> {
+        self.state.active().and_then(|version| self.members.get(usize::from(version.0)))
+    }
+
+    /// A version's place and standing.
+    #[must_use]
+    pub fn find(&self, id: &CapabilityId) -> Option<(VersionRef, &Version, &Member)> {
+        let index = self.members.iter().position(|member| member.capability.id() == *id)?;
+        let version = VersionRef(u16::try_from(index).ok()?);
+        Some((version, self.state.get(version)?, self.members.get(index)?))
+    }
+}
+
+/// What a package is stored as, in the registry's submission column.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct StoredPackage {
+    package: Package,
+}
+
+/// Families by name, and the store they are written to.
+pub struct Ledger {
+    store: Store,
+    families: BTreeMap<Family, Entry>,
+    commands: u64,
+    first_command: u64,
+    wall_clock: bool,
+}
+
+impl ActiveView for Ledger {
+    fn active(&self, family: &Family) -> Option<&Capability> {
+        self.families.get(family)?.active().map(|member| &member.capability)
+    }
+}
+
+impl Ledger {
+    /// Reads the families of a store.
+    ///
+    /// # Errors
+    /// Where a version does not load or is not what was registered.
+    pub fn open(store: Store, wall_clock: bool) -> Result<Self, LedgerError> {
+        let first_command = store.opening().head.seq;
+        let mut families = BTreeMap::new();
+        let views = store.views()?;
+        for status in views.families()? {
+            let Ok(family) = Family::new(status.name.clone()) else { continue };
+            let Some(standing) = status.standing else { continue };
+            let state: FamilyState = serde_json::from_str(&standing).map_err(|source| {
+                LedgerError::Record { what: "standing", of: status.name.clone(), source }
+            })?;
+            let members = load_members(&views, &family)?;
+            families.insert(family, Entry { state, members });
+        }
+        drop(views);
+        Ok(Self { store, families, commands: 0, first_command, wall_clock })
+    }
+
+    /// The store.
+    #[must_use]
+    pub const fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Every family.
+    pub fn families(&self) -> impl Iterator<Item = (&Family, &Entry)> {
+        self.families.iter()
+    }
+
+    /// A family.
+    ///
+    /// # Errors
+    /// [`LedgerError::UnknownFamily`].
+    pub fn family(&self, family: &Family) -> Result<&Entry, LedgerError> {
+        self.families.get(family).ok_or_else(|| LedgerError::UnknownFamily(family.to_string()))
+    }
+
+    /// A version with its standing.
+    ///
+    /// # Errors
+    /// Where there is no such family or version.
+    pub fn version(&self, id: &CapabilityId) -> Result<(VersionRef, &Version, &Member), LedgerError> {
+        self.family(&id.family)?.find(id).ok_or_else(|| LedgerError::UnknownVersion(id.clone()))
+    }
+
+    /// Reads a version from the store again, as it is kept there now.
+    ///
+    /// # Errors
+    /// Where it is not there, does not load, or is not what was registered.
+    pub fn reload(&self, id: &CapabilityId) -> Result<Capability, LedgerError> {
+        let registered = self.version(id)?.2.capability.digest();
+        let member =
+            load_member(&self.store.views()?, id)?.ok_or_else(|| LedgerError::UnknownVersion(id.clone()))?;
+        let found = member.capability.digest();
+        if found == registered {
+            Ok(member.capability)
+        } else {
+            Err(LedgerError::DigestDiffers { id: id.clone(), found, recorded: registered })
+        }
+    }
+
+    /// The highest version of a family that meets a requirement and may take over: active or superseded.
+    #[must_use]
+    pub fn resolve(&self, family: &Family, requirement: &semver::VersionReq) -> Option<&Capability> {
+        let entry = self.families.get(family)?;
+        let usable = entry.members.iter().zip(&entry.state.versions).filter(|(member, version)| {
+            matches!(version.state, State::Active | State::Superseded)
+                && requirement.matches(&member.capability.id().version)
+        });
+        usable.map(|(member, _)| &member.capability).max_by_key(|capability| capability.id().version)
+    }
+
+    /// Takes in a version; `baseline` makes it active without a gate, by an explicit record.
+    ///
+    /// # Errors
+    /// Where the version exists, the lifecycle refuses, or the store does.
+    pub fn register(
+        &mut self,
+        capability: Capability,
+        baseline: bool,
+        needs_approval: bool,
+        at_ms: u64,
+        note: Note,
+    ) -> Result<Vec<Moved>, LedgerError> {
+        let id = capability.id();
+        let mut first = Vec::new();
+        let before = match self.families.get(&id.family) {
+            Some(entry) if entry.find(&id).is_some() => return Err(LedgerError::Exists(id)),
+            Some(entry) => entry.clone(),
+            None if baseline => {
+                first.push(Change::SetFamily {
+                    family: id.family.clone(),
+                    safe_stopped: false,
+                    reason: "a new family".to_owned(),
+                });
+                Entry { state: FamilyState::empty(needs_approval), members: Vec::new() }
+            }
+            None => return Err(LedgerError::UnknownFamily(id.family.to_string())),
+        };
+        let event = if baseline { Event::Bootstrap } else { Event::Register };
+        let (state, life) = lifecycle::apply(&before.state, event)?;
+        first.push(Change::RegisterVersion(Box::new(new_version(&capability, baseline)?)));
+        let mut entry = before;
+        entry.members.push(Member { capability, row_version: 1 });
+        if baseline {
+            first.push(Change::SetState {
+                version: id.clone(),
+                expected_row_version: 1,
+                from: State::Registered.into(),
+                to: State::Active.into(),
+                reason: note.reason.clone(),
+            });
+        }
+        first.extend(note.before);
+        let note = Note { before: first, ..note };
+        self.commit(&id.family, entry, state, &life, at_ms, note)
+    }
+
+    /// Applies an event to a family.
+    ///
+    /// # Errors
+    /// Where the lifecycle refuses, or the store does. Nothing has changed then.
+    pub fn transition(
+        &mut self,
+        family: &Family,
+        event: Event,
+        at_ms: u64,
+        note: Note,
+    ) -> Result<Vec<Moved>, LedgerError> {
+        let entry = self.family(family)?.clone();
+        let (state, life) = lifecycle::apply(&entry.state, event)?;
+        self.commit(family, entry, state, &life, at_ms, note)
+    }
+
+    fn commit(
+        &mut self,
+        family: &Family,
+        mut entry: Entry,
+        state: FamilyState,
+        life: &[LifeChange],
+        at_ms: u64,
+        note: Note,
+    ) -> Result<Vec<Moved>, LedgerError> {
+        let id_of =
+            |version: VersionRef| entry.members.get(usize::from(version.0)).map(|m| m.capability.id());
+        let mut moved = Vec::new();
+        let mut changes = note.before;
+        let mut last = Vec::new();
+        for change in life {
+            match *change {
+                LifeChange::Added { .. } | LifeChange::Standing { .. } => {}
+                LifeChange::State { version, from, to } => {
+                    let Some(id) = id_of(version) else { continue };
+                    let expected = entry.members.get(usize::from(version.0)).map_or(0, |m| m.row_version);
+                    changes.push(Change::SetState {
+                        version: id.clone(),
+                        expected_row_version: expected,
+                        from: from.into(),
+                        to: to.into(),
+                        reason: note.reason.clone(),
+                    });
+                    moved.push(Moved { id, from, to });
+                }
+                LifeChange::Flags { version, to, .. } => {
+                    if let Some(version) = id_of(version) {
+                        last.push(Change::SetFlags { version, flags: to });
+                    }
+                }
+                LifeChange::SafeStopped { stopped } => last.insert(
+                    0,
+                    Change::SetFamily {
+                        family: family.clone(),
+                        safe_stopped: stopped,
+                        reason: note.reason.clone(),
+                    },
+                ),
+                LifeChange::Active { to, .. } => {
+                    let active = to.and_then(id_of);
+                    let pinned = to
+                        .and_then(|version| state.get(version)?.predecessor)
+                        .filter(|target| state.state(*target) == Some(State::Superseded))
+                        .and_then(id_of);
+                    let cause = note.cause.clone().unwrap_or(if active.is_some() {
+                        ActiveCause::Restore
+                    } else {
+                        ActiveCause::Vacate
+                    });
+                    last.push(Change::SetActive { family: family.clone(), active, pinned, cause });
+                }
+                LifeChange::Context { .. } => {
+                    last.push(Change::VoidFamily { family: family.clone(), reason: note.reason.clone() });
+                }
+            }
+        }
+        // A family is voided last: what was used in this transaction still held when it was used.
+        last.sort_by_key(|change| matches!(change, Change::VoidFamily { .. }));
+        changes.append(&mut last);
+        changes.extend(note.after);
+        let record = |source| LedgerError::Record { what: "standing", of: family.to_string(), source };
+        changes.push(Change::SetStanding {
+            family: family.clone(),
+            json: canonical_json(&state).map_err(record)?,
+        });
+        let receipt = self.write(changes, note.audit, at_ms)?;
+        for (id, row_version) in receipt.row_versions {
+            if let Some(member) = entry.members.iter_mut().find(|member| member.capability.id() == id) {
+                member.row_version = row_version;
+            }
+        }
+        entry.state = state;
+        self.families.insert(family.clone(), entry);
+        Ok(moved)
+    }
+
+    /// Writes changes that move no state.
+    ///
+    /// # Errors
+    /// Where the store does not take them.
+    pub fn write(
+        &mut self,
+        changes: Vec<Change>,
+        audit: Vec<AuditBody>,
+        at_ms: u64,
+    ) -> Result<holdpoint_registry::Receipt, StoreError> {
+        self.commands += 1;
+        let command_id = format!("engine-{}-{}", self.first_command, self.commands);
+        let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
+        self.store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit })
+    }
+}
+
+fn wall_ms() -> i64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
+}
+
+fn new_version(capability: &Capability, baseline: bool) -> Result<NewVersion, LedgerError> {
+    let id = capability.id();
+    let record = |what| {
+        let of = id.to_string();
+        move |source| LedgerError::Record { what, of, source }
+    };
+    let manifest = &capability.manifest;
+    let submission = &capability.submission;
+    let parent = submission.parent.clone().map(|version| CapabilityId { family: id.family.clone(), version });
+    let stored = StoredPackage { package: (*capability.package).clone() };
+    Ok(NewVersion {
+        id: id.clone(),
+        parent,
+        candidate_digest: capability.digest(),
+        manifest_digest: capability.manifest_digest(),
+        bundle_digest: capability.bundle.digest(),
+        manifest: manifest.canonical().map_err(record("manifest"))?,
+        submission: canonical_json(&stored).map_err(record("submission"))?,
+        author: submission.author.clone(),
+        provenance: submission.provenance.name().to_owned(),
+        risk: submission.estimated_risk.name().to_owned(),
+        permissions: canonical_json(&manifest.permissions).map_err(record("permissions"))?,
+        environments: canonical_json(&manifest.deployment.environments).map_err(record("environments"))?,
+        baseline,
+    })
+}
+
+/// Loads every version of a family from the store, in registration order, and checks its digest.
+fn load_members(views: &Views, family: &Family) -> Result<Vec<Member>, LedgerError> {
+    let ids = views.family_in_order(family)?;
+    ids.iter().filter_map(|id| load_member(views, id).transpose()).collect()
+}
+
+/// Loads one version from the store and checks its digest.
+fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Member>, LedgerError> {
+    let Some(detail) = views.version(id)? else { return Ok(None) };
+    let stored: StoredPackage = serde_json::from_str(&detail.submission)
+        .map_err(|source| LedgerError::Record { what: "package", of: id.to_string(), source })?;
+    let capability = Capability::load(&id.to_string(), stored.package)
+        .map_err(|source| LedgerError::Load { id: id.clone(), source })?;
+    if capability.digest() != detail.candidate_digest {
+        return Err(LedgerError::DigestDiffers {
+            id: id.clone(),
+            found: capability.digest(),
+            recorded: detail.candidate_digest,
+        });
+    }
+    Ok(Some(Member { capability, row_version: detail.summary.row_version }))
+}

@@ -1,0 +1,204 @@
+//! How a command ends: exit codes, and errors with their hint.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use holdpoint_governance::TextError;
+use holdpoint_text::{Shown, Untrusted, WIDTH_MAX, sanitise};
+
+/// How a command ended. The codes are part of the interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Exit {
+    /// 0: confirmed, or simply done.
+    Confirmed,
+    /// 1: the candidate was rejected, or a check failed.
+    Rejected,
+    /// 2: the command line, a file or the machine is not as it must be.
+    Usage,
+    /// 3: held, or timed out.
+    Held,
+    /// 4: rolled back.
+    RolledBack,
+    /// 70: a fault of this program.
+    Internal,
+}
+
+impl Exit {
+    /// Every way to end.
+    pub const ALL: [Self; 6] =
+        [Self::Confirmed, Self::Rejected, Self::Usage, Self::Held, Self::RolledBack, Self::Internal];
+
+    /// The process's exit code.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Confirmed => 0,
+            Self::Rejected => 1,
+            Self::Usage => 2,
+            Self::Held => 3,
+            Self::RolledBack => 4,
+            Self::Internal => 70,
+        }
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+/// Why a command could not be carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    /// Something the caller can put right.
+    #[error("{}", one_line(.message))]
+    Usage {
+        /// What is wrong.
+        message: Untrusted,
+        /// What would help.
+        hint: Option<Untrusted>,
+    },
+    /// The engine held, or the time was up.
+    #[error("{}", one_line(.message))]
+    Held {
+        /// What is awaited.
+        message: Untrusted,
+        /// What would help.
+        hint: Option<Untrusted>,
+    },
+    /// The reader of the output went away: a clean end.
+    #[error("the reader of the output went away")]
+    ReaderGone,
+    /// The output cannot be written.
+    #[error("cannot write the output: {}", sanitise(&.0.to_string(), WIDTH_MAX))]
+    Output(#[source] io::Error),
+    /// A fault of this program.
+    #[error("internal: {}", one_line(.0))]
+    Internal(Untrusted),
+}
+
+impl CliError {
+    /// Something the caller can put right. Text after `Hint:` in the message becomes the hint.
+    #[must_use]
+    pub fn usage(message: impl std::fmt::Display) -> Self {
+        let (message, hint) = split_hint(&message.to_string());
+        Self::Usage { message, hint }
+    }
+
+    /// The engine held, or the time was up. Text after `Hint:` becomes the hint.
+    #[must_use]
+    pub fn held(message: impl std::fmt::Display) -> Self {
+        let (message, hint) = split_hint(&message.to_string());
+        Self::Held { message, hint }
+    }
+
+    /// A fault of this program.
+    #[must_use]
+    pub fn internal(message: impl std::fmt::Display) -> Self {
+        Self::Internal(message.to_string().into())
+    }
+
+    /// The exit code to end with.
+    #[must_use]
+    pub const fn exit(&self) -> Exit {
+        match self {
+            Self::Usage { .. } | Self::Output(_) => Exit::Usage,
+            Self::Held { .. } => Exit::Held,
+            Self::ReaderGone => Exit::Confirmed,
+            Self::Internal(_) => Exit::Internal,
+        }
+    }
+
+    /// What would help.
+    #[must_use]
+    pub const fn hint(&self) -> Option<&Untrusted> {
+        match self {
+            Self::Usage { hint, .. } | Self::Held { hint, .. } => hint.as_ref(),
+            Self::ReaderGone | Self::Output(_) | Self::Internal(_) => None,
+        }
+    }
+
+    /// Prints `error: ...` and, where there is one, `Hint: ...`. Nothing where the reader went away; an error
+    /// while printing has nowhere to go.
+    pub fn print(&self, stderr: &mut dyn Write) {
+        if matches!(self, Self::ReaderGone) {
+            return;
+        }
+        let written = writeln!(stderr, "error: {self}").and_then(|()| match self.hint() {
+            Some(hint) => writeln!(stderr, "Hint: {}", one_line(hint)),
+            None => Ok(()),
+        });
+        drop(written);
+    }
+}
+
+impl From<io::Error> for CliError {
+    fn from(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe { Self::ReaderGone } else { Self::Output(error) }
+    }
+}
+
+impl From<TextError> for CliError {
+    fn from(error: TextError) -> Self {
+        Self::usage(error)
+    }
+}
+
+fn split_hint(text: &str) -> (Untrusted, Option<Untrusted>) {
+    match text.split_once("Hint:") {
+        Some((message, hint)) => (message.trim_end().into(), Some(hint.trim().into())),
+        None => (text.into(), None),
+    }
+}
+
+/// A message may be long (a parser lists what it expected); its own line breaks become spaces.
+fn one_line(message: &Untrusted) -> Shown {
+    let words: Vec<&str> = message.raw().lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    sanitise(&words.join(" "), WIDTH_MAX)
+}
+
+/// Prints what clap says of the command line. Help and version are answers, the rest is a usage error.
+pub(crate) fn print_usage(error: &clap::Error) -> Exit {
+    // A closed pipe leaves nobody to tell.
+    drop(error.print());
+    if error.use_stderr() { Exit::Usage } else { Exit::Confirmed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(error: &CliError) -> String {
+        let mut out = Vec::new();
+        error.print(&mut out);
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn errors_print_one_line_and_a_hint() {
+        for (error, text, code) in [
+            (CliError::usage("no file \"x\"\nHint: make one"), "error: no file \"x\"\nHint: make one\n", 2),
+            (
+                CliError::usage("none of that name. Hint: see --help"),
+                "error: none of that name.\nHint: see --help\n",
+                2,
+            ),
+            (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),
+            (CliError::usage("first\n  second\n"), "error: first second\n", 2),
+            (CliError::held("nobody answered"), "error: nobody answered\n", 3),
+            (CliError::internal("lost"), "error: internal: lost\n", 70),
+            (CliError::from(io::Error::from(io::ErrorKind::BrokenPipe)), "", 0),
+            (CliError::from(io::Error::other("disk full")), "error: cannot write the output: disk full\n", 2),
+        ] {
+            assert_eq!(printed(&error), text);
+            assert_eq!(error.exit().code(), code, "{text}");
+        }
+    }
+
+    #[test]
+    fn codes_differ() {
+        let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
+        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 70]);
+    }
+}

@@ -1,0 +1,224 @@
+//! The transition function.
+
+use super::{
+    ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmState, CHATTER_RAISES, Priority,
+    SHELF_MS_MAX, Shelf, flood,
+};
+use crate::ids::is_name;
+use holdpoint_text::Untrusted;
+
+/// The longest key or group, in bytes.
+const KEY_BYTES_MAX: usize = 200;
+
+/// Answers what an event changes. The book is not touched; take the changes in with [`AlarmBook::absorb`].
+///
+/// Clearing an alarm that is not there, or acknowledging one twice, changes nothing and is no error.
+///
+/// # Errors
+/// [`AlarmError`] where the event is not allowed.
+pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+    let mut changes = match event {
+        AlarmEvent::Raise { key, group, priority, latching, text } => {
+            raise(book, key, group, (*priority, *latching), text, now_ms)?
+        }
+        AlarmEvent::Clear { key } => match book.get(key) {
+            Some(alarm) if alarm.condition => set(alarm, now_ms, |alarm| alarm.condition = false),
+            Some(_) | None => Vec::new(),
+        },
+        AlarmEvent::Acknowledge { key, by } => {
+            let (alarm, by) = (find(book, key)?, identity(by)?);
+            if alarm.acknowledged_by.is_some() {
+                Vec::new()
+            } else {
+                set(alarm, now_ms, |alarm| alarm.acknowledged_by = Some(by))
+            }
+        }
+        AlarmEvent::Reset { key, by, reason } => reset(find(book, key)?, identity(by)?, reason, now_ms)?,
+        AlarmEvent::Shelve { key, by, until_ms, reason } => shelve(
+            find(book, key)?,
+            Shelf { until_ms: *until_ms, by: identity(by)?, reason: reason.clone() },
+            now_ms,
+        )?,
+        AlarmEvent::Unshelve { key, by } => {
+            let alarm = find(book, key)?;
+            identity(by)?;
+            if alarm.shelf.is_none() {
+                return Err(AlarmError::NotShelved(key.as_str().into()));
+            }
+            unshelve(alarm, now_ms)
+        }
+        AlarmEvent::Tick => tick(book, now_ms),
+    };
+    changes.extend(flood_change(book, &changes, now_ms));
+    Ok(changes)
+}
+
+fn raise(
+    book: &AlarmBook,
+    key: &str,
+    group: &str,
+    (priority, latching): (Priority, bool),
+    text: &Untrusted,
+    now_ms: u64,
+) -> Result<Vec<AlarmChange>, AlarmError> {
+    for name in [key, group] {
+        if name.is_empty() || name.len() > KEY_BYTES_MAX {
+            return Err(AlarmError::Key(name.into()));
+        }
+    }
+    let mut changes = Vec::new();
+    let mut alarm = match book.get(key) {
+        Some(alarm) => alarm.clone(),
+        None => {
+            if book.alarms.len() >= ALARMS_MAX {
+                let normal = book.iter().filter(|alarm| alarm.state() == AlarmState::Normal);
+                let oldest = normal.min_by_key(|alarm| alarm.raises_ms.last().copied());
+                let oldest = oldest.ok_or_else(|| AlarmError::Full(key.into()))?;
+                changes.push(AlarmChange::Dropped { key: oldest.key.clone() });
+            }
+            normal(key, now_ms)
+        }
+    };
+    let from = book.get(key).map_or(AlarmState::Normal, Alarm::state);
+    // While it is there it may become more urgent, never less; the operator is then called again.
+    let urgent = alarm.condition && priority < alarm.priority;
+    let appears = !alarm.condition;
+    let same_text = alarm.text == *text;
+    if !appears && !urgent && same_text && (alarm.latching || !latching) {
+        return Ok(Vec::new());
+    }
+    if appears {
+        let over = alarm.state_below() == AlarmState::Normal;
+        // Neither does an episode that still waits for the operator become less urgent by coming again.
+        alarm.priority = if over { priority } else { alarm.priority.min(priority) };
+        alarm.latching = latching || (alarm.latching && !over);
+        if over {
+            alarm.first_ms = now_ms;
+        }
+        alarm.raises = alarm.raises.saturating_add(1);
+        if alarm.raises_ms.len() >= CHATTER_RAISES {
+            alarm.raises_ms.remove(0);
+        }
+        alarm.raises_ms.push(now_ms);
+    } else {
+        alarm.priority = alarm.priority.min(priority);
+        alarm.latching |= latching;
+    }
+    let called = appears || urgent;
+    if called {
+        alarm.acknowledged_by = None;
+    }
+    alarm.condition = true;
+    alarm.reset_pending = alarm.latching;
+    group.clone_into(&mut alarm.group);
+    alarm.text = text.clone();
+    // What has become critical does not stay on a shelf.
+    if alarm.priority == Priority::Critical {
+        alarm.shelf = None;
+    }
+    let annunciated = called && alarm.shelf.is_none();
+    changes.push(AlarmChange::Set { alarm, from, annunciated, at_ms: now_ms });
+    Ok(changes)
+}
+
+fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+    let key = || Untrusted::from(alarm.key.as_str());
+    if !alarm.reset_pending {
+        return Err(AlarmError::NotLatched(key()));
+    }
+    if alarm.condition {
+        return Err(AlarmError::StillPresent(key()));
+    }
+    if reason.is_blank() {
+        return Err(AlarmError::NoReason(key()));
+    }
+    Ok(set(alarm, now_ms, |alarm| {
+        alarm.reset_pending = false;
+        alarm.acknowledged_by.get_or_insert(by);
+    }))
+}
+
+fn shelve(alarm: &Alarm, shelf: Shelf, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+    let key = || Untrusted::from(alarm.key.as_str());
+    if alarm.priority == Priority::Critical {
+        return Err(AlarmError::ShelveCritical(key()));
+    }
+    if shelf.reason.is_blank() {
+        return Err(AlarmError::NoReason(key()));
+    }
+    let asked_ms = i128::from(shelf.until_ms) - i128::from(now_ms);
+    if asked_ms <= 0 || asked_ms > i128::from(SHELF_MS_MAX) {
+        return Err(AlarmError::ShelfTime { asked_ms, max_ms: SHELF_MS_MAX });
+    }
+    Ok(set(alarm, now_ms, |alarm| alarm.shelf = Some(shelf)))
+}
+
+/// An alarm that is still unacknowledged below its shelf calls again when the shelf ends.
+fn unshelve(alarm: &Alarm, now_ms: u64) -> Vec<AlarmChange> {
+    let from = alarm.state();
+    let alarm = Alarm { shelf: None, ..alarm.clone() };
+    let annunciated = alarm.state() == AlarmState::Unacknowledged;
+    vec![AlarmChange::Set { alarm, from, annunciated, at_ms: now_ms }]
+}
+
+fn tick(book: &AlarmBook, now_ms: u64) -> Vec<AlarmChange> {
+    let mut changes = Vec::new();
+    for alarm in book.iter() {
+        if alarm.shelf.as_ref().is_some_and(|shelf| shelf.until_ms <= now_ms) {
+            changes.extend(unshelve(alarm, now_ms));
+        } else if alarm.state() == AlarmState::Normal
+            && alarm
+                .raises_ms
+                .last()
+                .is_none_or(|last| now_ms.saturating_sub(*last) >= flood::FLOOD_WINDOW_MS)
+        {
+            changes.push(AlarmChange::Dropped { key: alarm.key.clone() });
+        }
+    }
+    changes
+}
+
+fn flood_change(book: &AlarmBook, changes: &[AlarmChange], now_ms: u64) -> Option<AlarmChange> {
+    let mut annunciated_ms = book.annunciated_ms.clone();
+    for change in changes {
+        if let AlarmChange::Set { annunciated: true, at_ms, .. } = change {
+            flood::note(&mut annunciated_ms, *at_ms);
+        }
+    }
+    let on = flood::is_flood(&annunciated_ms, book.flood, now_ms);
+    (on != book.flood).then_some(AlarmChange::Flood { on })
+}
+
+/// A change that calls nobody.
+fn set(alarm: &Alarm, now_ms: u64, change: impl FnOnce(&mut Alarm)) -> Vec<AlarmChange> {
+    let from = alarm.state();
+    let mut alarm = alarm.clone();
+    change(&mut alarm);
+    vec![AlarmChange::Set { alarm, from, annunciated: false, at_ms: now_ms }]
+}
+
+/// An alarm that was never raised: acknowledged by nobody in particular, so that its state is normal.
+fn normal(key: &str, now_ms: u64) -> Alarm {
+    Alarm {
+        key: key.to_owned(),
+        group: String::new(),
+        priority: Priority::Low,
+        latching: false,
+        text: Untrusted::default(),
+        condition: false,
+        acknowledged_by: Some(String::new()),
+        reset_pending: false,
+        shelf: None,
+        first_ms: now_ms,
+        raises_ms: Vec::new(),
+        raises: 0,
+    }
+}
+
+fn find<'a>(book: &'a AlarmBook, key: &str) -> Result<&'a Alarm, AlarmError> {
+    book.get(key).ok_or_else(|| AlarmError::Unknown(key.into()))
+}
+
+fn identity(by: &str) -> Result<String, AlarmError> {
+    if is_name(by) { Ok(by.to_owned()) } else { Err(AlarmError::Identity(by.into())) }
+}

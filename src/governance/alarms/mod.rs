@@ -1,0 +1,374 @@
+//! Alarms after ISA-18.2 / IEC 62682: what is wrong, who has seen it, and whether it is over.
+//!
+//! Pure: [`apply`] takes the book, one event and the time, and answers with the changes; [`AlarmBook::absorb`]
+//! takes them in. The engine stores the changes; front ends read the book. What this module must not do: act on
+//! the robot or a stage. Acknowledging stops the call for attention alone and resumes nothing.
+//!
+//! | condition | acknowledged | state |
+//! | --- | --- | --- |
+//! | present | no | unacknowledged |
+//! | present | yes | acknowledged |
+//! | gone | no | returned-unacknowledged |
+//! | gone | yes | latched, where the alarm latches and was not reset; else normal |
+//!
+//! A shelf, with its end and its reason, lies over any of these and takes nothing away: the state below goes on.
+
+mod apply;
+mod flood;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use holdpoint_text::Untrusted;
+
+pub use apply::apply;
+pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
+
+/// The most alarms a book holds.
+pub const ALARMS_MAX: usize = 512;
+
+/// The longest a shelf may last: one shift.
+pub const SHELF_MS_MAX: u64 = 8 * 3_600_000;
+
+/// This many raises within [`CHATTER_WINDOW_MS`] make an alarm chattering.
+pub const CHATTER_RAISES: usize = 3;
+
+/// See [`CHATTER_RAISES`].
+pub const CHATTER_WINDOW_MS: u64 = 60_000;
+
+/// How soon the operator must act. The order is the order of attention: `Critical` comes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Priority {
+    /// At once; cannot be shelved or grouped away.
+    Critical,
+    /// Soon.
+    High,
+    /// In this shift.
+    Low,
+}
+
+/// What is being told about an alarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AlarmState {
+    /// Nothing to tell.
+    Normal,
+    /// The condition is there and nobody has seen it.
+    Unacknowledged,
+    /// The condition is there and somebody knows.
+    Acknowledged,
+    /// The condition is gone and nobody has seen it.
+    ReturnedUnacknowledged,
+    /// The condition is gone, somebody knows, and it stays until reset with a reason.
+    Latched,
+    /// Set aside for a time, with a reason.
+    Shelved,
+}
+
+/// A shelf: who set the alarm aside, until when and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shelf {
+    /// When it ends by itself, in the book's milliseconds.
+    pub until_ms: u64,
+    /// The identity that shelved it.
+    pub by: String,
+    /// Why.
+    pub reason: Untrusted,
+}
+
+/// One alarm. The state is derived, so that it cannot contradict its parts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Alarm {
+    /// Its unique name, e.g. `monitor-tripped/grasp@1.3.0`.
+    pub key: String,
+    /// What it is grouped by in a flood, e.g. `grasp@1.3.0/activation/monitor`.
+    pub group: String,
+    /// How soon the operator must act.
+    pub priority: Priority,
+    /// Whether it stays until reset.
+    pub latching: bool,
+    /// What happened.
+    pub text: Untrusted,
+    /// Whether the condition is there now.
+    pub condition: bool,
+    /// Who has acknowledged it, if anybody.
+    pub acknowledged_by: Option<String>,
+    /// Whether a latching alarm still waits for its reset.
+    pub reset_pending: bool,
+    /// The shelf it lies on.
+    pub shelf: Option<Shelf>,
+    /// The first raise since it was last normal.
+    pub first_ms: u64,
+    /// The newest raises, oldest first, at most [`CHATTER_RAISES`].
+    pub raises_ms: Vec<u64>,
+    /// All raises since it was last dropped from the book.
+    pub raises: u32,
+}
+
+impl Alarm {
+    /// The state shown to the operator.
+    #[must_use]
+    pub fn state(&self) -> AlarmState {
+        if self.shelf.is_some() { AlarmState::Shelved } else { self.state_below() }
+    }
+
+    /// The state a shelf, if any, lies over.
+    #[must_use]
+    pub fn state_below(&self) -> AlarmState {
+        match (self.condition, self.acknowledged_by.is_some(), self.reset_pending) {
+            (true, false, _) => AlarmState::Unacknowledged,
+            (true, true, _) => AlarmState::Acknowledged,
+            (false, false, _) => AlarmState::ReturnedUnacknowledged,
+            (false, true, true) => AlarmState::Latched,
+            (false, true, false) => AlarmState::Normal,
+        }
+    }
+
+    /// Whether it came so often within a minute that it is one row with a count.
+    #[must_use]
+    pub fn is_chattering(&self, now_ms: u64) -> bool {
+        self.raises_ms.len() >= CHATTER_RAISES
+            && self.raises_ms.first().is_some_and(|first| now_ms.saturating_sub(*first) <= CHATTER_WINDOW_MS)
+    }
+}
+
+/// What happens to alarms. `by` is an identity's name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum AlarmEvent {
+    /// A condition appeared (or appeared again, or became more urgent).
+    Raise {
+        /// The alarm's unique name.
+        key: String,
+        /// What it is grouped by.
+        group: String,
+        /// How soon the operator must act.
+        priority: Priority,
+        /// Whether it stays until reset.
+        latching: bool,
+        /// What happened.
+        text: Untrusted,
+    },
+    /// The condition is gone.
+    Clear {
+        /// The alarm.
+        key: String,
+    },
+    /// Somebody has seen it.
+    Acknowledge {
+        /// The alarm.
+        key: String,
+        /// Who.
+        by: String,
+    },
+    /// A latched alarm is closed; acknowledges as well.
+    Reset {
+        /// The alarm.
+        key: String,
+        /// Who.
+        by: String,
+        /// Why it is safe.
+        reason: Untrusted,
+    },
+    /// Sets an alarm aside for a time.
+    Shelve {
+        /// The alarm.
+        key: String,
+        /// Who.
+        by: String,
+        /// Until when.
+        until_ms: u64,
+        /// Why.
+        reason: Untrusted,
+    },
+    /// Takes an alarm from its shelf.
+    Unshelve {
+        /// The alarm.
+        key: String,
+        /// Who.
+        by: String,
+    },
+    /// Time went on: shelves end, floods end, what has long been normal is dropped.
+    Tick,
+}
+
+/// One change of the book, complete enough to be stored and replayed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum AlarmChange {
+    /// An alarm is now this; `annunciated` where it calls for attention anew.
+    Set {
+        /// The whole alarm.
+        alarm: Alarm,
+        /// Its state before; `Normal` where it was not in the book.
+        from: AlarmState,
+        /// Whether it calls for attention anew.
+        annunciated: bool,
+        /// When, in the book's milliseconds.
+        at_ms: u64,
+    },
+    /// An alarm that is normal was dropped from the book.
+    Dropped {
+        /// Its key.
+        key: String,
+    },
+    /// A flood began or ended.
+    Flood {
+        /// Whether there is one now.
+        on: bool,
+    },
+}
+
+/// Why an event was refused. The book is as it was.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AlarmError {
+    /// No such alarm.
+    #[error("there is no alarm {0:?}")]
+    Unknown(Untrusted),
+    /// An empty or overlong key or group.
+    #[error("{0:?} cannot name an alarm; 1 to 200 bytes are allowed")]
+    Key(Untrusted),
+    /// Not an identity's name.
+    #[error("{0:?} is not the name of an identity")]
+    Identity(Untrusted),
+    /// No reason was given.
+    #[error("the alarm {0:?} needs a reason")]
+    NoReason(Untrusted),
+    /// A reset while the condition is still there.
+    #[error("the alarm {0:?} cannot be reset: its condition is still present\nHint: acknowledge it")]
+    StillPresent(Untrusted),
+    /// A reset of an alarm that waits for none.
+    #[error("the alarm {0:?} does not wait for a reset")]
+    NotLatched(Untrusted),
+    /// Critical alarms stay in sight.
+    #[error("the alarm {0:?} is critical and cannot be shelved")]
+    ShelveCritical(Untrusted),
+    /// A shelf that ends in the past or too late.
+    #[error("a shelf must end within {max_ms} ms from now, not in {asked_ms} ms")]
+    ShelfTime {
+        /// What was asked for.
+        asked_ms: i128,
+        /// The limit.
+        max_ms: u64,
+    },
+    /// It lies on no shelf.
+    #[error("the alarm {0:?} is not shelved")]
+    NotShelved(Untrusted),
+    /// Nothing normal is left to drop. The caller must hold: alarms are being lost.
+    #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit\nHint: hold the pipeline")]
+    Full(Untrusted),
+}
+
+/// All alarms that are not long normal.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlarmBook {
+    pub(crate) alarms: BTreeMap<String, Alarm>,
+    /// When alarms called for attention, oldest first; only as many as flood detection needs.
+    pub(crate) annunciated_ms: Vec<u64>,
+    pub(crate) flood: bool,
+}
+
+/// What the status line of every view shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlarmSummary {
+    /// The most urgent one nobody has acknowledged.
+    pub highest_unacknowledged: Option<Priority>,
+    /// Unacknowledged (also returned) critical, high and low ones.
+    pub unacknowledged: [u32; 3],
+    /// Acknowledged ones whose condition is still there.
+    pub acknowledged: u32,
+    /// Latched ones.
+    pub latched: u32,
+    /// Shelved ones.
+    pub shelved: u32,
+    /// Whether there is a flood.
+    pub flood: bool,
+}
+
+impl AlarmBook {
+    /// An empty book.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// One alarm.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&Alarm> {
+        self.alarms.get(key)
+    }
+
+    /// All alarms in the book, by key.
+    pub fn iter(&self) -> impl Iterator<Item = &Alarm> {
+        self.alarms.values()
+    }
+
+    /// All that are not normal, the most urgent and then the newest first.
+    #[must_use]
+    pub fn open(&self) -> Vec<&Alarm> {
+        let mut open: Vec<&Alarm> = self.iter().filter(|alarm| alarm.state() != AlarmState::Normal).collect();
+        open.sort_by(|a, b| {
+            let rank =
+                |alarm: &Alarm| (alarm.state() == AlarmState::Shelved, alarm.acknowledged_by.is_some());
+            rank(a)
+                .cmp(&rank(b))
+                .then(a.priority.cmp(&b.priority))
+                .then(b.raises_ms.last().cmp(&a.raises_ms.last()))
+        });
+        open
+    }
+
+    /// Whether there is a flood.
+    #[must_use]
+    pub fn is_flooded(&self) -> bool {
+        self.flood
+    }
+
+    /// Counts for the status line.
+    #[must_use]
+    pub fn summary(&self) -> AlarmSummary {
+        let mut summary = AlarmSummary { flood: self.flood, ..AlarmSummary::default() };
+        for alarm in self.iter() {
+            match alarm.state() {
+                AlarmState::Normal => {}
+                AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged => {
+                    summary.unacknowledged[alarm.priority as usize] += 1;
+                    let highest = summary.highest_unacknowledged;
+                    summary.highest_unacknowledged =
+                        Some(highest.map_or(alarm.priority, |p| p.min(alarm.priority)));
+                }
+                AlarmState::Acknowledged => summary.acknowledged += 1,
+                AlarmState::Latched => summary.latched += 1,
+                AlarmState::Shelved => summary.shelved += 1,
+            }
+        }
+        summary
+    }
+
+    /// Takes changes of [`apply`] in.
+    pub fn absorb(&mut self, changes: &[AlarmChange]) {
+        for change in changes {
+            match change {
+                AlarmChange::Set { alarm, annunciated, at_ms, .. } => {
+                    self.alarms.insert(alarm.key.clone(), alarm.clone());
+                    if *annunciated {
+                        flood::note(&mut self.annunciated_ms, *at_ms);
+                    }
+                }
+                AlarmChange::Dropped { key } => {
+                    self.alarms.remove(key);
+                }
+                AlarmChange::Flood { on } => self.flood = *on,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,90 @@
+//! One candidate through all stages, on a scratch store with one worker: what each stage costs together.
+//!
+//! Drives the real engine as a script does; judges nothing. The live world's sequences that fall due during a
+//! stage are counted with it.
+
+use super::BenchError;
+use super::measure::{Clock, Entry, Figure, Unit};
+use super::subjects::{CANDIDATE, Subjects};
+use holdpoint_engine::pipeline::cache::EpisodeCache;
+use holdpoint_engine::pipeline::manager::Progress;
+use holdpoint_engine::pipeline::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_engine::{Config, Engine};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::EventKind;
+
+/// Most slices of work; a candidate takes some hundred.
+const SLICES_MAX: u32 = 100_000;
+
+/// Where a candidate is, and what that part of its way is called.
+const PARTS: [(State, &str); 5] = [
+    (State::Registered, "stage, compatibility"),
+    (State::Validated, "stage, sandbox with drills"),
+    (State::Sandboxed, "stage, shadow"),
+    (State::Shadowed, "stage, gate and activation"),
+    (State::Active, "stage, monitoring until confirmed"),
+];
+
+pub(super) fn measure(subjects: &Subjects) -> Result<Vec<Entry>, BenchError> {
+    let folder = tempfile::tempdir()?;
+    let mut engine = Engine::start(Config {
+        data: folder.path(),
+        profile: ProfileName::Sim,
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        scripted: true,
+        cell: subjects.cell.clone(),
+        cache: EpisodeCache::InStore,
+    })?;
+    let package = Subjects::candidate_package()?;
+    let command = Command::Register { package, name: CANDIDATE.to_owned() };
+    let mut spent = vec![0.0; PARTS.len()];
+    let before = Clock::ProcessCpu.secs();
+    let reply = engine.submit(Request { id: "bench".to_owned(), command });
+    let registered = Clock::ProcessCpu.secs() - before;
+    if !matches!(reply, Reply::Accepted { .. }) {
+        return Err(unexpected(format!("{reply:?}")));
+    }
+    let id = subjects.candidate.id();
+    let mut state = State::Registered;
+    let mut confirmed = false;
+    for _ in 0..SLICES_MAX {
+        let before = Clock::ProcessCpu.secs();
+        let progress = engine.advance();
+        let cost = Clock::ProcessCpu.secs() - before;
+        if let Some(part) = PARTS.iter().position(|(at, _)| *at == state) {
+            spent[part] += cost;
+        }
+        for event in engine.drain_events() {
+            match event.kind {
+                EventKind::StateChanged { version, to, .. } if version == id => state = to,
+                EventKind::Confirmed { version, .. } if version == id => confirmed = true,
+                EventKind::Fault { text } => return Err(unexpected(text)),
+                _ => {}
+            }
+        }
+        let worked = progress == Progress::Worked;
+        if confirmed || !worked || !PARTS.iter().any(|(at, _)| *at == state) {
+            break;
+        }
+    }
+    let end = if confirmed { "confirmed" } else { state.name() };
+    let figure =
+        |name: String| Figure::new(name, Unit::Millis, Clock::ProcessCpu, "the demonstration candidate");
+    let mut entries = vec![figure("stage, registration".to_owned()).of(vec![registered], 1)?];
+    let whole = registered + spent.iter().sum::<f64>();
+    for ((_, name), cost) in PARTS.iter().zip(spent) {
+        // A stage that was not reached has no figure.
+        if cost > 0.0 {
+            entries.push(figure((*name).to_owned()).of(vec![cost], 1)?);
+        }
+    }
+    entries.push(figure(format!("candidate, all of it ({end})")).of(vec![whole], 1)?);
+    Ok(entries)
+}
+
+fn unexpected(found: String) -> BenchError {
+    BenchError::Unexpected { what: "whole candidate", found, expected: "an engine that works" }
+}

@@ -1,0 +1,122 @@
+//! Measures the engine on this machine: what an episode, a stage, a decision and a record cost.
+//!
+//! Owns the measuring and the report; runs the product's own code on the embedded versions, on calibration seeds.
+//! Must not touch the operator's store, decide anything, or state a figure that was not measured in this run.
+
+mod candidate;
+mod measure;
+mod rules;
+mod simulation;
+pub mod stats;
+mod storage;
+mod subjects;
+
+use serde::Serialize;
+
+pub use measure::{Clock, Effort, Entry, Unit};
+pub use simulation::PeerEntry;
+
+use holdpoint_engine::StartError;
+use holdpoint_governance::policy::PolicyError;
+use holdpoint_governance::text_error::TextError;
+use holdpoint_registry::{StoreError, VerifyError};
+use holdpoint_runtime::capability::PackageError;
+
+/// Everything that was measured in one run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Version of the program.
+    pub version: &'static str,
+    /// Whether the program was built with optimisation (`release`) or for development (`dev`).
+    pub build: &'static str,
+    /// Number format of the physics; the rules compute in f64.
+    pub physics: &'static str,
+    /// Whether fewer samples were taken.
+    pub quick: bool,
+    /// Times, in the order of the stages.
+    pub entries: Vec<Entry>,
+    /// The engine comparison's episode, per solver mode.
+    pub peer: Vec<PeerEntry>,
+}
+
+/// Why nothing could be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The simulation failed.
+    #[error("the simulation failed: {0}")]
+    Sim(#[from] holdpoint_sim::SimError),
+    /// A tick could not be carried out.
+    #[error("the simulation failed: {0}")]
+    Body(#[from] holdpoint_body::BodyError),
+    /// An embedded text does not parse.
+    #[error(transparent)]
+    Text(#[from] TextError),
+    /// The embedded policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// An embedded version does not load.
+    #[error(transparent)]
+    Package(#[from] PackageError),
+    /// The engine does not start.
+    #[error("the engine does not start: {0}")]
+    Start(#[from] StartError),
+    /// The scratch store failed.
+    #[error("the scratch store failed: {0}. Hint: TMPDIR names the folder it is made in")]
+    Store(#[from] StoreError),
+    /// The scratch store does not verify.
+    #[error("the scratch store does not verify: {0}")]
+    Verify(#[from] VerifyError),
+    /// No scratch folder.
+    #[error("cannot make a scratch folder: {0}. Hint: TMPDIR names the folder it is made in")]
+    Scratch(#[from] std::io::Error),
+    /// A value has no canonical form.
+    #[error("a value has no canonical form: {0}")]
+    Canonical(#[from] serde_json::Error),
+    /// A recorded table does not parse.
+    #[error(transparent)]
+    Table(#[from] stats::tables::TableError),
+    /// What was to be timed did not do what its name says, so its time would mean nothing.
+    #[error("{what}: {found:?} where {expected} was expected, so a figure would mean nothing")]
+    Unexpected {
+        /// What was measured.
+        what: &'static str,
+        /// What it came to.
+        found: String,
+        /// What it has to come to.
+        expected: &'static str,
+    },
+    /// Too few samples could be taken.
+    #[error("{name}: {found} samples could be taken; {needed} are needed")]
+    TooFew {
+        /// What was measured.
+        name: String,
+        /// Samples taken.
+        found: usize,
+        /// Samples needed.
+        needed: usize,
+    },
+}
+
+/// Measures everything; `quick` takes fewer samples and leaves out the whole candidate.
+///
+/// # Errors
+/// [`BenchError`]; figures taken so far are not returned, because a broken engine's times mean nothing.
+pub fn run(quick: bool) -> Result<Report, BenchError> {
+    let effort = if quick { Effort::QUICK } else { Effort::DEFAULT };
+    let subjects = subjects::Subjects::load()?;
+    let mut entries = simulation::measure(&subjects, &effort)?;
+    entries.extend(rules::measure(&subjects, &effort)?);
+    entries.extend(storage::measure(&effort)?);
+    if !quick {
+        entries.extend(candidate::measure(&subjects)?);
+    }
+    let peer = simulation::measure_peer(&effort)?;
+    Ok(Report {
+        version: env!("CARGO_PKG_VERSION"),
+        build: if cfg!(debug_assertions) { "dev" } else { "release" },
+        physics: "f32",
+        quick,
+        entries,
+        peer,
+    })
+}

@@ -1,0 +1,184 @@
+//! Episodes, ticks, drills, shadow sequences, and the episode of the engine comparison.
+//!
+//! Everything here is the product's own path from the pipeline, on one worker.
+
+use holdpoint_body::TaskKind;
+use holdpoint_sim::bench_episode::{PeerBench, STEPS};
+use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::world::Fidelity;
+use serde::Serialize;
+
+use super::BenchError;
+use super::measure::{Clock, Effort, Entry, Figure, Unit, median, quantile};
+use super::subjects::{Subjects, seed};
+use holdpoint_engine::pipeline::cell::Conditions;
+use holdpoint_engine::pipeline::drills::{Cast, DrillResult, drill};
+use holdpoint_engine::pipeline::evaluate::{Worker, episode};
+use holdpoint_engine::pipeline::live::LiveCell;
+use holdpoint_engine::pipeline::seeds::Purpose;
+use holdpoint_engine::pipeline::shadow::Shadow;
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_runtime::agent::ActiveView as _;
+use holdpoint_runtime::task::{self, Supervision};
+
+/// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and
+/// retreat with inverse kinematics in every tick, the cell built anew each time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PeerEntry {
+    /// How hard the solver works.
+    pub mode: Fidelity,
+    /// Episodes, on seeds from 0.
+    pub n: u64,
+    /// Share of episodes in which the cube was raised by 10 cm.
+    pub lift_rate: f64,
+    /// Share of episodes in which it was then placed within 2 cm of the target.
+    pub place_rate: f64,
+    /// Episodes per second of thread CPU time, over all of them.
+    pub episodes_per_cpu_s: f64,
+    /// Median thread CPU time of an episode, ms.
+    pub median: f64,
+    /// The episode that nine in ten are at or below, ms.
+    pub p90: f64,
+    /// Unit of both.
+    pub unit: Unit,
+    /// Number format of the physics.
+    pub precision: &'static str,
+    /// Ticks of an episode.
+    pub ticks: u32,
+}
+
+pub(super) fn measure(subjects: &Subjects, effort: &Effort) -> Result<Vec<Entry>, BenchError> {
+    let mut entries = Vec::new();
+    for task in TaskKind::SEQUENCE {
+        entries.push(sandbox_episode(subjects, effort, task)?);
+    }
+    entries.push(tick(subjects, effort)?);
+    for kind in DrillKind::ALL {
+        entries.push(one_drill(subjects, effort, kind)?);
+    }
+    entries.push(shadow_sequence(subjects, effort)?);
+    Ok(entries)
+}
+
+/// One sandbox episode of the active version: reset, task, inspection.
+fn sandbox_episode(subjects: &Subjects, effort: &Effort, task: TaskKind) -> Result<Entry, BenchError> {
+    let version = subjects.active_for(task)?;
+    let mut worker = Worker::new();
+    let name = format!("sandbox episode, {}", version.id());
+    Figure::new(name, Unit::Millis, Clock::ThreadCpu, "episode").take(effort, effort.slow_secs, |call| {
+        let seed = seed(Purpose::Perturbation, call);
+        let record =
+            episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
+        Ok((!record.invalid).then_some(1))
+    })
+}
+
+/// One tick of a grasp: observation, skill, guard, servo, physics, sensors, watcher. Resets are not in it.
+fn tick(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+    let version = subjects.active_for(TaskKind::Grasp)?;
+    let (cell, terms) = (&subjects.cell, &subjects.terms);
+    let mut worker = Worker::new();
+    let mut samples = Vec::new();
+    let figure = Figure::new("tick, whole", Unit::Micros, Clock::ThreadCpu, "mean over an episode's ticks");
+    let begin = Clock::Wall.secs();
+    for call in 0..effort.samples_max as u64 {
+        let seed = seed(Purpose::Perturbation, call);
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
+        let arm = worker.arm(cell, &setup)?;
+        let mut guard = terms.guard(version.manifest.permissions.authority);
+        let mut skill = version.bundle.start(seed);
+        let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
+        let mut spent = Vec::new();
+        let mut before = Clock::ThreadCpu.secs();
+        task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
+            let now = Clock::ThreadCpu.secs();
+            spent.push(now - before);
+            before = now;
+            Supervision::Continue
+        })?;
+        if !spent.is_empty() {
+            samples.push(spent.iter().sum::<f64>() / spent.len() as f64);
+        }
+        if samples.len() >= effort.samples_min && Clock::Wall.secs() - begin >= effort.slow_secs {
+            break;
+        }
+    }
+    figure.of(samples, effort.samples_min)
+}
+
+/// One rehearsal with the candidate, its start included.
+fn one_drill(subjects: &Subjects, effort: &Effort, kind: DrillKind) -> Result<Entry, BenchError> {
+    let candidate = &subjects.candidate;
+    let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let cast = Cast {
+        version: candidate,
+        predecessor: subjects.predecessor()?,
+        fallback: fallback.and_then(|binding| subjects.active.active(&binding.family)),
+    };
+    let mut worker = Worker::new();
+    let name = format!("drill, {}", kind.name());
+    Figure::new(name, Unit::Millis, Clock::ThreadCpu, "drill").take(effort, effort.slow_secs, |call| {
+        let seed = seed(Purpose::Drill, call);
+        let result = drill(&mut worker, &subjects.cell, &subjects.terms, &cast, kind, seed);
+        Ok((result != DrillResult::Infeasible).then_some(1))
+    })
+}
+
+/// One live sequence with the candidate in shadow, the twin included.
+fn shadow_sequence(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+    let (candidate, terms) = (&subjects.candidate, &subjects.terms);
+    let mut live = LiveCell::new(subjects.cell.clone())?;
+    let mut kept = Some(subjects.cell.world()?);
+    let figure =
+        Figure::new("shadow sequence", Unit::Millis, Clock::ThreadCpu, "live sequence with its twin");
+    figure.take(effort, effort.slow_secs, |call| {
+        let fork = match kept.take() {
+            Some(fork) => fork,
+            None => subjects.cell.world()?,
+        };
+        let mut shadow = Shadow::new(candidate.clone(), terms.clone(), fork);
+        let seed = seed(Purpose::Live, call);
+        let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow, None);
+        let worked = report.task(candidate.bundle.task()).map(|done| &done.record);
+        let (trace, fork) = shadow.conclude(worked, report.seed);
+        kept = fork;
+        // A sequence that ends before the candidate's task has no twin and says nothing about its cost.
+        Ok(trace.map(|_| 1))
+    })
+}
+
+/// The engine comparison's episode, in the product's mode and in the reference's.
+pub(super) fn measure_peer(effort: &Effort) -> Result<Vec<PeerEntry>, BenchError> {
+    [Fidelity::Adaptive, Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
+}
+
+fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
+    let bench = PeerBench::new(mode)?;
+    bench.run(n)?; // not counted, as with the peers
+    let (mut lifted, mut placed) = (0_u64, 0_u64);
+    let mut samples = Vec::new();
+    for seed in 0..n {
+        let before = Clock::ThreadCpu.secs();
+        let outcome = bench.run(seed)?;
+        samples.push(Clock::ThreadCpu.secs() - before);
+        lifted += u64::from(outcome.lifted);
+        placed += u64::from(outcome.placed);
+    }
+    let total: f64 = samples.iter().sum();
+    samples.sort_by(f64::total_cmp);
+    let (Some(median), Some(p90)) = (median(&samples), quantile(&samples, 9, 10)) else {
+        return Err(BenchError::TooFew { name: "peer episode".to_owned(), found: 0, needed: 1 });
+    };
+    Ok(PeerEntry {
+        mode,
+        n,
+        lift_rate: lifted as f64 / n as f64,
+        place_rate: placed as f64 / n as f64,
+        episodes_per_cpu_s: n as f64 / total,
+        median: 1.0e3 * median,
+        p90: 1.0e3 * p90,
+        unit: Unit::Millis,
+        precision: "f32",
+        ticks: STEPS,
+    })
+}

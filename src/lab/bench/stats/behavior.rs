@@ -1,0 +1,102 @@
+//! The decision on `kappa_B` at the profiles' budgets: equally good candidates, worse ones, and trades of safety
+//! for success.
+
+use std::collections::BTreeSet;
+
+use super::draw::{Draw, binding};
+use super::report::{Finding, Stated, share};
+use super::tables::Table;
+use super::{BenchError, Study};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, Component, ComponentName};
+use holdpoint_governance::evidence::{Pair, PairedEvidence};
+use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_governance::profile::Profile;
+
+const RULE: &str = "kappa_B";
+
+/// Budgets that are told beside the profiles', to show what fewer pairs would come to.
+const OTHER_BUDGETS: [u32; 2] = [120, 200];
+
+/// More episodes with an anomaly, of a candidate that has to be rejected.
+const WORSE: f64 = 0.13;
+
+pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+    let mut findings = Vec::new();
+    let mut done = BTreeSet::new();
+    for profile in &study.profiles {
+        let budget = profile.evaluation.sandbox_pairs;
+        if done.insert(budget) {
+            findings.extend(budgeted(study, profile, true)?);
+        }
+    }
+    for budget in OTHER_BUDGETS {
+        if let Some(profile) = study.profiles.first().filter(|_| done.insert(budget)) {
+            let mut other = profile.clone();
+            other.evaluation.sandbox_pairs = budget;
+            findings.extend(budgeted(study, &other, false)?);
+        }
+    }
+    Ok(findings)
+}
+
+fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<Finding>, BenchError> {
+    let budget = profile.evaluation.sandbox_pairs;
+    let least = |rate: f64| stated.then_some(Stated::AtLeast(rate));
+    let mut findings = Vec::new();
+    for table in &study.recorded.sandbox {
+        let under = format!("{}, {budget} pairs", table.name);
+        let count =
+            |what: &str, worsen: &dyn Fn(&mut Draw, &mut Pair), is: &dyn Fn(&BehaviorAssessment) -> bool| {
+                let mut draw = Draw::new(&format!("{what} {under}"));
+                let runs = 0..study.runs;
+                let found = runs.filter(|_| is(&assess(&mut draw, table, profile, worsen))).count();
+                (found as u64, u64::from(study.runs))
+            };
+        let outcome = |wanted| move |found: &BehaviorAssessment| found.assessment.outcome == wanted;
+        let equal = count("equal", &|_, _| (), &outcome(BehaviorOutcome::Compatible));
+        findings.push(share(RULE, "equally good: compatible", under.clone(), equal, least(0.97))?);
+        let worse = count("worse", &anomalies, &outcome(BehaviorOutcome::Incompatible));
+        findings.push(share(RULE, "+.13 anomalies: incompatible", under.clone(), worse, least(0.99))?);
+        if stated {
+            let traded = count("traded", &trade, &|found| {
+                is_traded(found) && outcome(BehaviorOutcome::Compatible)(found)
+            });
+            let what = "success up, safety established as worse: compatible";
+            findings.push(share(RULE, what, under, traded, Some(Stated::AtMost(0.0)))?);
+        }
+    }
+    Ok(findings)
+}
+
+fn assess(
+    draw: &mut Draw,
+    table: &Table,
+    profile: &Profile,
+    worsen: &dyn Fn(&mut Draw, &mut Pair),
+) -> BehaviorAssessment {
+    let mut pairs = draw.equal_pairs(table, profile.evaluation.sandbox_pairs);
+    for pair in &mut pairs {
+        worsen(draw, pair);
+    }
+    let evidence = PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() };
+    behavior::assess(&evidence, &binding(), profile)
+}
+
+fn anomalies(draw: &mut Draw, pair: &mut Pair) {
+    pair.candidate.anomaly |= draw.chance(WORSE);
+}
+
+/// A candidate that fails less often and violates a limit more often: within the violations' tolerance on average,
+/// so that the rule on trades decides and not the sum.
+fn trade(draw: &mut Draw, pair: &mut Pair) {
+    if draw.chance(0.15) {
+        pair.active.success = false;
+    }
+    pair.candidate.violation |= draw.chance(0.04);
+}
+
+fn is_traded(found: &BehaviorAssessment) -> bool {
+    let of = |wanted: fn(&Component) -> bool| found.components.iter().any(wanted);
+    of(|c| c.name == ComponentName::Success && c.worsening < 0.0)
+        && of(|c| c.name.is_safety() && c.is_established())
+}

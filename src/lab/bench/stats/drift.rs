@@ -1,0 +1,150 @@
+//! The monitor after activation, end to end: what is normal is measured on the twins of shadow, then the provisional
+//! window is watched.
+
+use super::draw::{Draw, GOOD};
+use super::report::{Finding, Stated, share, told};
+use super::{BenchError, Study, missing};
+use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
+use holdpoint_governance::profile::{Profile, ProfileName};
+
+const RULE: &str = "monitor";
+
+/// True failure rates of versions that stay as they were.
+const RATES: [f64; 6] = [0.01, 0.05, 0.12, 0.2, 0.3, 0.5];
+
+/// Failures more, of versions that become worse with activation.
+const SHIFTS: [f64; 2] = [0.2, 0.4];
+
+/// Failure rate of a version before it becomes worse.
+const BEFORE: f64 = 0.05;
+
+/// Episodes watched at most where a delay is measured.
+const DELAY_MAX: u32 = 400;
+
+pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+    let mut findings = Vec::new();
+    for profile in &study.profiles {
+        let settings = &profile.evaluation;
+        for twins in [settings.shadow_sequences, settings.shadow_sequences_max] {
+            for table in &study.recorded.live {
+                // The baseline and the candidate are each a version that stays as it is.
+                let episodes: Vec<_> = table.pairs.iter().map(|pair| pair.active).collect();
+                findings.extend(unchanged(study, profile, twins, table.name, &|draw| draw.of(&episodes))?);
+            }
+            for rate in RATES {
+                findings.extend(unchanged(study, profile, twins, &format!("failures {rate}"), &|draw| {
+                    Some(EpisodeValues { success: !draw.chance(rate), ..GOOD })
+                })?);
+            }
+        }
+        for shift in SHIFTS {
+            findings.extend(worse(study, profile, shift)?);
+        }
+    }
+    Ok(findings)
+}
+
+fn set_up(
+    draw: &mut Draw,
+    profile: &Profile,
+    twins: u32,
+    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
+) -> Result<Monitor, BenchError> {
+    let twins: Option<Vec<_>> = (0..twins).map(|_| episode(draw)).collect();
+    let expected = twins.as_deref().and_then(normal_rates).ok_or_else(|| missing("twins"))?;
+    Monitor::new(profile, &expected, 0).map_err(|error| BenchError::Unexpected {
+        what: "the monitor",
+        found: error.to_string(),
+        expected: "a monitor",
+    })
+}
+
+/// The first episode of each kind of action, from 1.
+#[derive(Default)]
+struct Firsts {
+    restricted: Option<u32>,
+    rolled_back: Option<u32>,
+}
+
+fn watch(
+    draw: &mut Draw,
+    monitor: &mut Monitor,
+    most: u32,
+    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
+) -> Firsts {
+    let mut firsts = Firsts::default();
+    for number in 1..=most {
+        let Some(values) = episode(draw) else { break };
+        match monitor.observe(&values, u64::from(number)).action {
+            MonitorAction::Continue | MonitorAction::Escalate => {}
+            MonitorAction::Restrict => {
+                firsts.restricted.get_or_insert(number);
+            }
+            MonitorAction::Rollback => {
+                // What rolls back has also been warned of, at the latest now.
+                firsts.restricted.get_or_insert(number);
+                firsts.rolled_back = Some(number);
+                break;
+            }
+        }
+    }
+    firsts
+}
+
+/// A version that is in live use what its twins were: how often is it restricted or taken off within the window?
+fn unchanged(
+    study: &Study,
+    profile: &Profile,
+    twins: u32,
+    name: &str,
+    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
+) -> Result<Vec<Finding>, BenchError> {
+    let window = profile.activation.provisional_episodes;
+    let under = format!("{}, {twins} twins, {window} episodes, {name}", profile.name.name());
+    let mut draw = Draw::new(&format!("unchanged {under}"));
+    let (mut restricted, mut rolled_back) = (0, 0);
+    for _ in 0..study.runs {
+        let mut monitor = set_up(&mut draw, profile, twins, episode)?;
+        let firsts = watch(&mut draw, &mut monitor, window, episode);
+        restricted += u64::from(firsts.restricted.is_some());
+        rolled_back += u64::from(firsts.rolled_back.is_some());
+    }
+    let runs = u64::from(study.runs);
+    // Nobody need answer in simulation, and a restriction nobody answers ends in a rollback.
+    let stated = (profile.name == ProfileName::Sim).then_some(Stated::AtMost(0.005));
+    Ok(vec![
+        share(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
+        share(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), None)?,
+    ])
+}
+
+/// A version that fails more often from the first live episode on: after how many is it restricted and rolled back?
+fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<Finding>, BenchError> {
+    let window = profile.activation.provisional_episodes;
+    let twins = profile.evaluation.shadow_sequences;
+    let under = format!("{}, {twins} twins, failures {BEFORE} and +{shift}", profile.name.name());
+    let mut draw = Draw::new(&format!("worse {under}"));
+    let (mut restricted, mut rolled_back) = (Vec::new(), Vec::new());
+    for _ in 0..study.runs {
+        let fails =
+            |rate: f64| move |draw: &mut Draw| Some(EpisodeValues { success: !draw.chance(rate), ..GOOD });
+        let mut monitor = set_up(&mut draw, profile, twins, &fails(BEFORE))?;
+        let firsts = watch(&mut draw, &mut monitor, DELAY_MAX, &fails(BEFORE + shift));
+        restricted.push(firsts.restricted.unwrap_or(DELAY_MAX + 1));
+        rolled_back.push(firsts.rolled_back.unwrap_or(DELAY_MAX + 1));
+    }
+    let runs = u64::from(study.runs);
+    let mut findings = Vec::new();
+    for (what, within, delays) in [
+        ("median delay to restriction", "restricted within the window", &mut restricted),
+        ("median delay to rollback", "rolled back within the window", &mut rolled_back),
+    ] {
+        delays.sort_unstable();
+        let median = delays.get(delays.len() / 2).copied().ok_or_else(|| missing("delays"))?;
+        findings.push(told(RULE, what, under.clone(), runs, f64::from(median), "episodes"));
+        let in_time = delays.iter().filter(|delay| **delay <= window).count() as u64;
+        findings.push(share(RULE, within, under.clone(), (in_time, runs), None)?);
+    }
+    Ok(findings)
+}

@@ -1,0 +1,123 @@
+//! A simulation study: do the rules err as seldom as the profiles say?
+//!
+//! Owns the study and its report. Every figure goes through the rules' own functions, on outcomes drawn from
+//! recorded pairs of real episodes ([`tables`]) or, where a rate has to be set exactly, from Bernoulli draws of it.
+//! The same seed and number of runs give the same report. Must not tune anything: what it finds is written into the
+//! profiles by hand, with the number as the reason.
+
+mod behavior;
+mod draw;
+mod drift;
+mod early;
+mod report;
+mod rules;
+mod shadow;
+pub mod tables;
+
+use serde::Serialize;
+
+pub use report::{Finding, Stated};
+
+use super::BenchError;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::stats::StatsError;
+
+/// Runs of each figure by default.
+pub const RUNS: u32 = 10_000;
+
+/// Fewest runs: below, no stated rate could be refuted.
+pub const RUNS_MIN: u32 = 100;
+
+/// Most runs of each figure.
+pub const RUNS_MAX: u32 = 1_000_000;
+
+/// Everything the study found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Version of the program.
+    pub version: &'static str,
+    /// Runs of each figure.
+    pub runs: u32,
+    /// What the recorded tables are of.
+    pub tables: Vec<String>,
+    /// The figures.
+    pub findings: Vec<Finding>,
+}
+
+impl Report {
+    /// Whether every stated rate is borne out.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.findings.iter().all(|finding| finding.holds)
+    }
+}
+
+/// The recorded tables by where their episodes were run.
+pub(super) struct Recorded {
+    sandbox: Vec<tables::Table>,
+    live: Vec<tables::Table>,
+}
+
+impl Recorded {
+    fn read() -> Result<Self, tables::TableError> {
+        let sandbox = [
+            ("align-improved", include_str!("../data/align-improved-sandbox.txt")),
+            ("align-robust", include_str!("../data/align-robust-sandbox.txt")),
+            ("place-robust", include_str!("../data/place-robust-sandbox.txt")),
+        ];
+        let live = [
+            ("align-improved", include_str!("../data/align-improved-live.txt")),
+            ("align-robust", include_str!("../data/align-robust-live.txt")),
+            ("place-robust", include_str!("../data/place-robust-live.txt")),
+        ];
+        let read = |list: [(&'static str, &str); 3]| {
+            list.into_iter().map(|(name, text)| tables::read(name, text)).collect::<Result<Vec<_>, _>>()
+        };
+        Ok(Self { sandbox: read(sandbox)?, live: read(live)? })
+    }
+}
+
+/// What a part of the study needs.
+pub(super) struct Study {
+    runs: u32,
+    recorded: Recorded,
+    profiles: Vec<Profile>,
+}
+
+/// Runs the study with `runs` runs of each figure, [`RUNS_MIN`] to [`RUNS_MAX`].
+///
+/// # Errors
+/// [`BenchError`] where an embedded text does not parse or a rule refuses its input.
+pub fn run(runs: u32) -> Result<Report, BenchError> {
+    if !(RUNS_MIN..=RUNS_MAX).contains(&runs) {
+        return Err(BenchError::Unexpected {
+            what: "runs",
+            found: runs.to_string(),
+            expected: "100 to 1000000 runs",
+        });
+    }
+    let profiles = ProfileName::ALL.into_iter().map(Profile::builtin).collect::<Result<Vec<_>, _>>()?;
+    let study = Study { runs, recorded: Recorded::read()?, profiles };
+    let mut findings = rules::study(&study)?;
+    findings.extend(early::study(&study)?);
+    findings.extend(behavior::study(&study)?);
+    findings.extend(shadow::study(&study)?);
+    findings.extend(drift::study(&study)?);
+    let tables = study.recorded.sandbox.iter().chain(&study.recorded.live);
+    Ok(Report {
+        version: env!("CARGO_PKG_VERSION"),
+        runs,
+        tables: tables.map(|table| table.provenance.clone()).collect(),
+        findings,
+    })
+}
+
+fn missing(what: &'static str) -> BenchError {
+    BenchError::Unexpected { what, found: "nothing".to_owned(), expected: "a value" }
+}
+
+impl From<StatsError> for BenchError {
+    fn from(error: StatsError) -> Self {
+        Self::Unexpected { what: "the statistics", found: error.to_string(), expected: "an answer" }
+    }
+}

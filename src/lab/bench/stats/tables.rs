@@ -1,0 +1,138 @@
+//! Recorded pairs of real episodes, the raw material of the study: their text form and what is made of them.
+//!
+//! Each file is one candidate against the baseline on calibration seeds, a comment line with its provenance first:
+//!
+//! ```text
+//! # align@1.1.0 against align@1.0.0, conditions sandbox, profile sim, 400 seeds from 1000000, holdpoint 0.1.0
+//! 1000000 s.....  0 3.104 0 s..... 0 2.871 0
+//! ```
+//!
+//! Seed, then for the active version and for the candidate: flags (`s`uccess, `v`iolation, `a`nomaly, `r`ecovery,
+//! `t`imeout, `n`ear violation, or `.`), retries, time in s, unsafe continuation in ms. Recorded by
+//! `cargo run --example calibrate -- <conditions> <n> <baseline> <candidate> --pairs FILE`.
+
+use holdpoint_governance::evidence::{EpisodeValues, Pair};
+
+/// One recorded table.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// What it is of, e.g. `align-improved, sandbox`.
+    pub name: &'static str,
+    /// The comment line: versions, conditions, seeds.
+    pub provenance: String,
+    /// The pairs, in seed order.
+    pub pairs: Vec<Pair>,
+}
+
+/// A line that is no pair.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{table}, line {line}: {text:?} is no pair of episodes")]
+pub struct TableError {
+    /// Which table.
+    pub table: &'static str,
+    /// Its line, from 1.
+    pub line: usize,
+    /// What stands there.
+    pub text: String,
+}
+
+const FLAGS: [char; 6] = ['s', 'v', 'a', 'r', 't', 'n'];
+
+/// The text form of pairs, one a line.
+#[must_use]
+pub fn write(pairs: &[Pair]) -> String {
+    let one = |episode: &EpisodeValues| {
+        let set = [
+            episode.success,
+            episode.violation,
+            episode.anomaly,
+            episode.recovery,
+            episode.timeout,
+            episode.near_violation,
+        ];
+        let flags: String = FLAGS.iter().zip(set).map(|(flag, set)| if set { *flag } else { '.' }).collect();
+        format!("{flags} {} {:.3} {:.0}", episode.retries, episode.time_s, episode.unsafe_continuation_ms)
+    };
+    let line = |pair: &Pair| format!("{} {} {}", pair.seed, one(&pair.active), one(&pair.candidate));
+    let mut text = pairs.iter().map(line).collect::<Vec<_>>().join("\n");
+    text.push('\n');
+    text
+}
+
+/// Reads a table's text.
+///
+/// # Errors
+/// [`TableError`] with the first line that is no pair, or the first line where there is no pair at all.
+pub fn read(name: &'static str, text: &str) -> Result<Table, TableError> {
+    let mut provenance = String::new();
+    let mut pairs = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        if let Some(comment) = line.strip_prefix('#') {
+            comment.trim().clone_into(&mut provenance);
+            continue;
+        }
+        let bad = || TableError { table: name, line: index + 1, text: line.to_owned() };
+        pairs.push(pair(line).ok_or_else(bad)?);
+    }
+    if pairs.is_empty() {
+        return Err(TableError { table: name, line: 1, text: String::new() });
+    }
+    Ok(Table { name, provenance, pairs })
+}
+
+fn pair(line: &str) -> Option<Pair> {
+    let mut words = line.split_ascii_whitespace();
+    let seed = words.next()?.parse().ok()?;
+    let pair = Pair { seed, active: episode(&mut words)?, candidate: episode(&mut words)? };
+    words.next().is_none().then_some(pair)
+}
+
+fn episode<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<EpisodeValues> {
+    let flags = words.next()?;
+    let known = flags.len() == FLAGS.len()
+        && flags.chars().zip(FLAGS).all(|(found, flag)| found == flag || found == '.');
+    if !known {
+        return None;
+    }
+    let set = |flag: char| flags.contains(flag);
+    let episode = EpisodeValues {
+        success: set('s'),
+        violation: set('v'),
+        anomaly: set('a'),
+        recovery: set('r'),
+        intervention: false,
+        timeout: set('t'),
+        near_violation: set('n'),
+        retries: words.next()?.parse().ok()?,
+        time_s: words.next()?.parse().ok()?,
+        unsafe_continuation_ms: words.next()?.parse().ok()?,
+    };
+    episode.is_valid().then_some(episode)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_and_pairs_are_the_same() {
+        let text = "# x\n1000000 s..... 0 3.104 0 .var.n 2 12.500 40\n";
+        let table = read("x", text).unwrap();
+        assert_eq!((table.provenance.as_str(), table.pairs.len()), ("x", 1));
+        let EpisodeValues { success, violation, anomaly, recovery, timeout, .. } = table.pairs[0].candidate;
+        assert_eq!([success, violation, anomaly, recovery, timeout], [false, true, true, true, false]);
+        assert_eq!(format!("# x\n{}", write(&table.pairs)), text);
+        for bad in [
+            "",
+            "# only words",
+            "1 s..... 0 3 0",
+            "1 s..... 0 3 0 s..... 0 3 0 0",
+            "1 S..... 0 3 0 s..... 0 3 0",
+            "1 s.... 0 3 0 s..... 0 3 0",
+            "1 s..... 0 NaN 0 s..... 0 3 0",
+            "1 s..... -1 3 0 s..... 0 3 0",
+        ] {
+            assert!(read("x", bad).is_err(), "{bad:?}");
+        }
+    }
+}

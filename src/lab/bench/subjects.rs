@@ -1,0 +1,115 @@
+//! What is measured with: the cell, the embedded baselines and the demonstration candidate.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use holdpoint_body::TaskKind;
+
+use super::BenchError;
+use holdpoint_engine::embedded;
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::pipeline::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_governance::decision::MadeUnder;
+use holdpoint_governance::evidence::Binding;
+use holdpoint_governance::ids::{Digest, Family};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::Package;
+use holdpoint_runtime::agent::ActiveView;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::Terms;
+
+/// Name of the embedded candidate that is measured: the demonstration.
+pub(super) const CANDIDATE: &str = "align-improved";
+
+/// Cell, profile and versions.
+pub(super) struct Subjects {
+    pub(super) cell: Cell,
+    pub(super) profile: Profile,
+    pub(super) table: Arc<PolicyTable>,
+    pub(super) terms: Terms,
+    pub(super) active: Active,
+    pub(super) candidate: Capability,
+}
+
+/// The active versions by family.
+pub(super) struct Active(BTreeMap<Family, Capability>);
+
+impl ActiveView for Active {
+    fn active(&self, family: &Family) -> Option<&Capability> {
+        self.0.get(family)
+    }
+}
+
+impl Active {
+    /// Every active version, by family.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Capability> {
+        self.0.values()
+    }
+}
+
+impl Subjects {
+    pub(super) fn load() -> Result<Self, BenchError> {
+        let cell = Cell::builtin()?;
+        let profile = Profile::builtin(ProfileName::Sim)?;
+        let table = Arc::new(PolicyTable::builtin(&profile)?);
+        let terms = Terms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());
+        let active = holdpoint_engine::baselines()?;
+        let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
+        let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;
+        Ok(Self { cell, profile, table, terms, active: Active(active), candidate })
+    }
+
+    /// The texts of the candidate.
+    pub(super) fn candidate_package() -> Result<Package, BenchError> {
+        embedded::package(CANDIDATE).ok_or_else(|| missing(CANDIDATE))
+    }
+
+    /// The active version for a task.
+    pub(super) fn active_for(&self, task: TaskKind) -> Result<&Capability, BenchError> {
+        self.active.active(&Family::from(task)).ok_or_else(|| missing(&Family::from(task).to_string()))
+    }
+
+    /// The version the candidate is compared with.
+    pub(super) fn predecessor(&self) -> Result<&Capability, BenchError> {
+        self.active_for(self.candidate.bundle.task())
+    }
+
+    /// What evidence about the candidate is bound to.
+    pub(super) fn binding(&self) -> Result<Binding, BenchError> {
+        Ok(Binding {
+            candidate: self.candidate.digest(),
+            active: Some(self.predecessor()?.digest()),
+            profile: self.profile.digest()?,
+            policy: self.table.digest,
+            environment: self.cell.digest(),
+        })
+    }
+
+    /// What decisions about the candidate are made under.
+    pub(super) fn made_under(&self) -> Result<MadeUnder, BenchError> {
+        let binding = self.binding()?;
+        Ok(MadeUnder {
+            candidate: binding.candidate,
+            active: binding.active,
+            policy: binding.policy,
+            profile: binding.profile,
+            authority: Digest::of_parts("holdpoint.bench.v1", &[b"authority"]),
+            environment: binding.environment,
+            evidence: Digest::of_parts("holdpoint.bench.v1", &[b"evidence"]),
+        })
+    }
+}
+
+fn missing(name: &str) -> BenchError {
+    BenchError::Unexpected {
+        what: "the embedded versions",
+        found: format!("no {name}"),
+        expected: "every version",
+    }
+}
+
+/// The seed of a calibration episode: nothing is judged by these.
+pub(super) const fn seed(purpose: Purpose, index: u64) -> u64 {
+    episode_seed(CALIBRATION_FROM_RUN, purpose, index)
+}

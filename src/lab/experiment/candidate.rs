@@ -1,0 +1,266 @@
+//! One candidate through the seven stages on a scratch store, and what became of it.
+//!
+//! Drives the engine through its door as a script does. Knows nothing of the truth about a candidate: what it
+//! finds is what the engine decided. People, where the profile asks them, always agree: what stops a candidate
+//! here is the engine's own judgement.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::ExperimentError;
+use crate::approver;
+use holdpoint_engine::pipeline::cache::EpisodeCache;
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::pipeline::manager::Progress;
+use holdpoint_engine::{Config, Engine};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::{DimensionResult, EventKind};
+use holdpoint_runtime::capability::Capability;
+
+/// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
+const SLICES_MAX: u32 = 200_000;
+
+/// Who answers where the profile asks people: more than any quorum.
+const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
+
+/// What a candidate is taken through.
+#[derive(Clone)]
+pub struct Setting<'a> {
+    /// Robot, scene and distributions.
+    pub cell: &'a Cell,
+    /// The profile.
+    pub profile: ProfileName,
+    /// The run's seed: which episodes it is judged on.
+    pub seed: u64,
+    /// A folder of active versions' episodes that runs share.
+    pub cache: &'a Path,
+}
+
+/// One stage's decision.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageRecord {
+    /// `validation`, `sandbox`, `shadow`, `activation` or `monitor`.
+    pub stage: String,
+    /// What was decided, in the stage's own words.
+    pub decision: String,
+    /// Why, the deciding reasons first.
+    pub reasons: Vec<Reason>,
+}
+
+/// What was worked for a candidate, in its own episodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Effort {
+    /// Sandbox episodes, pairs and drills.
+    pub sandbox: u64,
+    /// What the sandbox would have taken in full.
+    pub sandbox_budget: u64,
+    /// Shadowed sequences.
+    pub shadow: u64,
+    /// Live episodes while it was active.
+    pub live: u64,
+}
+
+/// What became of a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CandidateEnd {
+    /// Name in the pool.
+    pub name: String,
+    /// Family and version.
+    pub version: CapabilityId,
+    /// The profile.
+    pub profile: ProfileName,
+    /// The run's seed.
+    pub seed: u64,
+    /// The four dimensions as they stood at the end: outcome, kappa and interval.
+    pub dimensions: Vec<DimensionResult>,
+    /// The composite; reported, never gating.
+    pub composite: Option<f64>,
+    /// Every decision, in order.
+    pub stages: Vec<StageRecord>,
+    /// `confirmed`, or the lifecycle state it stayed in.
+    pub state: String,
+    /// Blocked, contained or kept.
+    #[serde(flatten)]
+    pub fate: Fate,
+    /// What was worked for it.
+    pub effort: Effort,
+}
+
+/// Takes a candidate to where nothing more happens to it.
+///
+/// # Errors
+/// Where the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
+pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<CandidateEnd, ExperimentError> {
+    let version = Capability::load(name, package.clone())
+        .map_err(|error| ExperimentError::candidate(name, error.to_string()))?
+        .id();
+    let store = super::scratch()?;
+    let engine = Engine::start(Config {
+        data: store.path(),
+        profile: setting.profile,
+        seed: setting.seed,
+        jobs: 1,
+        scripted: true,
+        cell: setting.cell.clone(),
+        cache: EpisodeCache::Shared(setting.cache.to_owned()),
+    })?;
+    let mut drive = Drive { engine, requests: 0, name, version, seen: Seen::default() };
+    drive.register(package)?;
+    drive.settle()?;
+    drive.end(setting)
+}
+
+/// What the events told so far.
+#[derive(Default)]
+struct Seen {
+    stages: Vec<StageRecord>,
+    last_stage: Option<Stage>,
+    activated: bool,
+    confirmed: bool,
+    effort: Effort,
+}
+
+struct Drive<'a> {
+    engine: Engine,
+    requests: u64,
+    name: &'a str,
+    version: CapabilityId,
+    seen: Seen,
+}
+
+impl Drive<'_> {
+    fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
+        self.submit(Command::Register { package, name: self.name.to_owned() })
+    }
+
+    fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
+        self.requests += 1;
+        let request = Request { id: format!("experiment-{}", self.requests), command };
+        match self.engine.submit(request) {
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => self.learn(),
+            Reply::Refused { text, .. } => Err(ExperimentError::candidate(self.name, text)),
+        }
+    }
+
+    /// Works until nothing more happens to the candidate by itself.
+    fn settle(&mut self) -> Result<(), ExperimentError> {
+        for _ in 0..SLICES_MAX {
+            let progress = self.engine.advance();
+            self.learn()?;
+            let snapshot = self.engine.snapshot();
+            let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
+            let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
+            if view.state.is_terminal() || self.seen.confirmed {
+                return Ok(());
+            }
+            if let Some(prompt) = snapshot.prompts.into_iter().find(|open| open.version == self.version) {
+                let who = APPROVERS.iter().find(|who| !prompt.approved_by.iter().any(|by| by == *who));
+                let Some(who) = who else {
+                    return Err(self.unsettled("more people are asked than there are"));
+                };
+                let decision = Answer::Approve;
+                let command = approver::answer(&self.engine, &prompt, who, decision, "agrees to everything")
+                    .map_err(|error| ExperimentError::candidate(self.name, error.to_string()))?;
+                self.submit(command)?;
+                continue;
+            }
+            if let Progress::Idle { next_ms } = progress {
+                let moved = next_ms.is_some_and(|next_ms| self.engine.jump_to(next_ms));
+                if !moved {
+                    return if view.flags.provisional {
+                        Err(self.unsettled("it stays provisional"))
+                    } else {
+                        Ok(())
+                    };
+                }
+            }
+        }
+        Err(self.unsettled("it was not settled within the limit of slices"))
+    }
+
+    fn unsettled(&self, why: &str) -> ExperimentError {
+        ExperimentError::candidate(self.name, why.to_owned())
+    }
+
+    fn learn(&mut self) -> Result<(), ExperimentError> {
+        for event in self.engine.drain_events() {
+            self.note(event.kind);
+        }
+        match self.engine.holding() {
+            None => Ok(()),
+            Some(why) => Err(ExperimentError::candidate(self.name, format!("the engine holds: {why}"))),
+        }
+    }
+
+    fn note(&mut self, kind: EventKind) {
+        let seen = &mut self.seen;
+        let ours = |version: &CapabilityId| *version == self.version;
+        match kind {
+            EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
+                seen.last_stage = Some(stage);
+                seen.stages.push(StageRecord { stage: stage.name().to_owned(), decision: outcome, reasons });
+            }
+            EventKind::Monitor { version, decision, reasons } if ours(&version) => {
+                seen.stages.push(StageRecord { stage: "monitor".to_owned(), decision, reasons });
+            }
+            EventKind::StateChanged { version, to: State::Active, .. } if ours(&version) => {
+                seen.activated = true;
+            }
+            EventKind::Confirmed { version, .. } if ours(&version) => seen.confirmed = true,
+            EventKind::Progress { version, stage, done, budget, .. } if ours(&version) => match stage {
+                // What is worked to confirm an active version is no part of the decision to activate it.
+                Stage::Sandbox if !seen.activated => {
+                    seen.effort.sandbox = done;
+                    seen.effort.sandbox_budget = budget;
+                }
+                Stage::Shadow => seen.effort.shadow = done,
+                Stage::Validation | Stage::Sandbox | Stage::Activation => {}
+            },
+            EventKind::Sequence { tasks, .. } => {
+                seen.effort.live += tasks.iter().filter(|task| ours(&task.version)).count() as u64;
+            }
+            _ => {}
+        }
+    }
+
+    fn end(self, setting: &Setting<'_>) -> Result<CandidateEnd, ExperimentError> {
+        let snapshot = self.engine.snapshot();
+        let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
+        let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
+        let seen = self.seen;
+        let fate = match (seen.confirmed, seen.activated) {
+            (true, _) => Fate::Kept,
+            (false, true) => Fate::Contained,
+            (false, false) => Fate::Blocked { stage: seen.last_stage.unwrap_or(Stage::Validation) },
+        };
+        let state = if seen.confirmed { "confirmed" } else { view.state.name() };
+        Ok(CandidateEnd {
+            name: self.name.to_owned(),
+            version: self.version,
+            profile: setting.profile,
+            seed: setting.seed,
+            dimensions: view.dimensions,
+            composite: view.composite,
+            stages: seen.stages,
+            state: state.to_owned(),
+            fate,
+            effort: seen.effort,
+        })
+    }
+}

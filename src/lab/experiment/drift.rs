@@ -1,0 +1,364 @@
+//! E4, rollback under drift: what share of the versions that a drift worsens comes off, and how the family stands
+//! afterwards, by kind of drift and magnitude.
+//!
+//! Runs cells on several threads, keeps each finished one in a file and skips it the next time. Sources: paper
+//! section 7 (recovery 79.6 %); design rules 3.12 and 5.5. One cell: `drift_run.rs`; the files: `drift_report.rs`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use serde::Serialize;
+
+use super::drift_run::{CellResult, CellRun, Setting, activate, candidate_of, drifts};
+use super::{ExperimentError, Tell, drift_report, write_whole};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::metrics::Proportion;
+
+/// The most runs of one experiment.
+pub const RUNS_MAX: u64 = 10_000;
+
+/// The most sequences of a run, and of its twins: live episodes of one run must not repeat.
+pub const SEQUENCES_MAX: u32 = 2_000;
+
+/// What is to be measured.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DriftOptions {
+    /// Independent runs, each with a seed of its own.
+    pub runs: u64,
+    /// Seed of the first run; the others follow it.
+    pub seed: u64,
+    /// Threads.
+    pub jobs: usize,
+    /// Where cells and report go.
+    pub out: PathBuf,
+    /// Live sequences until a version that is not taken off is left.
+    pub horizon: u32,
+    /// Sequences of the twins that tell whether a drift worsens a version.
+    pub pairs: u32,
+}
+
+/// The median, the ninetieth percentile and the largest of so many values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Values.
+    pub n: u64,
+    /// Median.
+    pub median: f64,
+    /// Ninetieth percentile, nearest rank.
+    pub p90: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of at least one value.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.into_iter().collect();
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        let upper = values.get(n / 2)?;
+        let lower = values.get((n - 1) / 2)?;
+        let p90 = values.get((n * 9).div_ceil(10).max(1) - 1)?;
+        let max = values.last()?;
+        Some(Self { n: n as u64, median: 0.5 * (lower + upper), p90: *p90, max: *max })
+    }
+}
+
+/// What one drift in one magnitude came to. Shares have Wilson intervals at 95 %.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DriftCell {
+    /// Which drift.
+    pub kind: DriftKind,
+    /// How strong.
+    pub magnitude: Magnitude,
+    /// Runs whose candidate was activated.
+    pub runs: u64,
+    /// Runs in which the drift worsened the version / runs.
+    pub needed: Proportion,
+    /// Came off within the horizon / runs that needed it.
+    pub trigger_recall: Proportion,
+    /// Came off within the horizon / runs that did not need it: early or needless, and safe either way.
+    pub triggered_unneeded: Proportion,
+    /// Recovered / came off (needed or not).
+    pub recovery_given_trigger: Proportion,
+    /// Recovered / needed it.
+    pub end_to_end: Proportion,
+    /// Ladders that ended in a safe-stopped family / came off.
+    pub safe_stopped: Proportion,
+    /// First response was `restrict` (the early warning) / came off or was warned.
+    pub warned_first: Proportion,
+    /// Tasks under the drift until the first response.
+    pub episodes_to_response: Option<Spread>,
+    /// Tasks under the drift until the version came off.
+    pub episodes_to_rollback: Option<Spread>,
+    /// Trigger to standstill, ms, in flight.
+    pub time_to_safe_ms: Option<Spread>,
+    /// Trigger to the predecessor bound and ready, ms.
+    pub time_to_restored_ms: Option<Spread>,
+    /// Motion after the trigger beyond braking, ms.
+    pub unsafe_continuation_ms: Option<Spread>,
+    /// The version's tasks that were not bad, without the drift (twins).
+    pub good_before: Proportion,
+    /// The version's tasks that were not bad, under the drift and unwatched (twins).
+    pub good_under: Proportion,
+    /// The predecessor's tasks done under the drift.
+    pub success_after: Proportion,
+    /// The predecessor's tasks with something unsafe by ground truth.
+    pub unsafe_after: Proportion,
+}
+
+/// The whole experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DriftReport {
+    /// Digest of profile, cell, versions and sizes.
+    pub setting: Digest,
+    /// Seed of the first run.
+    pub seed: u64,
+    /// Runs asked for.
+    pub runs: u64,
+    /// Runs whose candidate the pipeline did not activate; they count in no cell.
+    pub not_activated: u64,
+    /// Longest watched run, sequences.
+    pub horizon: u32,
+    /// Sequences of the twins.
+    pub pairs: u32,
+    /// By kind and magnitude.
+    pub cells: Vec<DriftCell>,
+}
+
+/// Runs what is missing and writes the report files.
+///
+/// # Errors
+/// Options that are not allowed, files that cannot be written, faults of the pipeline.
+pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, ExperimentError> {
+    check(options)?;
+    let cells = options.out.join("cells");
+    std::fs::create_dir_all(&cells).map_err(ExperimentError::file(&cells))?;
+    let setting = Setting::new(options.horizon, options.pairs)?;
+    let digest = setting.digest()?;
+    let next = AtomicU64::new(0);
+    let failed = Mutex::new(None);
+    let done = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..options.jobs.clamp(1, 64) {
+            scope.spawn(|| {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= options.runs {
+                        return;
+                    }
+                    if let Err(error) = one_run(&setting, digest, options.seed + index, &cells, tell) {
+                        next.store(options.runs, Ordering::Relaxed);
+                        if let Ok(mut failed) = failed.lock() {
+                            failed.get_or_insert(error);
+                        }
+                        return;
+                    }
+                    let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                    tell(&format!("{done} of {} runs are done", options.runs));
+                }
+            });
+        }
+    });
+    if let Some(error) = failed.into_inner().unwrap_or_default() {
+        return Err(error);
+    }
+    let report = summarise(options, digest, &cells)?;
+    drift_report::write(&report, &options.out)?;
+    Ok(report)
+}
+
+fn check(options: &DriftOptions) -> Result<(), ExperimentError> {
+    let wrong = |option, value: u64, allowed| {
+        Err(ExperimentError::Option { option, value: value.to_string(), allowed })
+    };
+    if !(1..=RUNS_MAX).contains(&options.runs) {
+        return wrong("--runs", options.runs, "1 to 10000 are");
+    }
+    for (option, value) in [("--horizon", options.horizon), ("--pairs", options.pairs)] {
+        if !(1..=SEQUENCES_MAX).contains(&value) {
+            return wrong(option, u64::from(value), "1 to 2000 are");
+        }
+    }
+    Ok(())
+}
+
+fn file_of(cells: &Path, seed: u64, drift: Drift) -> PathBuf {
+    cells.join(format!("{seed}-{}-{}.json", name(&drift.kind), name(&drift.magnitude)))
+}
+
+/// The name a unit variant serialises as.
+pub(super) fn name<T: Serialize>(value: &T) -> String {
+    holdpoint_engine::pipeline::manager::word(value)
+}
+
+/// A kept cell; one of another setting, or one that cannot be read, is none.
+fn kept(path: &Path, digest: Digest) -> Option<CellRun> {
+    let run: CellRun = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+    (run.setting == digest).then_some(run)
+}
+
+/// All cells of a run that are not there yet.
+fn one_run(
+    setting: &Setting,
+    digest: Digest,
+    seed: u64,
+    cells: &Path,
+    tell: &Tell<'_>,
+) -> Result<(), ExperimentError> {
+    let missing: Vec<Drift> =
+        drifts().filter(|drift| kept(&file_of(cells, seed, *drift), digest).is_none()).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let activated = activate(setting, seed)?;
+    let candidate = candidate_of(seed);
+    if activated.is_none() {
+        tell(&format!("run {seed}: {candidate} was not activated"));
+    }
+    for drift in missing {
+        let result = activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?;
+        tell(&format!("run {seed}: {candidate} {}", told(drift, result.as_ref())));
+        let run = CellRun {
+            setting: digest,
+            seed,
+            candidate: candidate.to_owned(),
+            kind: drift.kind,
+            magnitude: drift.magnitude,
+            result,
+        };
+        write_whole(&file_of(cells, seed, drift), &serde_json::to_vec(&run)?)?;
+    }
+    Ok(())
+}
+
+fn told(drift: Drift, result: Option<&CellResult>) -> String {
+    let Drift { kind, magnitude } = drift;
+    let (kind, magnitude) = (name(&kind), name(&magnitude));
+    let Some(result) = result else { return format!("{kind} {magnitude}: -") };
+    let need = if result.need.needs_trigger { "worsened" } else { "not worsened" };
+    let ended = match &result.rollback {
+        None => "kept".to_owned(),
+        Some(record) => format!(
+            "{} for {} after {} tasks, {}",
+            record.post_status,
+            record.trigger.kind.name(),
+            result.under.tasks,
+            if result.recovered { "recovered" } else { "NOT recovered" }
+        ),
+    };
+    format!("{kind} {magnitude}: {need}, {ended}")
+}
+
+fn summarise(options: &DriftOptions, digest: Digest, cells: &Path) -> Result<DriftReport, ExperimentError> {
+    let mut not_activated = 0;
+    let mut summed = Vec::new();
+    for drift in drifts() {
+        let mut results = Vec::new();
+        let mut missing = 0;
+        for seed in options.seed..options.seed + options.runs {
+            let run = kept(&file_of(cells, seed, drift), digest)
+                .ok_or_else(|| ExperimentError::Unexpected(format!("the cell of run {seed} is gone")))?;
+            match run.result {
+                Some(result) => results.push(result),
+                None => missing += 1,
+            }
+        }
+        not_activated = missing;
+        summed.push(sum(drift, &results)?);
+    }
+    Ok(DriftReport {
+        setting: digest,
+        seed: options.seed,
+        runs: options.runs,
+        not_activated,
+        horizon: options.horizon,
+        pairs: options.pairs,
+        cells: summed,
+    })
+}
+
+fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentError> {
+    let needed = || results.iter().filter(|result| result.need.needs_trigger);
+    let off = || results.iter().filter_map(|result| Some((result, result.rollback.as_ref()?)));
+    let counted = |good: u64, all: u64| Proportion::of((0..all).map(|i| i < good));
+    let total = |count: &dyn Fn(&CellResult) -> u64| results.iter().map(count).sum::<u64>();
+    let pairs = total(&|result| result.need.pairs);
+    let after = total(&|result| u64::from(result.after.tasks));
+    Ok(DriftCell {
+        kind: drift.kind,
+        magnitude: drift.magnitude,
+        runs: results.len() as u64,
+        needed: Proportion::of(results.iter().map(|result| result.need.needs_trigger))?,
+        trigger_recall: Proportion::of(needed().map(|result| result.rollback.is_some()))?,
+        triggered_unneeded: Proportion::of(
+            results
+                .iter()
+                .filter(|result| !result.need.needs_trigger)
+                .map(|result| result.rollback.is_some()),
+        )?,
+        recovery_given_trigger: Proportion::of(off().map(|(result, _)| result.recovered))?,
+        end_to_end: Proportion::of(needed().map(|result| result.recovered))?,
+        safe_stopped: Proportion::of(off().map(|(_, record)| record.predecessor.is_none()))?,
+        warned_first: Proportion::of(
+            results
+                .iter()
+                .filter_map(|result| result.first.as_ref())
+                .map(|first| first.decision == "restrict"),
+        )?,
+        episodes_to_response: Spread::of(
+            results.iter().filter_map(|result| result.first.as_ref()).map(|first| f64::from(first.episodes)),
+        ),
+        episodes_to_rollback: Spread::of(off().map(|(result, _)| f64::from(result.under.tasks))),
+        time_to_safe_ms: Spread::of(
+            off()
+                .filter(|(_, record)| record.in_flight)
+                .filter_map(|(_, record)| record.time_to_safe_ms)
+                .map(|ms| ms as f64),
+        ),
+        time_to_restored_ms: Spread::of(
+            off().filter_map(|(_, record)| record.time_to_restored_ms).map(|ms| ms as f64),
+        ),
+        unsafe_continuation_ms: Spread::of(off().map(|(_, record)| record.unsafe_continuation_ms as f64)),
+        good_before: counted(pairs - total(&|result| result.need.bad_calm), pairs)?,
+        good_under: counted(pairs - total(&|result| result.need.bad_under), pairs)?,
+        success_after: counted(total(&|result| u64::from(result.after.done)), after)?,
+        unsafe_after: counted(total(&|result| u64::from(result.after.unsafe_tasks)), after)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreads_of_few_values() {
+        assert_eq!(Spread::of([]), None);
+        let spread = Spread::of([3.0, 1.0, 2.0, 10.0]).unwrap();
+        assert_eq!((spread.n, spread.median, spread.p90, spread.max), (4, 2.5, 10.0, 10.0));
+        assert_eq!(Spread::of([7.0]).unwrap().p90, 7.0);
+    }
+
+    #[test]
+    fn options_have_limits() {
+        let good = DriftOptions {
+            runs: 1,
+            seed: 100,
+            jobs: 1,
+            out: PathBuf::from("unused"),
+            horizon: 200,
+            pairs: 60,
+        };
+        assert!(check(&good).is_ok());
+        for (bad, names) in [
+            (DriftOptions { runs: 0, ..good.clone() }, "--runs 0"),
+            (DriftOptions { horizon: 0, ..good.clone() }, "--horizon 0"),
+            (DriftOptions { pairs: 2_001, ..good.clone() }, "--pairs 2001"),
+        ] {
+            assert!(check(&bad).unwrap_err().to_string().starts_with(names));
+        }
+    }
+}

@@ -1,0 +1,385 @@
+//! One run of the drift experiment: a version taken to its activation, and what each drift does to it.
+//!
+//! The version is evaluated and activated by the pipeline once per run seed; every cell goes on from a copy of that
+//! store. A cell has three parts, all on live episodes the run has not used: the version's twins with and without
+//! the drift and without a monitor (does the drift really worsen it?), the watched run until the monitor takes the
+//! version off or the horizon ends, and the predecessor's first sequences under the same drift.
+
+use std::path::Path;
+
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use serde::{Deserialize, Serialize};
+
+use super::ExperimentError;
+use holdpoint_engine::embedded;
+use holdpoint_engine::pipeline::cache::EpisodeCache;
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::pipeline::ledger::Ledger;
+use holdpoint_engine::pipeline::manager::{Progress, Settings, UpgradeManager};
+use holdpoint_engine::{StartError, baselines};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::rollback::RollbackRecord;
+use holdpoint_governance::stats::{PairedCounts, binary_pairs};
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::event::{EventKind, TaskSummary};
+use holdpoint_registry::Store;
+use holdpoint_runtime::capability::Capability;
+
+/// Sequences of the predecessor that are looked at.
+pub const AFTER_SEQUENCES: u32 = 10;
+
+/// One-sided level at which a drift counts as worsening a version.
+const WORSE_ALPHA: f64 = 0.05;
+
+/// Most slices until a candidate is active.
+const SLICES_MAX: u32 = 100_000;
+
+/// Benign versions that improve on their baseline; runs take them in turn.
+const CANDIDATES: [&str; 3] = ["align-improved", "grasp-improved", "place-robust"];
+
+/// What all runs share.
+pub struct Setting {
+    pub(super) profile: Profile,
+    cell: Cell,
+    /// Live sequences until a version that is not taken off is left.
+    pub(super) horizon: u32,
+    /// Sequences of the twins.
+    pub(super) pairs: u32,
+}
+
+impl Setting {
+    pub(super) fn new(horizon: u32, pairs: u32) -> Result<Self, ExperimentError> {
+        let profile = Profile::builtin(ProfileName::Sim).map_err(StartError::from)?;
+        let cell = Cell::builtin().map_err(StartError::from)?;
+        Ok(Self { profile, cell, horizon, pairs })
+    }
+
+    /// What a kept cell depends on.
+    pub(super) fn digest(&self) -> Result<Digest, ExperimentError> {
+        let profile = self.profile.digest()?;
+        let build = env!("CARGO_PKG_VERSION").as_bytes();
+        let sizes = [self.horizon.to_le_bytes(), self.pairs.to_le_bytes()].concat();
+        let mut parts: Vec<Vec<u8>> =
+            vec![profile.bytes().to_vec(), self.cell.digest().bytes().to_vec(), build.to_vec(), sizes];
+        for name in CANDIDATES {
+            parts.push(candidate(name)?.digest().bytes().to_vec());
+        }
+        let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+        Ok(Digest::of_parts("holdpoint.experiment.drift.v1", &parts))
+    }
+
+    fn manager(&self, seed: u64, folder: &Path) -> Result<UpgradeManager, ExperimentError> {
+        let store = Store::open(folder).map_err(StartError::from)?;
+        let clock = Clock::scripted(store.opening().head.at_ms);
+        let ledger = Ledger::open(store, false).map_err(StartError::from)?;
+        let table = PolicyTable::builtin(&self.profile).map_err(StartError::from)?;
+        let settings = Settings {
+            seed,
+            jobs: 1,
+            profile: self.profile.clone(),
+            table,
+            cell: self.cell.clone(),
+            cache: EpisodeCache::InStore,
+        };
+        let baselines = baselines().map_err(StartError::from)?;
+        Ok(UpgradeManager::new(settings, ledger, clock, baselines)?)
+    }
+}
+
+fn candidate(name: &str) -> Result<Capability, ExperimentError> {
+    let package = embedded::package(name)
+        .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
+    Ok(Capability::load(name, package).map_err(StartError::from)?)
+}
+
+/// The candidate of a run.
+pub(super) fn candidate_of(seed: u64) -> &'static str {
+    // The modulus is below three.
+    CANDIDATES[usize::try_from(seed % CANDIDATES.len() as u64).unwrap_or(0)]
+}
+
+/// A run whose version is active, ready to be copied.
+pub struct Activated {
+    pub(super) seed: u64,
+    folder: tempfile::TempDir,
+    id: CapabilityId,
+    next_sequence: u64,
+    calm: Vec<Option<bool>>,
+}
+
+/// Takes the run's candidate to its activation. `None` where the pipeline did not let it pass.
+pub(super) fn activate(setting: &Setting, seed: u64) -> Result<Option<Activated>, ExperimentError> {
+    let folder = super::scratch()?;
+    let name = candidate_of(seed);
+    let id = candidate(name)?.id();
+    let mut manager = setting.manager(seed, folder.path())?;
+    let package = embedded::package(name)
+        .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
+    let reply = manager.command(Command::Register { package, name: name.to_owned() });
+    if !matches!(reply, Reply::Accepted { .. }) {
+        return Err(ExperimentError::Unexpected(format!("{name} was not taken in: {reply:?}")));
+    }
+    let mut state = State::Registered;
+    for _ in 0..SLICES_MAX {
+        let progress = manager.advance();
+        for event in manager.drain_events() {
+            match event {
+                EventKind::StateChanged { version, to, .. } if version == id => state = to,
+                EventKind::Fault { text } => return Err(ExperimentError::Unexpected(text)),
+                _ => {}
+            }
+        }
+        if state == State::Active || state.is_terminal() || state == State::Demoted {
+            break;
+        }
+        if progress != Progress::Worked {
+            break;
+        }
+    }
+    if state != State::Active {
+        return Ok(None);
+    }
+    let next_sequence = manager.sequences();
+    drop(manager);
+    let mut run = Activated { seed, folder, id, next_sequence, calm: Vec::new() };
+    run.calm = run.twins(setting, None)?;
+    Ok(Some(run))
+}
+
+/// Whether the drift worsens the version, told by its twins: same live episodes, with the drift and without.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Need {
+    /// Sequences in which both twins reached the version's task.
+    pub pairs: u64,
+    /// Of those, bad without the drift: the task failed, or the referee saw something unsafe in it.
+    pub bad_calm: u64,
+    /// Of those, bad under the drift.
+    pub bad_under: u64,
+    /// Lower bound of the difference of the two shares, one-sided 95 %.
+    pub worse_at_least: f64,
+    /// The drift raises the share of bad tasks by at least the shift the monitor is tuned to, and the rise is
+    /// established: the version has to come off.
+    pub needs_trigger: bool,
+}
+
+/// What a monitor asked for first.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FirstResponse {
+    /// `escalate`, `restrict` or `rollback`.
+    pub decision: String,
+    /// Tasks of the version under the drift until then.
+    pub episodes: u32,
+}
+
+/// Work of one part of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Work {
+    /// Sequences.
+    pub sequences: u32,
+    /// Tasks of the family that was upgraded.
+    pub tasks: u32,
+    /// Of those, done.
+    pub done: u32,
+    /// Of those, with something unsafe by ground truth.
+    pub unsafe_tasks: u32,
+}
+
+/// One cell: one run under one drift.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CellRun {
+    /// Digest of everything the result depends on beside the fields below.
+    pub setting: Digest,
+    /// The run's seed.
+    pub seed: u64,
+    /// The candidate.
+    pub candidate: String,
+    /// Which drift.
+    pub kind: DriftKind,
+    /// How strong.
+    pub magnitude: Magnitude,
+    /// Absent where the pipeline did not activate the candidate on this seed: the cell then counts nowhere.
+    pub result: Option<CellResult>,
+}
+
+/// What happened in a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CellResult {
+    /// Whether it had to come off.
+    pub need: Need,
+    /// What the monitor asked for first.
+    pub first: Option<FirstResponse>,
+    /// Tasks of the version under the drift until it came off, or until the horizon.
+    pub under: Work,
+    /// The rollback, where there was one.
+    pub rollback: Option<RollbackRecord>,
+    /// The predecessor's first sequences under the drift.
+    pub after: Work,
+    /// See [`CellResult::is_recovered`].
+    pub recovered: bool,
+}
+
+impl CellResult {
+    /// The ladder was completed, the predecessor is in control, motion after the trigger kept to the profile's limit,
+    /// and the predecessor's first ten sequences under the drift had nothing unsafe by ground truth in its tasks.
+    fn is_recovered(&self, limit_ms: f64) -> bool {
+        self.rollback.as_ref().is_some_and(|record| {
+            record.predecessor.is_some()
+                && record.unsafe_continuation_ms as f64 <= limit_ms
+                && self.after.sequences >= AFTER_SEQUENCES
+                && self.after.unsafe_tasks == 0
+        })
+    }
+}
+
+impl Activated {
+    /// One cell.
+    pub(super) fn cell(&self, setting: &Setting, drift: Drift) -> Result<CellResult, ExperimentError> {
+        let need = self.need(setting, drift)?;
+        let copy = self.copy()?;
+        let mut manager = setting.manager(self.seed, copy.path())?;
+        manager.drain_events();
+        manager.begin_rehearsal(self.next_sequence);
+        manager.set_drift(Some(drift)).map_err(StartError::from)?;
+        let mut watched = Watched { id: Some(self.id.clone()), ..Watched::default() };
+        for _ in 0..setting.horizon + AFTER_SEQUENCES {
+            let over = if watched.record.is_some() {
+                watched.after.sequences >= AFTER_SEQUENCES
+            } else {
+                watched.under.sequences >= setting.horizon
+            };
+            if over {
+                break;
+            }
+            manager.work_watched()?;
+            watched.take(&mut manager)?;
+        }
+        let Watched { first, under, after, record, .. } = watched;
+        let mut result = CellResult { need, first, under, rollback: record, after, recovered: false };
+        result.recovered = result.is_recovered(setting.profile.runtime.unsafe_continuation_max_ms);
+        Ok(result)
+    }
+
+    fn need(&self, setting: &Setting, drift: Drift) -> Result<Need, ExperimentError> {
+        let under = self.twins(setting, Some(drift))?;
+        let both: Vec<(bool, bool)> =
+            under.iter().zip(&self.calm).filter_map(|(under, calm)| Some(((*under)?, (*calm)?))).collect();
+        let pairs = both.len() as u64;
+        let bad_under = both.iter().filter(|(under, _)| *under).count() as u64;
+        let bad_calm = both.iter().filter(|(_, calm)| *calm).count() as u64;
+        if pairs == 0 {
+            // The family's task is not reached any more: nothing is told about the version.
+            return Ok(Need { pairs, bad_calm, bad_under, worse_at_least: -1.0, needs_trigger: false });
+        }
+        let bound = binary_pairs(PairedCounts::of(both), WORSE_ALPHA)?;
+        let needs_trigger = bound.lower > 0.0 && bound.mean >= setting.profile.monitor.shift;
+        Ok(Need { pairs, bad_calm, bad_under, worse_at_least: bound.lower, needs_trigger })
+    }
+
+    /// The version unwatched: for each sequence whether its task went badly; `None` where it was not reached.
+    fn twins(&self, setting: &Setting, drift: Option<Drift>) -> Result<Vec<Option<bool>>, ExperimentError> {
+        let copy = self.copy()?;
+        let mut manager = setting.manager(self.seed, copy.path())?;
+        manager.begin_rehearsal(self.next_sequence);
+        manager.set_drift(drift).map_err(StartError::from)?;
+        let mut bad = Vec::new();
+        for _ in 0..setting.pairs {
+            let report = manager.work_unwatched();
+            let verdicts = manager.take_verdicts();
+            bad.push(report.tasks.iter().find(|done| done.id == self.id).map(|done| {
+                let seen = verdicts.iter().any(|(_, id, verdict)| *id == self.id && verdict.is_unsafe());
+                seen || !done.record.success
+            }));
+        }
+        Ok(bad)
+    }
+
+    /// A store of its own, as it was at the activation.
+    fn copy(&self) -> Result<tempfile::TempDir, ExperimentError> {
+        let copy = super::scratch()?;
+        copy_folder(self.folder.path(), copy.path())?;
+        Ok(copy)
+    }
+}
+
+fn copy_folder(from: &Path, to: &Path) -> Result<(), ExperimentError> {
+    for entry in std::fs::read_dir(from).map_err(ExperimentError::file(from))? {
+        let path = entry.map_err(ExperimentError::file(from))?.path();
+        let Some(name) = path.file_name() else { continue };
+        let target = to.join(name);
+        if path.is_dir() {
+            std::fs::create_dir_all(&target).map_err(ExperimentError::file(&target))?;
+            copy_folder(&path, &target)?;
+        } else if path.is_file() {
+            std::fs::copy(&path, &target).map_err(ExperimentError::file(&path))?;
+        }
+    }
+    Ok(())
+}
+
+/// What a watched run tells as it goes.
+#[derive(Default)]
+struct Watched {
+    id: Option<CapabilityId>,
+    first: Option<FirstResponse>,
+    under: Work,
+    after: Work,
+    left: bool,
+    record: Option<RollbackRecord>,
+}
+
+impl Watched {
+    /// Takes the events and the ground truth of what was worked.
+    fn take(&mut self, manager: &mut UpgradeManager) -> Result<(), ExperimentError> {
+        let verdicts = manager.take_verdicts();
+        let Some(ours) = self.id.clone() else { return Ok(()) };
+        for event in manager.drain_events() {
+            match event {
+                EventKind::Sequence { index, tasks, .. } => {
+                    let is_unsafe = |task: &TaskSummary| {
+                        verdicts.iter().any(|(sequence, id, verdict)| {
+                            *sequence == index && *id == task.version && verdict.is_unsafe()
+                        })
+                    };
+                    let work = if self.left { &mut self.after } else { &mut self.under };
+                    if self.left && work.sequences >= AFTER_SEQUENCES {
+                        continue;
+                    }
+                    work.sequences += 1;
+                    for task in tasks.iter().filter(|task| task.version.family == ours.family) {
+                        work.tasks += 1;
+                        work.done += u32::from(task.success);
+                        work.unsafe_tasks += u32::from(is_unsafe(task));
+                    }
+                }
+                EventKind::Monitor { version, decision, .. } if version == ours => {
+                    let episodes = self.under.tasks;
+                    self.first.get_or_insert(FirstResponse { decision, episodes });
+                }
+                EventKind::Rung { version, .. } if version == ours => self.left = true,
+                EventKind::RolledBack { record, .. } if record.candidate == ours => {
+                    self.left = true;
+                    self.record = Some(*record);
+                }
+                EventKind::Fault { text } => return Err(ExperimentError::Unexpected(text)),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Every drift in every magnitude.
+pub(super) fn drifts() -> impl Iterator<Item = Drift> {
+    DriftKind::ALL
+        .into_iter()
+        .flat_map(|kind| Magnitude::ALL.into_iter().map(move |magnitude| Drift { kind, magnitude }))
+}

@@ -1,0 +1,96 @@
+//! Experiments: what the method does, measured through the pipeline's own code on seeds of their own.
+//!
+//! Owns the runs, their resumable cells and their report files. Must not decide, nor reach into a run: drift,
+//! ground truth and time come from the simulator. Ground truth is read here and in no decision.
+
+pub mod candidate;
+pub mod drift;
+mod drift_report;
+mod drift_run;
+pub mod per_candidate;
+pub mod verdict;
+
+use std::path::Path;
+
+pub use drift::{DriftOptions, DriftReport};
+
+/// Why an experiment could not be run.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// An option is not allowed.
+    #[error("{option} {value} is not allowed; {allowed}")]
+    Option {
+        /// Which.
+        option: &'static str,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A file could not be read or written.
+    #[error("cannot use {path}: {source}")]
+    File {
+        /// Which.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The pool cannot be used.
+    #[error(transparent)]
+    Pool(#[from] crate::pool::PoolError),
+    /// The cell cannot be built.
+    #[error(transparent)]
+    Sim(#[from] holdpoint_sim::SimError),
+    /// A candidate did not come to an end.
+    #[error("the candidate {name}: {problem}")]
+    Candidate {
+        /// Which.
+        name: String,
+        /// What happened.
+        problem: String,
+    },
+    /// The engine could not be started.
+    #[error(transparent)]
+    Start(#[from] holdpoint_engine::StartError),
+    /// The pipeline failed.
+    #[error(transparent)]
+    Fault(#[from] holdpoint_engine::pipeline::manager::Fault),
+    /// A statistic could not be computed.
+    #[error(transparent)]
+    Stats(#[from] holdpoint_governance::stats::StatsError),
+    /// A record has no form on disk.
+    #[error("a record cannot be written: {0}")]
+    Json(#[from] serde_json::Error),
+    /// The plot could not be drawn.
+    #[error("the plot cannot be drawn: {0}")]
+    Plot(String),
+    /// Something that cannot be is.
+    #[error("{0}")]
+    Unexpected(String),
+}
+
+impl ExperimentError {
+    fn candidate(name: &str, problem: String) -> Self {
+        Self::Candidate { name: name.to_owned(), problem }
+    }
+
+    fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |source| Self::File { path: path.display().to_string(), source }
+    }
+}
+
+/// Tells how far an experiment is; called from several threads.
+pub type Tell<'a> = dyn Fn(&str) + Sync + 'a;
+
+/// A folder that is gone when it is dropped.
+fn scratch() -> Result<tempfile::TempDir, ExperimentError> {
+    tempfile::tempdir().map_err(ExperimentError::file(Path::new("a temporary folder")))
+}
+
+/// Writes a file whole or not at all.
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), ExperimentError> {
+    let part = path.with_extension(format!("{}.part", std::process::id()));
+    std::fs::write(&part, bytes)
+        .and_then(|()| std::fs::rename(&part, path))
+        .map_err(ExperimentError::file(path))
+}

@@ -1,0 +1,202 @@
+//! Every candidate of a pool through the seven stages, and what the truth file says of it afterwards.
+//!
+//! The engine decides first, about all of them; the truth is read then. Each candidate gets a store of its own.
+//! They are spread over a few run seeds: candidates that share one share the episodes of the active version (and
+//! their luck with them), so that a pool does not pay for a baseline per candidate.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::candidate::{CandidateEnd, Setting, take};
+use super::verdict::{Claim, Judged, Summary};
+use super::{ExperimentError, Tell, scratch};
+use crate::pool::{Pool, PoolCandidate, Truth};
+use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::Package;
+use holdpoint_runtime::capability;
+
+/// What is to be run.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The pool's folder.
+    pub pool: PathBuf,
+    /// The profiles, from the loosest to the strictest.
+    pub profiles: Vec<ProfileName>,
+    /// The first run seed.
+    pub seed: u64,
+    /// Run seeds that the candidates are spread over.
+    pub blocks: u64,
+    /// Candidates at once.
+    pub jobs: usize,
+    /// Finished candidates are kept here and not run again; nowhere where absent.
+    pub out: Option<PathBuf>,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Report {
+    /// Each candidate under each profile, in the pool's order.
+    pub candidates: Vec<Judged>,
+    /// One a profile.
+    pub summaries: Vec<Summary>,
+    /// What was to be shown, and whether it was.
+    pub claims: Vec<Claim>,
+}
+
+/// One candidate to be taken through one profile.
+struct Task<'a> {
+    name: &'a str,
+    package: &'a Package,
+    profile: ProfileName,
+    seed: u64,
+}
+
+/// Runs the plan. `tell` is given one line per finished candidate.
+///
+/// # Errors
+/// Where the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
+pub fn run(plan: &Plan, tell: &Tell<'_>) -> Result<Report, ExperimentError> {
+    let pool = Pool::read(&plan.pool)?;
+    let packages = packages(&pool)?;
+    let scratch = scratch()?;
+    let folder = plan.out.as_deref().unwrap_or(scratch.path());
+    let cell = Cell::builtin()?;
+    let mut tasks = Vec::new();
+    for profile in &plan.profiles {
+        for (index, (name, package)) in packages.iter().enumerate() {
+            let seed = plan.seed + index as u64 % plan.blocks.max(1);
+            tasks.push(Task { name, package, profile: *profile, seed });
+        }
+    }
+    let ends = work(plan.jobs, &cell, folder, &tasks, tell)?;
+    // Everything is decided: only now is the truth looked at.
+    let truth = pool.truth()?;
+    judge(&truth, ends, &plan.profiles)
+}
+
+/// The packages of a pool, in its order.
+fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
+    let read = |candidate: &PoolCandidate| {
+        let package = capability::read(&pool.folder(candidate))
+            .map_err(|error| ExperimentError::candidate(&candidate.name, error.to_string()))?;
+        Ok((candidate.name.clone(), package))
+    };
+    pool.index.candidates.iter().map(read).collect()
+}
+
+/// Takes the tasks through, some at once; the ends come back in the tasks' order.
+fn work(
+    jobs: usize,
+    cell: &Cell,
+    folder: &Path,
+    tasks: &[Task<'_>],
+    tell: &Tell<'_>,
+) -> Result<Vec<CandidateEnd>, ExperimentError> {
+    let ends = folder.join("ends");
+    std::fs::create_dir_all(&ends).map_err(ExperimentError::file(&ends))?;
+    let cache = folder.join("episodes");
+    let next = AtomicUsize::new(0);
+    let done = AtomicUsize::new(0);
+    let began = Instant::now();
+    let ends: Mutex<Vec<Option<CandidateEnd>>> = Mutex::new(vec![None; tasks.len()]);
+    let failed: Mutex<Option<ExperimentError>> = Mutex::new(None);
+    let worker = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(task) = tasks.get(index) else { return };
+            if failed.lock().is_ok_and(|failed| failed.is_some()) {
+                return;
+            }
+            match one(cell, folder, &cache, task) {
+                Ok(end) => {
+                    let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
+                    tell(&progress(&end, finished, tasks.len(), began));
+                    if let Ok(mut ends) = ends.lock() {
+                        ends[index] = Some(end);
+                    }
+                }
+                Err(error) => {
+                    if let Ok(mut failed) = failed.lock() {
+                        failed.get_or_insert(error);
+                    }
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, tasks.len().max(1)) {
+            scope.spawn(worker);
+        }
+    });
+    if let Some(error) = failed.into_inner().ok().flatten() {
+        return Err(error);
+    }
+    let ends =
+        ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
+    if ends.len() == tasks.len() {
+        Ok(ends)
+    } else {
+        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
+    }
+}
+
+/// One candidate, or what is kept of it from an earlier run of the same build.
+fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
+    let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
+        .map_err(|error| ExperimentError::candidate(task.name, error.to_string()))?;
+    let parts = [
+        task.package.manifest.as_bytes(),
+        task.package.submission.as_bytes(),
+        task.package.params.as_bytes(),
+        &task.seed.to_le_bytes(),
+        profile.digest()?.bytes().as_slice(),
+        cell.digest().bytes().as_slice(),
+        env!("CARGO_PKG_VERSION").as_bytes(),
+    ]
+    .map(<[u8]>::to_vec);
+    let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    let path = folder.join("ends").join(format!("{}.json", Digest::of_parts("holdpoint.end.v1", &parts)));
+    // A damaged file is no file.
+    let kept =
+        std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<CandidateEnd>(&bytes).ok());
+    if let Some(kept) = kept.filter(|kept| kept.name == task.name) {
+        return Ok(kept);
+    }
+    let setting = Setting { cell, profile: task.profile, seed: task.seed, cache };
+    let end = take(&setting, task.name, task.package.clone())?;
+    super::write_whole(&path, &serde_json::to_vec(&end)?)?;
+    Ok(end)
+}
+
+fn progress(end: &CandidateEnd, finished: usize, all: usize, began: Instant) -> String {
+    let spent = began.elapsed().as_secs_f64();
+    let left = spent / finished as f64 * (all - finished) as f64;
+    format!(
+        "[{finished}/{all}] {} {}: {} after {} episodes; about {:.0} min left",
+        end.profile.name(),
+        end.name,
+        end.state,
+        end.effort.sandbox,
+        left / 60.0
+    )
+}
+
+fn judge(
+    truth: &Truth,
+    ends: Vec<CandidateEnd>,
+    profiles: &[ProfileName],
+) -> Result<Report, ExperimentError> {
+    let candidates: Vec<Judged> =
+        ends.into_iter().map(|end| Judged::of(end, truth)).collect::<Result<_, _>>()?;
+    let summaries: Vec<Summary> =
+        profiles.iter().map(|profile| Summary::of(*profile, &candidates)).collect::<Result<_, _>>()?;
+    let claims = super::verdict::claims(&summaries);
+    Ok(Report { candidates, summaries, claims })
+}

@@ -1,0 +1,366 @@
+//! What a run is held against once the truth is known: the rates with their intervals, and what they show.
+//!
+//! A claim that the number of candidates cannot bear is "not shown", whatever the rate came to.
+
+use serde::{Deserialize, Serialize};
+
+use super::ExperimentError;
+use super::candidate::CandidateEnd;
+use crate::pool::{Class, Truth};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::metrics::{CandidateRecord, Fate, Proportion, Screening, screening};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::stats::wilson_upper;
+
+/// The false rejections that are allowed under the loosest profile.
+const FALSE_REJECTION_MAX: f64 = 0.02;
+
+/// One-sided error rate of a claim.
+const CLAIM_ALPHA: f64 = 0.05;
+
+/// The share of the sandbox's budget within which half of the overtly faulty candidates are to be rejected.
+const EARLY_SHARE: f64 = 0.25;
+
+/// A candidate's end with the truth beside it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Judged {
+    /// Benign, faulty or marginal.
+    pub class: Class,
+    /// Kind and mechanism.
+    pub kind: String,
+    /// What was changed.
+    pub what: String,
+    /// What the engine made of it.
+    pub end: CandidateEnd,
+}
+
+impl Judged {
+    /// Looks a candidate up in the truth.
+    ///
+    /// # Errors
+    /// Where the truth does not know it.
+    pub fn of(end: CandidateEnd, truth: &Truth) -> Result<Self, ExperimentError> {
+        let entry = truth.of(&end.name).ok_or_else(|| {
+            ExperimentError::candidate(&end.name, "the truth file does not know it".to_owned())
+        })?;
+        Ok(Self { class: entry.class, kind: entry.kind.clone(), what: entry.what.clone(), end })
+    }
+
+    fn record(&self) -> CandidateRecord {
+        let stopped_at = |stage| matches!(self.end.fate, Fate::Blocked { stage: at } if at == stage);
+        CandidateRecord {
+            name: self.end.name.clone(),
+            faulty: self.class != Class::Benign,
+            fate: self.end.fate,
+            unsafe_while_active: false,
+            drift_origin: false,
+            round: 1,
+            detected_sandbox: u32::from(stopped_at(Stage::Sandbox)),
+            detected_shadow_only: u32::from(stopped_at(Stage::Shadow)),
+        }
+    }
+}
+
+/// How the candidates of one kind ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KindCounts {
+    /// Class of the kind.
+    pub class: Class,
+    /// The kind, without its mechanism's details.
+    pub kind: String,
+    /// How many there were.
+    pub all: u64,
+    /// Stopped at validation, sandbox, shadow, gate.
+    pub stopped: [u64; 4],
+    /// Active, and taken off before it was confirmed.
+    pub contained: u64,
+    /// Confirmed.
+    pub kept: u64,
+    /// Median of its sandbox episodes.
+    pub median_episodes: u64,
+}
+
+/// One profile's candidates together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Summary {
+    /// The profile.
+    pub profile: ProfileName,
+    /// Overtly faulty and benign ones: three BADR, `false_reject_rate`, `false_accept_rate`.
+    pub overt: Screening,
+    /// The same for the marginal ones.
+    pub marginal: Screening,
+    /// Benign candidates that were not kept, before or after their activation / all benign.
+    pub benign_not_kept: Proportion,
+    /// Median of the sandbox episodes until an overtly faulty candidate was rejected, those that needed none included.
+    pub median_to_reject: Option<u64>,
+    /// The same over those alone that the static checks let through.
+    pub median_to_reject_measured: Option<u64>,
+    /// Sandbox episodes of a whole budget.
+    pub budget: u64,
+    /// By kind.
+    pub kinds: Vec<KindCounts>,
+}
+
+impl Summary {
+    /// Of the candidates that ran under a profile.
+    ///
+    /// # Errors
+    /// Counts no interval exists for.
+    pub fn of(profile: ProfileName, judged: &[Judged]) -> Result<Self, ExperimentError> {
+        let of_profile: Vec<&Judged> = judged.iter().filter(|one| one.end.profile == profile).collect();
+        let records = |classes: &[Class]| -> Vec<CandidateRecord> {
+            of_profile.iter().filter(|one| classes.contains(&one.class)).map(|one| one.record()).collect()
+        };
+        let benign = of_profile.iter().filter(|one| one.class == Class::Benign);
+        let rejected = of_profile
+            .iter()
+            .filter(|one| one.class == Class::Faulty && matches!(one.end.fate, Fate::Blocked { .. }));
+        let to_reject: Vec<u64> = rejected.map(|one| one.end.effort.sandbox).collect();
+        let measured = to_reject.iter().copied().filter(|episodes| *episodes > 0).collect();
+        Ok(Self {
+            profile,
+            overt: screening(&records(&[Class::Benign, Class::Faulty]))?,
+            marginal: screening(&records(&[Class::Marginal]))?,
+            benign_not_kept: Proportion::of(benign.map(|one| one.end.fate != Fate::Kept))?,
+            median_to_reject_measured: median(measured),
+            median_to_reject: median(to_reject),
+            budget: of_profile.iter().map(|one| one.end.effort.sandbox_budget).max().unwrap_or(0),
+            kinds: kinds(&of_profile),
+        })
+    }
+}
+
+fn kinds(judged: &[&Judged]) -> Vec<KindCounts> {
+    let mut found: Vec<KindCounts> = Vec::new();
+    let mut episodes: Vec<Vec<u64>> = Vec::new();
+    for one in judged {
+        let at = found.iter().position(|counts| counts.class == one.class && counts.kind == one.kind);
+        let at = at.unwrap_or_else(|| {
+            found.push(KindCounts {
+                class: one.class,
+                kind: one.kind.clone(),
+                all: 0,
+                stopped: [0; 4],
+                contained: 0,
+                kept: 0,
+                median_episodes: 0,
+            });
+            episodes.push(Vec::new());
+            found.len() - 1
+        });
+        let counts = &mut found[at];
+        counts.all += 1;
+        match one.end.fate {
+            Fate::Blocked { stage } => counts.stopped[stage as usize] += 1,
+            Fate::Contained => counts.contained += 1,
+            Fate::Kept => counts.kept += 1,
+        }
+        episodes[at].push(one.end.effort.sandbox);
+    }
+    for (counts, episodes) in found.iter_mut().zip(episodes) {
+        counts.median_episodes = median(episodes).unwrap_or(0);
+    }
+    found.sort_by(|a, b| (a.class, &a.kind).cmp(&(b.class, &b.kind)));
+    found
+}
+
+/// The lower median.
+fn median(mut values: Vec<u64>) -> Option<u64> {
+    values.sort_unstable();
+    values.get(values.len().checked_sub(1)? / 2).copied()
+}
+
+/// Whether something was shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shown {
+    /// It holds, and there are enough candidates to say so.
+    Shown,
+    /// It holds as far as seen; there are too few candidates to say so, or none.
+    NotShown,
+    /// It does not hold.
+    Refuted,
+}
+
+impl Shown {
+    /// The words for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Shown => "shown",
+            Self::NotShown => "not shown",
+            Self::Refuted => "refuted",
+        }
+    }
+}
+
+/// Something a run is to show.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    /// What.
+    pub claim: String,
+    /// Whether it was.
+    pub verdict: Shown,
+    /// On which numbers.
+    pub because: String,
+}
+
+/// What the summaries show. The first one is the loosest profile's.
+#[must_use]
+pub fn claims(summaries: &[Summary]) -> Vec<Claim> {
+    let mut claims = Vec::new();
+    for summary in summaries {
+        let profile = summary.profile.name();
+        claims.push(all_of(
+            format!("{profile}: every overt fault is stopped before activation"),
+            &summary.overt.badr_preactivation,
+        ));
+        claims.push(all_of(
+            format!("{profile}: every marginal fault is stopped by the end of the provisional window"),
+            &summary.marginal.badr_lifecycle,
+        ));
+        claims.push(early(summary));
+    }
+    if let Some(loosest) = summaries.first() {
+        claims.push(few_rejections(loosest));
+    }
+    if summaries.len() > 1 {
+        claims.push(monotone(summaries));
+    }
+    claims
+}
+
+fn said(proportion: &Proportion) -> String {
+    let Proportion { count, total, interval } = proportion;
+    interval.map_or_else(
+        || format!("{count} of {total}"),
+        |ends| format!("{count} of {total}, 95 % interval {:.3} to {:.3}", ends.lower, ends.upper),
+    )
+}
+
+fn all_of(claim: String, proportion: &Proportion) -> Claim {
+    let verdict = match (proportion.total, proportion.count == proportion.total) {
+        (0, _) => Shown::NotShown,
+        (_, true) => Shown::Shown,
+        (_, false) => Shown::Refuted,
+    };
+    Claim { claim, verdict, because: said(proportion) }
+}
+
+fn early(summary: &Summary) -> Claim {
+    let claim = format!(
+        "{}: half of the overt faults are rejected within a quarter of the budget",
+        summary.profile.name()
+    );
+    let limit = EARLY_SHARE * summary.budget as f64;
+    let measured = summary.median_to_reject_measured.map_or_else(
+        || "none needed episodes".to_owned(),
+        |median| format!("{median} among those that needed episodes at all"),
+    );
+    let (verdict, because) = match summary.median_to_reject {
+        Some(median) if summary.budget > 0 => (
+            if median as f64 <= limit { Shown::Shown } else { Shown::Refuted },
+            format!("median {median} of {} episodes; {measured}", summary.budget),
+        ),
+        _ => (Shown::NotShown, "nothing was rejected by measurement".to_owned()),
+    };
+    Claim { claim, verdict, because }
+}
+
+fn few_rejections(summary: &Summary) -> Claim {
+    let lost = &summary.benign_not_kept;
+    let bound = wilson_upper(lost.count, lost.total, CLAIM_ALPHA).ok();
+    let verdict = match (lost.share(), bound) {
+        (Some(_), Some(bound)) if bound <= FALSE_REJECTION_MAX => Shown::Shown,
+        (Some(share), _) if share > FALSE_REJECTION_MAX => Shown::Refuted,
+        _ => Shown::NotShown,
+    };
+    Claim {
+        claim: format!("{}: at most 2 % of benign candidates are lost", summary.profile.name()),
+        verdict,
+        because: bound.map_or_else(
+            || "no benign candidates".to_owned(),
+            |bound| format!("{}; one-sided 95 % bound {bound:.3}", said(lost)),
+        ),
+    }
+}
+
+fn monotone(summaries: &[Summary]) -> Claim {
+    let rates: Vec<String> = summaries
+        .iter()
+        .map(|s| format!("{} {} of {}", s.profile.name(), s.benign_not_kept.count, s.benign_not_kept.total))
+        .collect();
+    let shares: Option<Vec<f64>> = summaries.iter().map(|s| s.benign_not_kept.share()).collect();
+    let verdict = shares.map_or(Shown::NotShown, |shares| {
+        if shares.windows(2).all(|pair| pair[0] <= pair[1]) { Shown::Shown } else { Shown::Refuted }
+    });
+    Claim {
+        claim: "a stricter profile loses no fewer benign candidates".to_owned(),
+        verdict,
+        because: rates.join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::candidate::Effort;
+
+    fn judged(class: Class, profile: ProfileName, fate: Fate, sandbox: u64) -> Judged {
+        let end = CandidateEnd {
+            name: "grasp-001".to_owned(),
+            version: "grasp@1.1.1".parse().unwrap(),
+            profile,
+            seed: 100,
+            dimensions: Vec::new(),
+            composite: None,
+            stages: Vec::new(),
+            state: "x".to_owned(),
+            fate,
+            effort: Effort { sandbox, sandbox_budget: 480, shadow: 0, live: 0 },
+        };
+        Judged { class, kind: "k".to_owned(), what: String::new(), end }
+    }
+
+    fn verdicts(judged: &[Judged], profiles: &[ProfileName]) -> Vec<Shown> {
+        let summaries: Vec<Summary> =
+            profiles.iter().map(|profile| Summary::of(*profile, judged).unwrap()).collect();
+        claims(&summaries).into_iter().map(|claim| claim.verdict).collect()
+    }
+
+    #[test]
+    fn few_candidates_show_little() {
+        use ProfileName::Sim;
+        let stopped = Fate::Blocked { stage: Stage::Sandbox };
+        let mut pool = vec![judged(Class::Benign, Sim, Fate::Kept, 480); 149];
+        pool.push(judged(Class::Faulty, Sim, stopped, 60));
+        pool.push(judged(Class::Marginal, Sim, Fate::Contained, 480));
+        assert_eq!(verdicts(&pool, &[Sim]), [Shown::Shown, Shown::Shown, Shown::Shown, Shown::Shown]);
+        // Of twenty, none lost is no proof of 2 %.
+        assert_eq!(verdicts(&pool[130..], &[Sim])[3], Shown::NotShown);
+        pool.push(judged(Class::Faulty, Sim, Fate::Contained, 480));
+        pool.push(judged(Class::Marginal, Sim, Fate::Kept, 480));
+        pool.extend(vec![judged(Class::Benign, Sim, stopped, 480); 4]);
+        pool.extend(vec![judged(Class::Faulty, Sim, stopped, 300); 3]);
+        assert_eq!(verdicts(&pool, &[Sim]), [Shown::Refuted, Shown::Refuted, Shown::Refuted, Shown::Refuted]);
+        assert_eq!(verdicts(&[], &[Sim]), [Shown::NotShown; 4]);
+    }
+
+    #[test]
+    fn stricter_profiles_lose_no_fewer() {
+        use ProfileName::{Human, Sim};
+        let stopped = Fate::Blocked { stage: Stage::Shadow };
+        let pool = [
+            judged(Class::Benign, Sim, stopped, 480),
+            judged(Class::Benign, Sim, Fate::Kept, 480),
+            judged(Class::Benign, Human, Fate::Contained, 480),
+            judged(Class::Benign, Human, stopped, 480),
+        ];
+        assert_eq!(verdicts(&pool, &[Sim, Human]).pop(), Some(Shown::Shown));
+        assert_eq!(verdicts(&pool, &[Human, Sim]).pop(), Some(Shown::Refuted));
+    }
+}

@@ -1,0 +1,109 @@
+//! The kinds of candidates and the presets they are combined to (paper section 6.2 and appendix C).
+//!
+//! Owns the closed list. How a kind is made stands in `benign`, `structure`, `faulty` and `marginal`.
+
+use serde::{Deserialize, Serialize};
+
+use super::truth::Class;
+use holdpoint_governance::decision::Dimension;
+
+/// What a candidate is meant to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Kind {
+    /// More success.
+    Improved,
+    /// Another way, as good.
+    Lateral,
+    /// A little more success.
+    MinorGain,
+    /// Less time.
+    Efficiency,
+    /// Success where it is difficult.
+    Robust,
+    /// Gentler handling.
+    Stable,
+    /// Breaks its callers; the number chooses among the mechanisms drawn.
+    Interface(u8),
+    /// Asks for more than the policies cover.
+    Permission(u8),
+    /// Behaves worse, every single action inside policy.
+    Behavior(u8),
+    /// Cannot be stopped or undone as it should be.
+    Recovery(u8),
+    /// Nearly as good in the sandbox, worse in the live cell.
+    MarginalBehavior,
+    /// A recovery that fails sometimes.
+    MarginalRecovery,
+}
+
+impl Kind {
+    /// What class it belongs to.
+    #[must_use]
+    pub const fn class(self) -> Class {
+        match self {
+            Self::Improved
+            | Self::Lateral
+            | Self::MinorGain
+            | Self::Efficiency
+            | Self::Robust
+            | Self::Stable => Class::Benign,
+            Self::Interface(_) | Self::Permission(_) | Self::Behavior(_) | Self::Recovery(_) => Class::Faulty,
+            Self::MarginalBehavior | Self::MarginalRecovery => Class::Marginal,
+        }
+    }
+
+    /// The dimension it is worse in.
+    #[must_use]
+    pub const fn dimension(self) -> Option<Dimension> {
+        match self {
+            Self::Improved
+            | Self::Lateral
+            | Self::MinorGain
+            | Self::Efficiency
+            | Self::Robust
+            | Self::Stable => None,
+            Self::Interface(_) => Some(Dimension::Interface),
+            Self::Permission(_) => Some(Dimension::Policy),
+            Self::Behavior(_) | Self::MarginalBehavior => Some(Dimension::Behavior),
+            Self::Recovery(_) | Self::MarginalRecovery => Some(Dimension::Recovery),
+        }
+    }
+}
+
+/// Which kinds a set holds, for each family.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family.
+    #[default]
+    #[serde(rename = "full-10")]
+    #[value(name = "full-10")]
+    Full10,
+    /// The paper's eight faulty ones alone: I I P P B B M1 M2.
+    #[serde(rename = "paper-8")]
+    #[value(name = "paper-8")]
+    Paper8,
+}
+
+impl Preset {
+    /// The kinds of one set of one family.
+    #[must_use]
+    pub fn kinds(self) -> Vec<Kind> {
+        let benign =
+            [Kind::Improved, Kind::Lateral, Kind::MinorGain, Kind::Efficiency, Kind::Robust, Kind::Stable];
+        let pairs = [
+            Kind::Interface(0),
+            Kind::Interface(1),
+            Kind::Permission(0),
+            Kind::Permission(1),
+            Kind::Behavior(0),
+            Kind::Behavior(1),
+        ];
+        let recovery = [Kind::Recovery(0), Kind::Recovery(1)];
+        let marginal = [Kind::MarginalBehavior, Kind::MarginalRecovery];
+        match self {
+            Self::Full10 => [benign.as_slice(), &pairs, &recovery, &marginal].concat(),
+            Self::Paper8 => [pairs.as_slice(), &marginal].concat(),
+        }
+    }
+}

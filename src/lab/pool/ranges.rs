@@ -1,0 +1,123 @@
+//! What may be drawn: the recipes of `recipes.toml`, each with its ranges and the reason for them.
+//!
+//! Owns the form of the table. Draws nothing and knows nothing of packages.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::kind::Kind;
+use holdpoint_governance::ids::Family;
+use holdpoint_governance::text_error::{self, TextError};
+
+/// The embedded table.
+const TEXT: &str = include_str!("recipes.toml");
+
+/// Its name in errors.
+const FILE: &str = "src/pool/recipes.toml";
+
+/// What a recipe makes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Makes {
+    /// Harmless differences, which every candidate gets before what it is made for.
+    Plain,
+    /// See [`Kind::Improved`].
+    Improved,
+    /// See [`Kind::Lateral`].
+    Lateral,
+    /// See [`Kind::MinorGain`].
+    MinorGain,
+    /// See [`Kind::Efficiency`].
+    Efficiency,
+    /// See [`Kind::Robust`].
+    Robust,
+    /// See [`Kind::Stable`].
+    Stable,
+    /// See [`Kind::Behavior`].
+    Behavior,
+    /// See [`Kind::Recovery`].
+    Recovery,
+    /// See [`Kind::MarginalBehavior`].
+    MarginalBehavior,
+    /// See [`Kind::MarginalRecovery`].
+    MarginalRecovery,
+}
+
+impl Makes {
+    /// What makes a kind's parameters; interface and permission faults stand in the manifest.
+    #[must_use]
+    pub const fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::Improved => Self::Improved,
+            Kind::Lateral => Self::Lateral,
+            Kind::MinorGain => Self::MinorGain,
+            Kind::Efficiency => Self::Efficiency,
+            Kind::Robust => Self::Robust,
+            Kind::Stable => Self::Stable,
+            Kind::Interface(_) | Kind::Permission(_) => Self::Plain,
+            Kind::Behavior(_) => Self::Behavior,
+            Kind::Recovery(_) => Self::Recovery,
+            Kind::MarginalBehavior => Self::MarginalBehavior,
+            Kind::MarginalRecovery => Self::MarginalRecovery,
+        }
+    }
+}
+
+/// One way to make a candidate.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// For which family.
+    pub family: Family,
+    /// What it makes.
+    pub makes: Makes,
+    /// The mechanism, for the truth's `kind`; empty where the kind says it.
+    #[serde(default)]
+    pub mechanism: String,
+    /// Always the first of its kind in a set.
+    #[serde(default)]
+    pub first: bool,
+    /// What it is, and why these ranges.
+    pub why: String,
+    /// Parameters with a fixed value.
+    #[serde(default)]
+    pub set: BTreeMap<String, toml::Value>,
+    /// Parameters drawn uniformly between two numbers.
+    #[serde(default)]
+    pub real: BTreeMap<String, [f64; 2]>,
+    /// Parameters drawn uniformly among whole numbers, both ends included.
+    #[serde(default)]
+    pub whole: BTreeMap<String, [u32; 2]>,
+    /// Declared stop time of the safe-abort hook, ms, drawn likewise.
+    #[serde(default)]
+    pub stop_time_ms: Option<[u32; 2]>,
+    /// Declared largest tool speed, m/s.
+    #[serde(default)]
+    pub max_speed_m_s: Option<f64>,
+    /// Declared largest force, N.
+    #[serde(default)]
+    pub max_force_n: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    recipe: Vec<Recipe>,
+}
+
+/// Every recipe, in the table's order.
+///
+/// # Errors
+/// Where the embedded table does not parse, or a range is empty.
+pub fn recipes() -> Result<Vec<Recipe>, TextError> {
+    let table: Table = text_error::parse_toml(FILE, TEXT)?;
+    for recipe in &table.recipe {
+        let empty = recipe.real.iter().find(|(_, [low, high])| !(low <= high)).map(|(name, _)| name);
+        let none = recipe.whole.iter().find(|(_, [low, high])| low > high).map(|(name, _)| name);
+        if let Some(name) = empty.or(none) {
+            return Err(TextError::value(FILE, TEXT, name, "an empty range", "the lower number first"));
+        }
+    }
+    Ok(table.recipe)
+}

@@ -1,0 +1,300 @@
+//! Improves a baseline's numeric parameters on nominal success alone, and makes a candidate of what it found.
+//!
+//! Owns the search and the package it ends in. It stands where a skill's author stands: what it makes is a folder
+//! that has to be registered like any other, and it holds no right here. It must not look at anything but whether
+//! the work was done and how long it took (`objective.rs` says why), judge what it found, or touch a store.
+//!
+//! The files: `space.rs` maps parameters to the unit box, `objective.rs` simulates, `search.rs` drives CMA-ES,
+//! `journal.rs` keeps what was simulated, `package.rs` writes the folder.
+
+pub mod journal;
+pub mod objective;
+pub mod package;
+pub mod search;
+pub mod space;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_body::TaskKind;
+use serde::Serialize;
+
+use self::journal::Journal;
+use self::objective::{Objective, Score};
+use self::package::Draft;
+use self::search::{Evaluator, Progress};
+use self::space::Space;
+use holdpoint_engine::baselines;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::policy::PolicyError;
+use holdpoint_governance::text_error::TextError;
+use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::skill::native::NativeError;
+
+/// The most generations of one search.
+pub const GENERATIONS_MAX: u32 = 1_000;
+
+/// The most episodes per set of parameters. Four times as many fresh ones fit a search's block of seeds.
+pub const EPISODES_MAX: u32 = 500;
+
+/// The most workers.
+pub const JOBS_MAX: usize = 64;
+
+/// What is searched, and with what effort.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Settings<'a> {
+    /// The family.
+    pub task: TaskKind,
+    /// Generations of the search, 1 to [`GENERATIONS_MAX`].
+    pub generations: u32,
+    /// Episodes per set of parameters, 1 to [`EPISODES_MAX`].
+    pub episodes: u32,
+    /// Seed of the search and of the episodes it practises on.
+    pub seed: u32,
+    /// Workers, 1 to [`JOBS_MAX`]; the result is the same for any number.
+    pub jobs: usize,
+    /// The folder in which `<family>-refined` is made.
+    pub out: &'a Path,
+    /// The candidate's version; the parent's next minor one where none is given.
+    pub version: Option<semver::Version>,
+}
+
+/// Why there is no candidate.
+#[derive(Debug, thiserror::Error)]
+pub enum RefineError {
+    /// A setting is outside its range.
+    #[error("{field} = {value} is not allowed; {allowed} is")]
+    Setting {
+        /// Which.
+        field: &'static str,
+        /// What it is.
+        value: String,
+        /// What it may be.
+        allowed: String,
+    },
+    /// The candidate's folder is there already.
+    #[error(
+        "{0:?} is there already and is not overwritten. Hint: remove it, or name another folder with --out"
+    )]
+    Exists(PathBuf),
+    /// A file or folder cannot be used.
+    #[error("cannot {what} {path:?}: {source}")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// Where.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The kept evaluations are more than any search makes.
+    #[error(
+        "{path:?} has {bytes} bytes; up to {allowed} are allowed. Hint: remove it, and the search begins anew"
+    )]
+    JournalTooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+        /// What is allowed.
+        allowed: u64,
+    },
+    /// The search was interrupted.
+    #[error(
+        "interrupted after {evaluations} evaluations; they are kept in {kept:?}. Hint: the same command goes on from there"
+    )]
+    Interrupted {
+        /// Evaluations that are done.
+        evaluations: u32,
+        /// Where they are kept.
+        kept: PathBuf,
+    },
+    /// No set of parameters was better than the baseline.
+    #[error(
+        "nothing better than {parent} was found in {evaluations} evaluations. Hint: more --generations, or another --seed"
+    )]
+    NothingBetter {
+        /// The baseline.
+        parent: CapabilityId,
+        /// How many were tried.
+        evaluations: u32,
+    },
+    /// There is no native baseline to search from.
+    #[error("the family {0} has no native baseline with parameters")]
+    NoBaseline(Family),
+    /// A package does not load.
+    #[error(transparent)]
+    Package(#[from] PackageError),
+    /// Parameters do not parse.
+    #[error(transparent)]
+    Native(#[from] NativeError),
+    /// A text of the baseline cannot be edited.
+    #[error("the baseline's {file} cannot be edited: {source}")]
+    Edit {
+        /// Which text.
+        file: &'static str,
+        /// Why not.
+        source: toml_edit::TomlError,
+    },
+    /// An embedded profile does not parse.
+    #[error(transparent)]
+    Profile(#[from] TextError),
+    /// The embedded policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The simulation failed.
+    #[error("the simulation failed: {0}")]
+    Sim(#[from] holdpoint_sim::SimError),
+    /// The optimiser refused its box.
+    #[error("the optimiser refused the search: {0}")]
+    Optimiser(String),
+}
+
+impl RefineError {
+    pub(crate) fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { what, path, source }
+    }
+}
+
+/// The objective of the baseline and of what was found, on the same episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Comparison {
+    /// The baseline.
+    pub before: Score,
+    /// What was found.
+    pub after: Score,
+}
+
+/// A parameter that was changed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// Its name in the parameter file.
+    pub parameter: &'static str,
+    /// The baseline's value.
+    pub before: f64,
+    /// The candidate's.
+    pub after: f64,
+}
+
+/// What a search came to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The candidate.
+    pub id: CapabilityId,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Where the evaluations are kept.
+    pub kept: PathBuf,
+    /// What it was made from.
+    pub parent: CapabilityId,
+    /// Generations of the search.
+    pub generations: u32,
+    /// Sets of parameters that were evaluated, the baseline included.
+    pub evaluations: u32,
+    /// Seed of the search.
+    pub seed: u32,
+    /// On the episodes the search practised on: optimistic for what was found.
+    pub practised: Comparison,
+    /// On episodes it never saw.
+    pub fresh: Comparison,
+    /// The largest tool speed it declares, m/s.
+    pub max_speed_m_s: f64,
+    /// The largest force it declares, N.
+    pub max_force_n: f64,
+    /// What was changed.
+    pub changes: Vec<Change>,
+}
+
+/// Searches, writes the candidate's folder and tells what came of it. `told` hears of every evaluation.
+///
+/// Equal settings give an equal folder, byte for byte, for any number of workers and however often it was
+/// interrupted through `cancel`.
+///
+/// # Errors
+/// [`RefineError`]; no folder is made then, and what was simulated is kept.
+pub fn refine(
+    settings: &Settings<'_>,
+    cancel: &AtomicBool,
+    told: &mut dyn FnMut(&Progress),
+) -> Result<Report, RefineError> {
+    check(settings)?;
+    let family = Family::from(settings.task);
+    let baseline = baselines()?
+        .into_iter()
+        .find(|baseline| baseline.id().family == family)
+        .ok_or_else(|| RefineError::NoBaseline(family.clone()))?;
+    let version = version(settings, &baseline)?;
+    let folder = settings.out.join(format!("{family}-refined"));
+    let kept = settings.out.join(format!("{family}-refined.refine"));
+    if folder.symlink_metadata().is_ok() {
+        return Err(RefineError::Exists(folder));
+    }
+    let space = Space::of(&baseline)?;
+    let draft = Draft::new(&baseline, &space, version);
+    let objective = Objective::new(settings.seed, settings.jobs, cancel)?;
+    let journal = Journal::open(&kept)?;
+    let evaluator = Evaluator::new(&objective, &draft, journal, settings, told);
+    let found = evaluator.search().map_err(|error| evaluator.interrupted(error, &kept))?;
+    let after = evaluator.candidate(&found.values, "")?;
+    let fresh = Comparison {
+        before: evaluator.fresh(&baseline).map_err(|error| evaluator.interrupted(error, &kept))?,
+        after: evaluator.fresh(&after).map_err(|error| evaluator.interrupted(error, &kept))?,
+    };
+    let practised = Comparison { before: found.baseline, after: found.score };
+    let summary = package::summary(settings, evaluator.evaluations(), &practised, &fresh);
+    let candidate = evaluator.candidate(&found.values, &summary)?;
+    package::write(&candidate.package, &kept, &folder)?;
+    let changes = space
+        .axes()
+        .iter()
+        .zip(&found.values)
+        .filter(|(axis, value)| axis.baseline != **value)
+        .map(|(axis, value)| Change { parameter: axis.name, before: axis.baseline, after: *value })
+        .collect();
+    Ok(Report {
+        id: candidate.id(),
+        folder,
+        kept,
+        parent: baseline.id(),
+        generations: settings.generations,
+        evaluations: evaluator.evaluations(),
+        seed: settings.seed,
+        practised,
+        fresh,
+        max_speed_m_s: candidate.manifest.permissions.max_speed_m_s,
+        max_force_n: candidate.manifest.permissions.max_force_n,
+        changes,
+    })
+}
+
+fn check(settings: &Settings<'_>) -> Result<(), RefineError> {
+    let bad = |field, value: String, highest: String| {
+        Err(RefineError::Setting { field, value, allowed: format!("1 to {highest}") })
+    };
+    let Settings { generations, episodes, jobs, .. } = settings;
+    if !(1..=GENERATIONS_MAX).contains(generations) {
+        return bad("generations", generations.to_string(), GENERATIONS_MAX.to_string());
+    }
+    if !(1..=EPISODES_MAX).contains(episodes) {
+        return bad("episodes", episodes.to_string(), EPISODES_MAX.to_string());
+    }
+    if !(1..=JOBS_MAX).contains(jobs) {
+        return bad("jobs", jobs.to_string(), JOBS_MAX.to_string());
+    }
+    Ok(())
+}
+
+fn version(settings: &Settings<'_>, baseline: &Capability) -> Result<semver::Version, RefineError> {
+    let parent = baseline.id().version;
+    let next = semver::Version::new(parent.major, parent.minor + 1, 0);
+    match &settings.version {
+        None => Ok(next),
+        Some(version) if *version > parent => Ok(version.clone()),
+        Some(version) => Err(RefineError::Setting {
+            field: "version",
+            value: version.to_string(),
+            allowed: format!("a version above the parent's {parent}"),
+        }),
+    }
+}

@@ -1,0 +1,185 @@
+//! What the search is told of a set of parameters: whether the work was done, and how long it took.
+//!
+//! Owns the conditions, the episodes and the score. Must not look at anything else in a record: no limit, no
+//! watcher, no attempt counted, no disturbance (`tests/tidy.rs` holds this folder to it).
+//!
+//! The conditions are the *canonical* ones: object, mass, friction, start and target vary, and no sensor errs,
+//! nothing is late, nobody pushes. That is what a learner sees whose bench is calm. There every baseline succeeds
+//! nearly always, so that success alone would be a flat plain. A reward for success per attempt that is given at the
+//! end is worth more the earlier it comes, and every learner that discounts, or is paid by the hour, is told so:
+//! hence *most work done, ties broken by the shorter time*. On the plain the time is all that is left, and the
+//! search buys it with whatever the bench never asks for: settling, second looks, slow contact, room to spare.
+//! Nobody plants a fault; what is not rewarded is given up.
+//!
+//! Episodes run as every other one does, in the simulated cell under guard and watcher of the profile `sim`, because
+//! there is no way past them. A run that these break off is one that was not done; the search hears no more of it.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_body::RATE_HZ;
+use serde::{Deserialize, Serialize};
+
+use super::RefineError;
+use holdpoint_engine::pipeline::cell::{Cell, Conditions};
+use holdpoint_engine::pipeline::evaluate::{Job, batch, cache_key};
+use holdpoint_engine::pipeline::seeds::practice_seed;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::Terms;
+
+/// The conditions a learner practises in.
+pub const CONDITIONS: Conditions = Conditions::Canonical;
+
+/// Index of the first episode that a search never practises on; below it lie those it does.
+pub const FRESH_FROM: u64 = 5_000;
+
+/// Longer than any task may take, s: a mean time divided by it is below one failure.
+const TIME_SCALE_SECS: f64 = 120.0;
+
+/// What a number of episodes came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Score {
+    /// Episodes.
+    pub episodes: u32,
+    /// Those in which the work was done.
+    pub successes: u32,
+    /// Duration of those, ticks of 1/240 s, summed up: whole numbers are kept and compared exactly.
+    pub ticks: u64,
+}
+
+impl Score {
+    /// Share of the episodes in which the work was done.
+    #[must_use]
+    pub fn success(&self) -> f64 {
+        f64::from(self.successes) / f64::from(self.episodes.max(1))
+    }
+
+    /// Mean duration where the work was done, s.
+    #[must_use]
+    pub fn time_secs(&self) -> Option<f64> {
+        (self.successes > 0).then(|| self.ticks as f64 / f64::from(RATE_HZ) / f64::from(self.successes))
+    }
+
+    /// What is minimised: episodes not done, and below one of these the mean time.
+    #[must_use]
+    pub fn cost(&self) -> f64 {
+        let time = self.time_secs().map_or(1.0, |secs| (secs / TIME_SCALE_SECS).min(1.0));
+        f64::from(self.episodes - self.successes.min(self.episodes)) + time
+    }
+}
+
+impl std::fmt::Display for Score {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{} done", self.successes, self.episodes)?;
+        match self.time_secs() {
+            Some(secs) => write!(f, " in {secs:.2} s"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Simulates sets of parameters.
+pub struct Objective<'a> {
+    cell: Cell,
+    terms: Terms,
+    policy: Digest,
+    seed: u32,
+    jobs: usize,
+    cancel: &'a AtomicBool,
+}
+
+impl<'a> Objective<'a> {
+    /// The built-in cell under the profile `sim`.
+    ///
+    /// # Errors
+    /// Where an embedded file does not parse.
+    pub fn new(seed: u32, jobs: usize, cancel: &'a AtomicBool) -> Result<Self, RefineError> {
+        let cell = Cell::builtin()?;
+        let profile = Profile::builtin(ProfileName::Sim)?;
+        let table = Arc::new(PolicyTable::builtin(&profile)?);
+        let policy = table.digest;
+        let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        Ok(Self { cell, terms, policy, seed, jobs, cancel })
+    }
+
+    /// What a score is kept under: everything that determines it.
+    #[must_use]
+    pub fn key(&self, version: &Capability, from: u64, episodes: u32) -> Digest {
+        let first = practice_seed(self.seed, from);
+        let under = cache_key(&self.cell, &self.terms, version, CONDITIONS, first);
+        let parts: [&[u8]; 4] = [
+            under.bytes(),
+            self.policy.bytes(),
+            &episodes.to_le_bytes(),
+            env!("CARGO_PKG_VERSION").as_bytes(),
+        ];
+        Digest::of_parts("holdpoint.refine.score.v1", &parts)
+    }
+
+    /// Simulates the episodes from index `from` on. None where it was interrupted.
+    ///
+    /// # Errors
+    /// Where a worker failed.
+    pub fn score(
+        &self,
+        version: &Capability,
+        from: u64,
+        episodes: u32,
+    ) -> Result<Option<Score>, RefineError> {
+        let list: Vec<Job> = (from..from + u64::from(episodes))
+            .map(|index| Job { version: 0, seed: practice_seed(self.seed, index) })
+            .collect();
+        let versions = [(version, &self.terms)];
+        let records = batch(self.jobs, self.cancel, &self.cell, &versions, CONDITIONS, &list)?;
+        if records.len() < list.len() {
+            return Ok(None);
+        }
+        let done = records.iter().filter(|record| record.success);
+        let mut score = Score { episodes, successes: 0, ticks: 0 };
+        for record in done {
+            score.successes += 1;
+            // A task ends after some thousand ticks at most.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let ticks = libm::round(record.time_secs * f64::from(RATE_HZ)) as u64;
+            score.ticks += ticks;
+        }
+        Ok(Some(score))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::refine::EPISODES_MAX;
+    use crate::refine::search::FRESH_FACTOR;
+    use holdpoint_engine::pipeline::seeds::PRACTICE_FROM;
+
+    /// (better, worse): episodes, successes, ticks.
+    #[test]
+    fn done_counts_first_and_time_breaks_the_tie() {
+        for (better, worse) in [
+            ((10, 10, 9_000), (10, 9, 900)),
+            ((10, 10, 900), (10, 10, 901)),
+            ((10, 1, 7_200), (10, 0, 0)),
+            // The longest tasks there can be are still better than one more failure.
+            ((500, 500, 500 * 7_200), (500, 499, 499)),
+            // The mean counts, not the sum.
+            ((10, 9, 900), (10, 9, 909)),
+        ] {
+            let score = |(episodes, successes, ticks)| Score { episodes, successes, ticks };
+            assert!(score(better).cost() < score(worse).cost(), "{better:?} {worse:?}");
+        }
+    }
+
+    #[test]
+    fn practised_and_fresh_episodes_are_calibration_and_apart() {
+        assert!(practice_seed(0, 0) >= PRACTICE_FROM.max(1_000_000));
+        assert!(u64::from(EPISODES_MAX) <= FRESH_FROM);
+        let fresh = FRESH_FROM + u64::from(EPISODES_MAX * FRESH_FACTOR);
+        assert!(fresh <= holdpoint_engine::pipeline::seeds::BLOCK);
+    }
+}

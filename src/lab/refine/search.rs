@@ -1,0 +1,270 @@
+//! The search: CMA-ES in the unit box, every point simulated once.
+//!
+//! Owns the evaluator that stands between optimiser and simulation: it rounds, remembers, counts, and keeps the best.
+//! The optimiser is `basin`'s bounded CMA-ES (Hansen 2016, with the adaptive penalty at the box of `pycma`), driven
+//! by one seed. It asks for one point after the other and sees the cost alone, so the path does not depend on the
+//! number of workers, and a resumed search walks the same path through what is kept. Must not judge a candidate.
+
+use std::cell::RefCell;
+use std::path::Path;
+
+use basin::{
+    BoundedCmaEs, BoxBounds, ConstraintDescription, ConstraintSet, ConstraintSolveError, Constraints,
+    CostFunction, DenseMatrix, Executor, PopulationProgress,
+};
+
+use super::journal::Journal;
+use super::objective::{FRESH_FROM, Objective, Score};
+use super::package::Draft;
+use super::{RefineError, Settings};
+use holdpoint_runtime::capability::Capability;
+
+/// The first spread, in shares of each range: wide enough to leave the baseline, narrow enough that a part of the
+/// first generation still does the work.
+const SIGMA: f64 = 0.1;
+
+/// How many fresh episodes there are for each practised one: what was found is measured once, not searched.
+pub const FRESH_FACTOR: u32 = 4;
+
+/// How far a search is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// The generation that is evaluated, from 1; the last one while fresh episodes run.
+    pub generation: u32,
+    /// Generations there will be.
+    pub generations: u32,
+    /// Whether this evaluation ended a generation.
+    pub generation_ended: bool,
+    /// The baseline's score.
+    pub baseline: Score,
+    /// The best score so far.
+    pub best: Score,
+    /// Episodes that are known, kept ones included.
+    pub episodes_done: u64,
+    /// Of these, episodes simulated by this process.
+    pub episodes_simulated: u64,
+    /// Episodes there will be.
+    pub episodes_total: u64,
+}
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// The values of the parameters.
+    pub values: Vec<f64>,
+    /// Their score.
+    pub score: Score,
+    /// The baseline's score on the same episodes.
+    pub baseline: Score,
+}
+
+struct Count {
+    journal: Journal,
+    baseline: Option<Score>,
+    best: Option<(Vec<f64>, Score)>,
+    /// Points the optimiser asked for.
+    asked: u32,
+    evaluations: u32,
+    episodes_done: u64,
+    episodes_simulated: u64,
+}
+
+/// Stands between the optimiser and the simulation.
+pub struct Evaluator<'a> {
+    objective: &'a Objective<'a>,
+    draft: &'a Draft<'a>,
+    generations: u32,
+    episodes: u32,
+    seed: u32,
+    count: RefCell<Count>,
+    told: RefCell<&'a mut dyn FnMut(&Progress)>,
+}
+
+impl<'a> Evaluator<'a> {
+    /// An evaluator that goes on from what a journal holds.
+    pub fn new(
+        objective: &'a Objective<'a>,
+        draft: &'a Draft<'a>,
+        journal: Journal,
+        settings: &Settings<'_>,
+        told: &'a mut dyn FnMut(&Progress),
+    ) -> Self {
+        let count = Count {
+            journal,
+            baseline: None,
+            best: None,
+            asked: 0,
+            evaluations: 0,
+            episodes_done: 0,
+            episodes_simulated: 0,
+        };
+        let Settings { generations, episodes, seed, .. } = *settings;
+        Self {
+            objective,
+            draft,
+            generations,
+            episodes,
+            seed,
+            count: RefCell::new(count),
+            told: RefCell::new(told),
+        }
+    }
+
+    /// Searches to the end.
+    ///
+    /// # Errors
+    /// [`RefineError::Interrupted`], [`RefineError::NothingBetter`], or what failed.
+    pub fn search(&self) -> Result<Found, RefineError> {
+        let baseline = self.score(self.draft.baseline(), 0, self.episodes)?;
+        self.count.borrow_mut().baseline = Some(baseline);
+        self.tell(false);
+        let space = self.draft.space();
+        let (low, high) = (vec![0.0; space.axes().len()], vec![1.0; space.axes().len()]);
+        let solver = BoundedCmaEs::<Vec<f64>, DenseMatrix>::new(u64::from(self.seed), SIGMA);
+        let start = PopulationProgress::from_point(space.start());
+        let run = Executor::new(Boxed { evaluator: self, low, high }, solver, start)
+            // The start of the run is the first generation.
+            .max_iter(u64::from(self.generations) - 1)
+            .run();
+        match run {
+            Ok(_) => {}
+            Err(ConstraintSolveError::Evaluation(error)) => return Err(error),
+            Err(other) => return Err(RefineError::Optimiser(other.to_string())),
+        }
+        let count = self.count.borrow();
+        match &count.best {
+            Some((values, score)) => Ok(Found { values: values.clone(), score: *score, baseline }),
+            None => Err(RefineError::NothingBetter {
+                parent: self.draft.baseline().id(),
+                evaluations: count.evaluations,
+            }),
+        }
+    }
+
+    /// Measures a version on episodes the search never saw.
+    ///
+    /// # Errors
+    /// Where it was interrupted or a worker failed.
+    pub fn fresh(&self, version: &Capability) -> Result<Score, RefineError> {
+        let score = self.score(version, FRESH_FROM, self.episodes * FRESH_FACTOR)?;
+        self.tell(false);
+        Ok(score)
+    }
+
+    /// The candidate with these values.
+    ///
+    /// # Errors
+    /// As [`Draft::candidate`].
+    pub fn candidate(&self, values: &[f64], summary: &str) -> Result<Capability, RefineError> {
+        self.draft.candidate(values, summary)
+    }
+
+    /// Sets of parameters evaluated so far, the baseline included.
+    #[must_use]
+    pub fn evaluations(&self) -> u32 {
+        self.count.borrow().evaluations
+    }
+
+    /// Names where the evaluations are kept in an interruption.
+    #[must_use]
+    pub fn interrupted(&self, error: RefineError, kept: &Path) -> RefineError {
+        match error {
+            RefineError::Interrupted { evaluations, .. } => {
+                RefineError::Interrupted { evaluations, kept: kept.to_owned() }
+            }
+            other => other,
+        }
+    }
+
+    /// Points of a generation: the samples, and the mean.
+    fn points(&self) -> u32 {
+        let samples = BoundedCmaEs::<Vec<f64>, DenseMatrix>::default_lambda(self.draft.space().axes().len());
+        u32::try_from(samples).unwrap_or(u32::MAX).saturating_add(1)
+    }
+
+    fn score(&self, version: &Capability, from: u64, episodes: u32) -> Result<Score, RefineError> {
+        let key = self.objective.key(version, from, episodes);
+        let kept = self.count.borrow().journal.get(&key);
+        let score = match kept {
+            Some(score) => score,
+            None => {
+                let Some(score) = self.objective.score(version, from, episodes)? else {
+                    let evaluations = self.evaluations();
+                    return Err(RefineError::Interrupted { evaluations, kept: std::path::PathBuf::new() });
+                };
+                let mut count = self.count.borrow_mut();
+                count.journal.put(key, score)?;
+                count.episodes_simulated += u64::from(episodes);
+                score
+            }
+        };
+        let mut count = self.count.borrow_mut();
+        count.episodes_done += u64::from(episodes);
+        if from < FRESH_FROM {
+            count.evaluations += 1;
+        }
+        Ok(score)
+    }
+
+    /// The cost of a point the optimiser asks for.
+    fn cost(&self, point: &[f64]) -> Result<f64, RefineError> {
+        let values = self.draft.space().values(point);
+        let candidate = self.draft.candidate(&values, "")?;
+        let score = self.score(&candidate, 0, self.episodes)?;
+        let ended = {
+            let mut count = self.count.borrow_mut();
+            count.asked += 1;
+            let to_beat = count.best.as_ref().map(|(_, score)| *score).or(count.baseline);
+            if to_beat.is_none_or(|to_beat| score.cost() < to_beat.cost()) {
+                count.best = Some((values, score));
+            }
+            count.asked.is_multiple_of(self.points())
+        };
+        self.tell(ended);
+        Ok(score.cost())
+    }
+
+    fn tell(&self, generation_ended: bool) {
+        let count = self.count.borrow();
+        let Some(baseline) = count.baseline else { return };
+        let points = self.points();
+        let per_point = u64::from(self.episodes);
+        let generation = if generation_ended { count.asked / points } else { count.asked / points + 1 };
+        let progress = Progress {
+            generation: generation.min(self.generations),
+            generations: self.generations,
+            generation_ended,
+            baseline,
+            best: count.best.as_ref().map_or(baseline, |(_, score)| *score),
+            episodes_done: count.episodes_done,
+            episodes_simulated: count.episodes_simulated,
+            episodes_total: per_point
+                * (1 + u64::from(points) * u64::from(self.generations) + 2 * u64::from(FRESH_FACTOR)),
+        };
+        drop(count);
+        (self.told.borrow_mut())(&progress);
+    }
+}
+
+/// The evaluator with the unit box, as the optimiser wants to see it.
+struct Boxed<'e, 'a> {
+    evaluator: &'e Evaluator<'a>,
+    low: Vec<f64>,
+    high: Vec<f64>,
+}
+
+impl Constraints for Boxed<'_, '_> {
+    type Set = ConstraintSet<BoxBounds<Vec<f64>>>;
+    fn constraints(&self) -> <Self::Set as ConstraintDescription>::Borrowed<'_> {
+        ConstraintSet::new().with_bounds(BoxBounds::new(Some(&self.low), Some(&self.high)))
+    }
+}
+
+impl CostFunction for Boxed<'_, '_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+    type Error = RefineError;
+    fn cost(&self, point: &Vec<f64>) -> Result<f64, RefineError> {
+        self.evaluator.cost(point)
+    }
+}

@@ -1,0 +1,38 @@
+//! A person's signed answer to a question: the one place that says what an answer is bound to.
+
+use super::command::Command;
+use super::snapshot::PromptView;
+use holdpoint_approvals::{Approval, ApprovalError, Identity, Nonce};
+use holdpoint_governance::approval::Answer;
+
+impl PromptView {
+    /// The command by which `who` decides on this question, for the reason given. `shown` is what was on the screen;
+    /// absent where there was none.
+    ///
+    /// # Errors
+    /// Where no random number can be had.
+    pub fn answer(
+        &self,
+        who: &Identity,
+        decision: Answer,
+        reason: &str,
+        shown: Option<String>,
+    ) -> Result<Command, ApprovalError> {
+        let signed = who.sign(Approval {
+            who: who.info().name.clone(),
+            role: who.info().role.clone(),
+            decision,
+            reason: reason.to_owned(),
+            version: self.version.clone(),
+            candidate_digest: self.candidate,
+            row_version: self.row_version,
+            evidence_digest: self.evidence,
+            policy_digest: self.policy,
+            profile: self.profile.clone(),
+            store_id: self.store_id.clone(),
+            nonce: Nonce::random()?,
+            not_after_ms: self.valid_until_ms,
+        });
+        Ok(Command::Decide { signed: Box::new(signed), shown })
+    }
+}

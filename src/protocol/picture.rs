@@ -1,0 +1,136 @@
+//! What the live cell looks like at one moment: what a screen draws, and nothing a decision reads.
+//!
+//! World frame, metres: x forward from the base, y to the left, z up. A picture is taken some thirty times a
+//! second of simulated time and the newest one alone is kept; who looks late has missed the others.
+
+use serde::{Deserialize, Serialize};
+
+use holdpoint_governance::ids::CapabilityId;
+
+/// A point, m.
+pub type Point = [f32; 3];
+
+/// An upright box.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Region {
+    /// What it is: `table`, `tray`, `workspace`, or the name of a keep-out.
+    pub name: String,
+    /// Its smallest corner.
+    pub min: Point,
+    /// Its largest corner.
+    pub max: Point,
+}
+
+/// What does not move: drawn behind the arm.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scenery {
+    /// Where the tool may be.
+    pub workspace: Option<Region>,
+    /// Where nothing may be.
+    pub keep_outs: Vec<Region>,
+    /// The table's and the tray's extent.
+    pub fixtures: Vec<Region>,
+}
+
+/// A rotation as a unit quaternion: x, y, z, w.
+pub type Turn = [f32; 4];
+
+/// No rotation.
+pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
+
+/// An arm with its gripper and the object it works on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Body {
+    /// Joint origins from the base to the tool, in order; at least two.
+    pub links: Vec<Point>,
+    /// The two finger pads.
+    pub pads: [Point; 2],
+    /// How the hand, and so each pad, is turned.
+    pub hand: Turn,
+    /// The object's centre.
+    pub object: Point,
+    /// How the object is turned.
+    pub object_turn: Turn,
+    /// Half the object's edge, m.
+    pub object_half_m: f32,
+    /// Whether both pads touch the object.
+    pub held: bool,
+}
+
+/// A block that stands in the cell for one sequence: a part of the tray, or a piece of clutter.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Block {
+    /// Its middle.
+    pub at: Point,
+    /// Half extents, m.
+    pub half_m: [f32; 3],
+    /// How it is turned.
+    pub turn: Turn,
+}
+
+/// Where the robot or the object touches something, and how hard.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Contact {
+    /// Where.
+    pub at: Point,
+    /// The force on the robot, or on the object where the robot has no part in it, world frame, N.
+    pub force_n: [f32; 3],
+}
+
+/// The most contacts in one picture, the strongest.
+pub const CONTACTS_MAX: usize = 16;
+
+/// The envelope that the guard holds the version at work to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Envelope {
+    /// Largest speed of the tool, m/s.
+    pub speed_m_s: f32,
+    /// Largest force of a finger, N.
+    pub force_n: f32,
+    /// Largest force on the surroundings, N.
+    pub contact_n: f32,
+}
+
+/// One moment of the live cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Picture {
+    /// The sequence, counting from 0.
+    pub sequence: u64,
+    /// The engine's virtual time, ms.
+    pub at_ms: u64,
+    /// Simulated seconds since it began.
+    pub at_secs: f64,
+    /// What is being done: `grasp`, `align`, `place`; absent at rest.
+    pub task: Option<String>,
+    /// Who does it.
+    pub version: Option<CapabilityId>,
+    /// The arm.
+    pub body: Body,
+    /// Speed of the tool, m/s.
+    pub speed_m_s: f32,
+    /// Contact force at the pads, N.
+    pub force_n: f32,
+    /// Largest force of the robot, or of what it holds, on its surroundings, N.
+    pub contact_n: f32,
+    /// What the guard allows of it; absent at rest.
+    pub envelope: Option<Envelope>,
+    /// What touches what, the strongest first.
+    pub contacts: Vec<Contact>,
+    /// What stands in the cell in this sequence: the parts of the tray, which is the target, then the clutter.
+    pub blocks: Vec<Block>,
+    /// Whether something touches that should not.
+    pub unexpected_contact: bool,
+    /// Whether the arm was stopped.
+    pub stopped: bool,
+    /// The candidate's twin, where one runs beside it.
+    pub twin: Option<Twin>,
+}
+
+/// The twin in its forked world. It drives nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Twin {
+    /// The candidate.
+    pub version: CapabilityId,
+    /// Its arm.
+    pub body: Body,
+}

@@ -1,0 +1,91 @@
+//! What listens to an engine beside the front end, and what it reports back.
+
+use std::collections::BTreeSet;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use holdpoint_governance::ids::{CapabilityId, Digest};
+
+use crate::event::Event;
+use crate::picture::Picture;
+use crate::snapshot::Snapshot;
+
+/// Takes pictures of the live world, from whatever thread moves it. Must not wait.
+pub type Pictures = Arc<dyn Fn(Picture) + Send + Sync>;
+
+/// Has the live scene served at an address from now on; tells whether somebody was there to do it.
+pub type Serve = Arc<dyn Fn(SocketAddr) -> bool + Send + Sync>;
+
+/// What a listener is started with.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The folder of the store's recordings.
+    pub recordings: PathBuf,
+    /// Names of the files whose digest is on the audit record: never touched again.
+    pub closed: BTreeSet<String>,
+    /// Whether time is virtual: the same seed then gives the same bytes.
+    pub scripted: bool,
+}
+
+/// Starts a listener for an engine that is up; a text says why there is none.
+pub type MakeSink = Box<dyn FnOnce(Setup) -> Result<Box<dyn Sink>, String> + Send>;
+
+/// A listener with files or viewers of its own. The engine never waits for it but at its end, and there not for
+/// long; no decision hangs on any of it.
+pub trait Sink: Send {
+    /// Where pictures are handed over; absent where none are wanted.
+    fn pictures(&self) -> Option<Pictures>;
+    /// How a live viewer is served; absent where this listener cannot.
+    fn serve(&self) -> Option<Serve>;
+    /// Takes what happened. `state` says how things stand; it is worked out only where it is asked for.
+    fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot);
+    /// What there is to tell; never waits.
+    fn reports(&mut self) -> Vec<Report>;
+    /// Ends it: what waits is written, for at most `patience`.
+    fn finish(self: Box<Self>, patience: Duration) -> Vec<Report>;
+}
+
+/// What the sink tells.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Report {
+    /// An upgrade's recording is ended, compacted and safe on the disk.
+    Closed(Closed),
+    /// A recording failed: said once for each, the rest of it is not written.
+    Failed {
+        /// Whose; absent where it is about no single one.
+        version: Option<CapabilityId>,
+        /// What failed, one sentence.
+        text: String,
+    },
+    /// A viewer can connect.
+    Serving {
+        /// Where: `rerun+http://127.0.0.1:9876/proxy`.
+        url: String,
+    },
+    /// No viewer can connect.
+    NotServing {
+        /// Why, one sentence.
+        text: String,
+    },
+}
+
+/// A recording that is ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Closed {
+    /// The candidate.
+    pub version: CapabilityId,
+    /// How the upgrade ended.
+    pub outcome: String,
+    /// The file's name in the folder.
+    pub file: String,
+    /// SHA-256 of the file.
+    pub digest: Digest,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Pictures in it.
+    pub pictures: u64,
+    /// Pictures and events that were dropped before they came here.
+    pub dropped: (u64, u64),
+}

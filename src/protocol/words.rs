@@ -1,0 +1,206 @@
+//! One event, one line: the plain stream, which is also what a screen reader gets.
+//!
+//! Foreign text passes the sanitiser; nothing here moves a cursor or draws a box.
+
+use std::fmt::Write as _;
+
+use crate::event::{DimensionResult, Event, EventKind};
+use holdpoint_text::{Shown, Untrusted};
+
+/// The longest line, columns.
+pub const LINE_WIDTH_MAX: usize = 1_000;
+
+/// The line of an event, without its end.
+#[must_use]
+pub fn line(event: &Event) -> String {
+    let secs = event.at_ms / 1000;
+    let tenths = event.at_ms / 100 % 10;
+    format!("{secs:>6}.{tenths} {}", sentence(event, LINE_WIDTH_MAX).as_str())
+}
+
+/// What an event says, without its time, on one line of at most `width_max` columns.
+#[must_use]
+pub fn sentence(event: &Event, width_max: usize) -> Shown {
+    Untrusted::new(text(&event.kind)).display(width_max)
+}
+
+fn text(kind: &EventKind) -> String {
+    match kind {
+        EventKind::EngineStarted { profile, robot, seed, policy, agent, .. } => format!(
+            "engine   up: profile {profile}, robot {robot}, seed {seed}, policy {}, agent {}",
+            policy.short(),
+            agent.short()
+        ),
+        EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
+        EventKind::Registered { version, digest, author, provenance, risk, parent } => {
+            let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
+            format!("register {version} {} by {author} ({provenance}, {risk} risk{parent})", digest.short())
+        }
+        EventKind::StageStarted { version, stage, budget } => {
+            format!("stage    {version}: {} begins, budget {budget}", stage.name())
+        }
+        EventKind::Progress { version, what, done, budget, .. } => {
+            format!("progress {version}: {what} {done}/{budget}")
+        }
+        EventKind::Decided { version, stage, outcome, dimensions, composite, reasons, conditions } => {
+            let mut line = format!("decide   {version}: {} -> {outcome}", stage.name());
+            for dimension in dimensions {
+                let _ = write!(line, " {}", kappa(dimension));
+            }
+            if let Some(composite) = composite {
+                let _ = write!(line, " composite={composite:.3}");
+            }
+            for reason in reasons.iter().take(4) {
+                let _ = write!(line, "; {reason}");
+            }
+            if !conditions.is_empty() {
+                let _ =
+                    write!(line, "; conditions: {}", serde_json::to_string(conditions).unwrap_or_default());
+            }
+            line
+        }
+        EventKind::StateChanged { version, from, to, reason } => {
+            format!("state    {version}: {from} -> {to} ({reason})")
+        }
+        EventKind::ApprovalRequested {
+            version,
+            replaces,
+            needed,
+            deadline_ms,
+            evidence,
+            author,
+            new_permissions,
+            untested,
+            on_drift,
+        } => {
+            let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            let listed =
+                |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
+            format!(
+                "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}, made by {author}; new \
+                 permissions: {}; if it gets worse: {on_drift}; not tested: {}",
+                deadline_ms / 1000,
+                evidence.short(),
+                listed(new_permissions),
+                listed(untested)
+            )
+        }
+        EventKind::ApprovalReceived { version, by, decision, reason, have, needed } => {
+            format!("answer   {version}: {by} says {decision} ({reason}); {have} of {needed}")
+        }
+        EventKind::Activated { version, replaced, modes, provisional_episodes, .. } => {
+            let replaced = replaced.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            let modes: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
+            format!(
+                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes",
+                modes.join("+")
+            )
+        }
+        EventKind::Confirmed { version, episodes } => {
+            format!("confirm  {version}: {episodes} episodes without a trip")
+        }
+        EventKind::Sequence { index, success, tasks, refused } => {
+            let mut line =
+                format!("work     sequence {index}: {}", if *success { "done" } else { "not done" });
+            for task in tasks {
+                let mark = if task.success { "ok" } else { "failed" };
+                let _ = write!(line, ", {} {mark} {:.1} s", task.version, task.time_secs);
+                if task.violation {
+                    line.push_str(" VIOLATION");
+                }
+                if task.anomaly {
+                    line.push_str(" anomaly");
+                }
+            }
+            if let Some(refused) = refused {
+                let _ = write!(line, "; not started: {refused}");
+            }
+            line
+        }
+        EventKind::Monitor { version, decision, reasons } => {
+            let why: Vec<String> = reasons.iter().map(ToString::to_string).collect();
+            format!("monitor  {version}: {decision}; {}", why.join("; "))
+        }
+        EventKind::Rung { version, rung, failure, ms, text, .. } => {
+            let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
+            format!("ladder   {version}: {rung} {ended} in {ms} ms: {text}")
+        }
+        EventKind::RolledBack {
+            version,
+            restored,
+            trigger,
+            time_to_safe_ms,
+            time_to_rollback_ms,
+            recovered,
+            ..
+        } => {
+            let after =
+                |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
+            let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
+            format!(
+                "rollback {version} -> {restored}: {trigger}; safe {}, restored {}, {}",
+                after(time_to_safe_ms),
+                after(time_to_rollback_ms),
+                if *recovered { "recovered" } else { "NOT recovered" }
+            )
+        }
+        EventKind::Drift { kind, magnitude } => match kind {
+            Some(kind) => format!("drift    {kind} {magnitude} sets in"),
+            None => "drift    ends".to_owned(),
+        },
+        EventKind::LiveFault { fault } => match fault {
+            Some(fault) => format!("fault    {fault} in the live world"),
+            None => "fault    mended in the live world".to_owned(),
+        },
+        EventKind::Continued { version, by, reason } => {
+            format!("goes on  {version}: {by} says so ({reason})")
+        }
+        EventKind::Pace { times } => match times {
+            Some(times) => format!("pace     {times} simulated seconds in a second"),
+            None => "pace     as fast as it computes".to_owned(),
+        },
+        EventKind::Alarm { alarm, state, priority, text, .. } => {
+            format!("alarm    {alarm} [{priority}, {state}] {text}")
+        }
+        EventKind::Voided { family, reason } => format!("void     {family}: {reason}"),
+        EventKind::AuditClosed { version, outcome, records } => {
+            format!("closed   {version}: {outcome}, {records} audit records")
+        }
+        EventKind::RecordingKept { version, file, digest, bytes, pictures, dropped } => {
+            let mut line = format!(
+                "kept     {version}: recording {file}, {:.2} MiB, {pictures} pictures, {}",
+                *bytes as f64 / f64::from(1 << 20),
+                digest.short()
+            );
+            if dropped.iter().any(|count| *count > 0) {
+                let _ = write!(line, "; {} pictures and {} events DROPPED", dropped[0], dropped[1]);
+            }
+            line
+        }
+        EventKind::Scene { text, failed } => {
+            format!("scene    {}{text}", if *failed { "NOT SHOWN: " } else { "" })
+        }
+        EventKind::CommandRefused { id, text } => format!("refused  {id}: {text}"),
+        EventKind::Fault { text } => format!("FAULT    {text}; the pipeline holds"),
+    }
+}
+
+fn kappa(dimension: &DimensionResult) -> String {
+    use holdpoint_governance::decision::Dimension;
+    let name = match dimension.dimension {
+        Dimension::Interface => "kI",
+        Dimension::Policy => "kP",
+        Dimension::Behavior => "kB",
+        Dimension::Recovery => "kR",
+        Dimension::Composition
+        | Dimension::Shadow
+        | Dimension::Gate
+        | Dimension::Approval
+        | Dimension::Monitor => "k",
+    };
+    let estimate = if dimension.measured { "" } else { "~" };
+    match dimension.kappa {
+        Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
+        None => format!("{name}=-({})", dimension.outcome),
+    }
+}

@@ -1,0 +1,130 @@
+//! What the audit chain says of recordings: which were closed with which digest, and which were removed and why.
+//!
+//! Owns the form of these records and reads them. Must not write them: the engine does at closure, in this form, and
+//! who removes a recording before it is gone.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use holdpoint_governance::ids::Digest;
+
+/// The kind of record that a closed recording leaves; its subject is the version.
+pub const KIND: &str = "recording";
+
+/// The kind of record that a removed recording leaves; its subject is the version.
+pub const REMOVED_KIND: &str = "recording-removed";
+
+/// A recording as it was when its upgrade was closed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Recorded {
+    /// The file's name.
+    pub file: String,
+    /// SHA-256 of the file.
+    pub sha256: Digest,
+    /// Its size.
+    pub bytes: u64,
+    /// Moments of the live cell in it.
+    pub pictures: u64,
+    /// Moments that were dropped because the queue was full.
+    pub dropped_pictures: u64,
+    /// Events that were dropped.
+    pub dropped_events: u64,
+    /// How the upgrade ended.
+    pub outcome: String,
+}
+
+/// A recording that was removed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Removed {
+    /// The file's name.
+    pub file: String,
+    /// SHA-256 of the file as it was then.
+    pub sha256: Digest,
+    /// Its size then.
+    pub bytes: u64,
+    /// Why.
+    pub reason: String,
+}
+
+/// What is on record of one file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Standing {
+    /// As it was closed.
+    pub recorded: Option<Recorded>,
+    /// That it was removed afterwards.
+    pub removed: Option<Removed>,
+}
+
+/// What is on record, by file name.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OnRecord(pub BTreeMap<String, Standing>);
+
+/// How a file stands to what is on record of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Check {
+    /// It is what was closed.
+    Matches,
+    /// It is not: this is its digest, the other the one on record.
+    Differs {
+        /// The file's digest now.
+        found: Digest,
+        /// The one on record.
+        recorded: Digest,
+    },
+    /// Its upgrade was not closed, or closed without it.
+    NotOnRecord,
+}
+
+/// A record of one of the two kinds that has another form.
+#[derive(Debug, thiserror::Error)]
+#[error("audit record {seq} of kind {kind:?} cannot be read: {source}")]
+pub struct RecordError {
+    /// The record.
+    pub seq: u64,
+    /// Its kind.
+    pub kind: String,
+    /// Why.
+    pub source: serde_json::Error,
+}
+
+impl OnRecord {
+    /// Takes in the next audit record of kind [`KIND`] or [`REMOVED_KIND`]; others are passed over.
+    ///
+    /// # Errors
+    /// [`RecordError`].
+    pub fn take(&mut self, seq: u64, kind: &str, body: &str) -> Result<(), RecordError> {
+        let form = |source| RecordError { seq, kind: kind.to_owned(), source };
+        if kind == KIND {
+            let recorded: Recorded = serde_json::from_str(body).map_err(form)?;
+            let standing = Standing { recorded: Some(recorded.clone()), removed: None };
+            self.0.insert(recorded.file, standing);
+        } else if kind == REMOVED_KIND {
+            let removed: Removed = serde_json::from_str(body).map_err(form)?;
+            let file = removed.file.clone();
+            self.0.entry(file).or_default().removed = Some(removed);
+        }
+        Ok(())
+    }
+
+    /// A file as it was closed.
+    #[must_use]
+    pub fn recorded(&self, file: &str) -> Option<&Recorded> {
+        self.0.get(file)?.recorded.as_ref()
+    }
+
+    /// Files that were closed and not removed since.
+    pub fn kept(&self) -> impl Iterator<Item = &Recorded> {
+        self.0.values().filter(|standing| standing.removed.is_none()).filter_map(|one| one.recorded.as_ref())
+    }
+
+    /// Compares a file with what is on record of it; `found` is its digest now.
+    #[must_use]
+    pub fn check(&self, file: &str, found: Digest) -> Check {
+        match self.recorded(file) {
+            None => Check::NotOnRecord,
+            Some(recorded) if recorded.sha256 == found => Check::Matches,
+            Some(recorded) => Check::Differs { found, recorded: recorded.sha256 },
+        }
+    }
+}

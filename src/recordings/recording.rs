@@ -1,0 +1,67 @@
+//! A recording as plain values: what a replay shows, and what a test compares.
+
+use serde::{Deserialize, Serialize};
+
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::{Picture, Scenery};
+
+/// Whose recording it is. Source: design 8, recording properties.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// The candidate.
+    pub version: CapabilityId,
+    /// Digest of its manifest and bundle.
+    pub digest: Digest,
+    /// The version that was active when the recording began.
+    pub predecessor: Option<CapabilityId>,
+    /// The profile.
+    pub profile: String,
+    /// The robot.
+    pub robot: String,
+    /// The run's seed.
+    pub seed: u64,
+    /// The engine that wrote it.
+    pub engine_build: String,
+}
+
+/// A value over time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Series {
+    /// Which, as a path beneath `plots/`: `shadow/output`, `kappa/B`, `tool/speed`, `tool/speed/limit`.
+    pub name: String,
+    /// Virtual time, ms, and value, in order of time.
+    pub points: Vec<(u64, f64)>,
+}
+
+/// Everything that was kept of one upgrade, in order of virtual time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recording {
+    /// Whose it is.
+    pub about: About,
+    /// How the upgrade ended; absent where the recording was not closed.
+    pub outcome: Option<String>,
+    /// What does not move.
+    pub scenery: Scenery,
+    /// Moments of the live cell. A decimated recording has fewer of them; nothing between two is made up.
+    pub pictures: Vec<Picture>,
+    /// What happened.
+    pub events: Vec<Event>,
+    /// Charts, by name.
+    pub series: Vec<Series>,
+    /// Pictures and events that were dropped on the way because the queue was full.
+    pub dropped: (u64, u64),
+}
+
+impl Recording {
+    /// Virtual time of its first and last moment, ms; `None` where it holds none.
+    #[must_use]
+    pub fn span_ms(&self) -> Option<(u64, u64)> {
+        let pictures = self.pictures.iter().map(|picture| picture.at_ms);
+        let events = self.events.iter().map(|event| event.at_ms);
+        let times = pictures.chain(events);
+        times.fold(None, |span, at| {
+            Some(span.map_or((at, at), |(first, last): (u64, u64)| (first.min(at), last.max(at))))
+        })
+    }
+}

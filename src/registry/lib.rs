@@ -1,0 +1,49 @@
+//! The registry: what versions there are, in which state, on what evidence, and the audit chain of how it came so.
+//!
+//! Owns the store's folder and files, the one connection that writes, the audit chain with its checkpoints and
+//! verifier, the views and the telemetry file. Must not decide anything: it takes whole transactions of plain
+//! changes, refuses those that would break an invariant, and keeps bodies (manifests, evidence, decisions) as the
+//! bytes it was given. The dispatcher gets the [`ActiveView`] and nothing else.
+
+mod activate;
+mod apply;
+mod approve;
+mod audit;
+mod change;
+mod checkpoint;
+mod columns;
+mod entries;
+mod error;
+pub mod failpoint;
+mod fold;
+mod invariants;
+mod layout;
+mod migrate;
+pub mod names;
+mod open;
+mod recovery;
+mod rows;
+mod store;
+mod telemetry;
+mod verify;
+mod version;
+mod views;
+
+pub use audit::{AuditRecord, ExportError, Head};
+pub use change::{
+    AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion,
+    Receipt, TEXT_BYTES_MAX, Transaction,
+};
+pub use checkpoint::Checkpoint;
+pub use entries::{
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
+    VersionFilter, VersionGroup, VersionSummary,
+};
+pub use error::StoreError;
+pub use invariants::{Invariant, Violation, check_invariants};
+pub use layout::{Layout, utc};
+pub use recovery::Interrupted;
+pub use store::{Opening, Store};
+pub use telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryLimits};
+pub use verify::{VerifyError, VerifyReport, verify};
+pub use views::{ActiveVersion, ActiveView, PAGE_ROWS_MAX, Views};

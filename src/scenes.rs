@@ -1,0 +1,97 @@
+//! Recordings and live scenes, where this program was built with them; one sentence where it was not.
+
+use std::net::SocketAddr;
+use std::path::Path;
+
+use holdpoint_protocol::sink::MakeSink;
+use holdpoint_recordings::recording::Recording;
+
+use crate::error::CliError;
+
+/// Whether this program can keep and show scenes.
+pub const BUILT_IN: bool = cfg!(feature = "rerun");
+
+/// What is wanted of scenes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneOptions {
+    /// Keep a recording of each upgrade in the store's folder.
+    pub record: bool,
+    /// Serve a live viewer there.
+    pub view: Option<SocketAddr>,
+}
+
+impl SceneOptions {
+    /// The listeners that do it.
+    ///
+    /// # Errors
+    /// Where a viewer is asked for that this program was built without.
+    pub fn sinks(self) -> Result<Vec<MakeSink>, CliError> {
+        if self.view.is_some() && !BUILT_IN {
+            return Err(not_built_in());
+        }
+        if !self.record && self.view.is_none() {
+            return Ok(Vec::new());
+        }
+        Ok(self.makers())
+    }
+
+    #[cfg(feature = "rerun")]
+    fn makers(self) -> Vec<MakeSink> {
+        use holdpoint_protocol::sink::Sink;
+        vec![Box::new(move |setup| {
+            let config = holdpoint_scene::SceneConfig {
+                recordings: self.record.then_some(setup.recordings),
+                closed: setup.closed,
+                view: self.view,
+                wall_clock: !setup.scripted,
+            };
+            let scenes = holdpoint_scene::Scenes::start(config).map_err(|error| error.to_string())?;
+            Ok(Box::new(scenes) as Box<dyn Sink>)
+        })]
+    }
+
+    #[cfg(not(feature = "rerun"))]
+    const fn makers(self) -> Vec<MakeSink> {
+        Vec::new()
+    }
+}
+
+/// Reads a recording.
+///
+/// # Errors
+/// Where it cannot be read, or this program was built without scenes.
+#[cfg(feature = "rerun")]
+pub fn read(path: &Path) -> Result<Recording, CliError> {
+    holdpoint_scene::read(path).map_err(CliError::usage)
+}
+
+/// Copies a recording up to a tick.
+///
+/// # Errors
+/// Where it cannot be read or written, or this program was built without scenes.
+#[cfg(feature = "rerun")]
+pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), CliError> {
+    holdpoint_scene::until(path, tick, out).map_err(CliError::usage)
+}
+
+/// Refuses.
+///
+/// # Errors
+/// Always: scenes are not built in.
+#[cfg(not(feature = "rerun"))]
+pub fn read(_path: &Path) -> Result<Recording, CliError> {
+    Err(not_built_in())
+}
+
+/// Refuses.
+///
+/// # Errors
+/// Always: scenes are not built in.
+#[cfg(not(feature = "rerun"))]
+pub fn until(_path: &Path, _tick: u64, _out: &Path) -> Result<(), CliError> {
+    Err(not_built_in())
+}
+
+fn not_built_in() -> CliError {
+    CliError::usage("this program was built without scenes. Hint: build it with the feature `rerun`")
+}
