@@ -154,6 +154,8 @@ fn bad_lines_are_refused() {
     ] {
         assert!(Cli::try_parse_from(shell_words(&format!("holdpoint {line}"))).is_err(), "{line}");
     }
+    let other = Cli::try_parse_from(shell_words("holdpoint identity new mara --role safety-officer"));
+    assert!(other.unwrap_err().to_string().contains("operator, engineer, safety"));
     let long = "x".repeat(decide::REASON_BYTES_MAX + 1);
     assert!(Cli::try_parse_from(["holdpoint", "pause", "--as", "mara", "--reason", &long]).is_err());
 }
@@ -164,11 +166,11 @@ fn verbs_without_an_engine_answer_in_both_forms() {
     let data = root.path().to_str().unwrap();
     let (ended, text, _) = ask(&["--data", data, "identity", "list"]);
     assert!(ended.is_ok() && text.starts_with("no identities"), "{text}");
-    ask(&["--data", data, "identity", "new", "mara", "--role", "safety-officer"]).0.unwrap();
+    ask(&["--data", data, "identity", "new", "mara", "--role", "safety"]).0.unwrap();
     assert!(ask(&["--data", data, "identity", "new", "mara"]).0.is_err());
     let (_, text, _) = ask(&["--data", data, "identity", "list", "--json"]);
     let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(listed[0]["role"], "safety-officer");
+    assert_eq!(listed[0]["role"], "safety");
     // There is no store yet, and reading makes none.
     for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
         let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
