@@ -145,8 +145,7 @@ impl Record {
                 });
             }
         }
-        let written =
-            if stored.is_empty() { Ok(()) } else { self.write(stored, records) };
+        let written = if stored.is_empty() { Ok(()) } else { self.write(stored, records) };
         // An alarm that cannot be written is shown all the same: nobody is served by not knowing.
         let raised =
             changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));

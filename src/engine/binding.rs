@@ -62,7 +62,12 @@ pub fn binding(context: &Context, ledger: &Ledger, capability: &Capability) -> B
 
 /// What a decision on a candidate is made under now.
 #[must_use]
-pub fn made_under(context: &Context, ledger: &Ledger, capability: &Capability, evidence: Digest) -> MadeUnder {
+pub fn made_under(
+    context: &Context,
+    ledger: &Ledger,
+    capability: &Capability,
+    evidence: Digest,
+) -> MadeUnder {
     let binding = binding(context, ledger, capability);
     MadeUnder {
         candidate: binding.candidate,
@@ -81,9 +86,7 @@ fn authority_digest(ledger: &Ledger) -> Digest {
     let known = Identity::list(&folder).map_or_else(|_| Vec::new(), |people| people.known);
     let lines: Vec<String> = known
         .iter()
-        .map(|who| {
-            format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes()))
-        })
+        .map(|who| format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes())))
         .collect();
     let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
     Digest::of_parts("holdpoint.authority.v1", &parts)

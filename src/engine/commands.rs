@@ -3,12 +3,12 @@
 
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
+use crate::fault::Fault;
 use crate::ledger::Note;
+use crate::pipeline::{Pipeline, registered_event};
 use crate::stages::closing::rejected;
 use crate::stages::rollback;
 use crate::world::live::LiveFault;
-use crate::fault::Fault;
-use crate::pipeline::{Pipeline, registered_event};
 use crate::world::supervisor::Trip;
 use holdpoint_governance::alarms::AlarmEvent;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
@@ -173,7 +173,11 @@ impl Pipeline {
     fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, Fault> {
         let id = self.checked(operation)?;
         let (version, _, _) = self.record.ledger().version(&id)?;
-        self.record.transition(&id.family, Event::Reject { version }, operator_note(operation, "rejected"))?;
+        self.record.transition(
+            &id.family,
+            Event::Reject { version },
+            operator_note(operation, "rejected"),
+        )?;
         self.forget_work(&id);
         rejected(&self.context, &mut self.record, &id)?;
         accepted(&id, "rejected")
@@ -194,12 +198,15 @@ impl Pipeline {
             vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
         let trigger = rollback::trigger(&self.record, TriggerKind::Operator, trigger);
         // Where the arm was stopped for this in a task of the version, time counts from the tick of the stop.
-        let trip = self.world.stopped.as_ref().filter(|stopped| stopped.id.as_ref() == Some(&id)).map(|stopped| Trip {
-            event: None,
-            world_tick: stopped.world_tick,
-            tick: stopped.tick,
-            stopped: stopped.report,
-        });
+        let trip =
+            self.world.stopped.as_ref().filter(|stopped| stopped.id.as_ref() == Some(&id)).map(|stopped| {
+                Trip {
+                    event: None,
+                    world_tick: stopped.world_tick,
+                    tick: stopped.tick,
+                    stopped: stopped.report,
+                }
+            });
         self.world.stopped = None;
         self.live().take_off(&id, trigger, trip.as_ref(), leave)?;
         accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
@@ -247,7 +254,8 @@ impl Pipeline {
         self.world.cell.set_drift(drift)?;
         let body = serde_json::json!({ "kind": kind, "magnitude": magnitude }).to_string();
         self.record.note("drift", String::new(), body)?;
-        self.record.tell(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
+        self.record
+            .tell(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
         Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
     }
 

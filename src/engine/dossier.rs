@@ -7,8 +7,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::trial::measures::ModeMetrics;
 use crate::stages::confirmation::Confirmation;
+use crate::trial::measures::ModeMetrics;
 use holdpoint_governance::behavior::BehaviorAssessment;
 use holdpoint_governance::composition::{Condition, Kappas, composite};
 use holdpoint_governance::decision::{Dimension, Kappa, Reason};

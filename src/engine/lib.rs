@@ -36,12 +36,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::trial::cache::EpisodeCache;
-use crate::cell::Cell;
-use crate::ledger::{Ledger, LedgerError};
-use crate::fault::Fault;
 use crate::beside::Timing;
+use crate::cell::Cell;
+use crate::fault::Fault;
+use crate::ledger::{Ledger, LedgerError};
 use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};

@@ -17,7 +17,6 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::Terms;
 
-
 impl Pipeline {
     /// From now on a referee looks on; the live world goes on with this sequence number.
     pub fn begin_rehearsal(&mut self, sequence: u64) {

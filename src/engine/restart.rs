@@ -1,8 +1,8 @@
 //! The clean-up after an interrupted engine: what ran does not count, what was asked is asked anew, a rollback that was
 //! under way is finished. It says all of it.
 
-use crate::ledger::Note;
 use crate::fault::Fault;
+use crate::ledger::Note;
 use crate::monitors::Watched;
 use crate::people::approvals::void_requests;
 use crate::pipeline::Pipeline;
@@ -88,7 +88,9 @@ impl Pipeline {
         for (family, index) in open {
             let Ok(number) = u16::try_from(index) else { continue };
             let version = holdpoint_governance::lifecycle::VersionRef(number);
-            let Some(id) = self.record.ledger().family(&family)?.members.get(index).map(|m| m.capability.id()) else {
+            let Some(id) =
+                self.record.ledger().family(&family)?.members.get(index).map(|m| m.capability.id())
+            else {
                 continue;
             };
             let note = Note {

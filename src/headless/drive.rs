@@ -7,12 +7,12 @@ use holdpoint_sim::robot::RobotModel;
 
 use super::script::{DriftStep, Expect, Say, Script, Wait};
 use crate::error::{CliError, Exit};
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::listeners::Listeners;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::service;
+use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;

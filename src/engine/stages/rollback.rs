@@ -189,7 +189,8 @@ impl Live<'_> {
 
     /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
     fn policy_failure(&self) -> Option<RungFailure> {
-        let same = PolicyTable::builtin(&self.context.profile).is_ok_and(|table| table.digest == self.context.table.digest);
+        let same = PolicyTable::builtin(&self.context.profile)
+            .is_ok_and(|table| table.digest == self.context.table.digest);
         let Ok(context) = self.record.ledger().store().views().and_then(|views| views.context()) else {
             return Some(RungFailure::StoreFailed);
         };

@@ -163,8 +163,7 @@ impl Sandbox<'_> {
                     return Ok(over);
                 }
                 let ledger = self.record.ledger();
-                let party =
-                    |version| party(self.context, ledger, self.dossiers, self.monitors, version);
+                let party = |version| party(self.context, ledger, self.dossiers, self.monitors, version);
                 let (new, old) = (party(&candidate), party(&active));
                 let lab = self.trials.lab(&self.context.cell, ledger.store());
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;

@@ -174,10 +174,10 @@ fn decide(
         reasons: result.reasons.clone(),
         conditions: dossier.conditions.clone(),
     });
-    let reason = result.reasons.first().map_or_else(
-        || "shadow is passed".to_owned(),
-        |reason| format!("{}: {}", reason.code, reason.text),
-    );
+    let reason = result
+        .reasons
+        .first()
+        .map_or_else(|| "shadow is passed".to_owned(), |reason| format!("{}: {}", reason.code, reason.text));
     let mut note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
     let store = record.ledger().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;

@@ -13,8 +13,8 @@ use holdpoint_sim::rng::{Purpose as StreamOf, Stream};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::{Cell, Conditions};
 use super::episodes::Worker;
+use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};

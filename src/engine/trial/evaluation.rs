@@ -4,9 +4,9 @@
 //! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
+use crate::fault::Fault;
 use crate::trial::drills::DrillResult;
 use crate::trial::lab::{Lab, Party};
-use crate::fault::Fault;
 use crate::trial::seeds::{Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::composition::recovery_is_reviewable;
@@ -323,8 +323,8 @@ fn tally(tally: &mut DrillTally, results: &[DrillResult]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::cache::EpisodeCache;
     use crate::cell::Cell;
+    use crate::trial::cache::EpisodeCache;
     use crate::trial::seeds::CALIBRATION_FROM_RUN;
     use holdpoint_governance::ids::Digest;
     use holdpoint_governance::policy::PolicyTable;
@@ -363,9 +363,10 @@ mod tests {
         let table = Arc::new(PolicyTable::builtin(profile).unwrap());
         let terms = Terms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
         let party = |folder: &str| {
-            let path = Path::new("manifests").join(folder);
+            let manifests = Path::new(crate::MANIFESTS);
+            let path = manifests.join(folder);
             let version = Capability::load(folder, capability::read(&path).unwrap()).unwrap();
-            let park = Capability::load("park", capability::read(&Path::new(crate::MANIFESTS).join("park/1.0.0")).unwrap());
+            let park = Capability::load("park", capability::read(&manifests.join("park/1.0.0")).unwrap());
             Party { version, terms: terms.clone(), fallback: park.ok() }
         };
         let folder = tempfile::tempdir().unwrap();

@@ -9,11 +9,11 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_sim::pool::run_ordered;
 
 use super::cache::EpisodeCache;
-use crate::cell::{Cell, Conditions};
 use super::drills::{Cast, DrillResult, drill};
 use super::episodes::{Job, Worker, batch, cache_key};
-use crate::fault::Fault;
 use super::seeds::{Purpose, episode_seed};
+use crate::cell::{Cell, Conditions};
+use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{EpisodeKey, Store};

@@ -3,8 +3,8 @@
 //! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
 
 use super::evidence::{behavior, drills, modes};
-use crate::explain::{self, Explained, difference::differences};
 use crate::dossier::Dossier;
+use crate::explain::{self, Explained, difference::differences};
 use crate::fault::Fault;
 use crate::pipeline::Pipeline;
 use holdpoint_approvals::keyfile;

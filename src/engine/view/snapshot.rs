@@ -85,7 +85,8 @@ impl Pipeline {
 
     fn alarm_views(&self) -> Vec<AlarmView> {
         let now_ms = self.record.now_ms();
-        self.record.alarms
+        self.record
+            .alarms
             .open()
             .into_iter()
             .map(|alarm| AlarmView {

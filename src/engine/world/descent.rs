@@ -6,9 +6,9 @@
 use holdpoint_body::{Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_sim::SimError;
 
+use super::instrumented::InstrumentedWorld;
 use super::live::Rig;
 use super::supervisor::Trip;
-use super::instrumented::InstrumentedWorld;
 use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
@@ -148,7 +148,10 @@ fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecor
 }
 
 /// Raises the tool clear of everything, under the guard of the version that leaves.
-fn retract(handle: &mut ActuatorHandle<'_, InstrumentedWorld>, guard: &Guard) -> Result<RungRecord, SimError> {
+fn retract(
+    handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
+    guard: &Guard,
+) -> Result<RungRecord, SimError> {
     handle.interrupt(Interrupt::Release);
     let mut seen = handle.telemetry();
     let mut up = seen.tool;

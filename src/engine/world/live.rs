@@ -15,9 +15,9 @@ use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::Cell;
-use super::supervisor::Supervisor;
 use super::instrumented::InstrumentedWorld;
+use super::supervisor::Supervisor;
+use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use holdpoint_runtime::agent::{ActiveView, Agent, Goal};

@@ -11,8 +11,8 @@ use holdpoint_sim::world::World;
 
 use super::live::{Listener, LiveCell, Outing, SequenceReport};
 use super::portrait;
-use super::supervisor::{Questions, Supervisor};
 use super::shadow::ShadowTrace;
+use super::supervisor::{Questions, Supervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::picture::Envelope;
 use holdpoint_runtime::agent::ActiveView;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use holdpoint_body::TaskKind;
 
 use super::BenchError;
-use holdpoint_engine::embedded;
 use holdpoint_engine::cell::Cell;
+use holdpoint_engine::embedded;
 use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;

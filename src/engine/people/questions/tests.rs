@@ -1,9 +1,9 @@
 //! A question is answered and asked again; an alarm is closed once what it was raised for is over.
 
-use crate::world::live::LiveFault;
-use crate::pipeline::Pipeline;
 use crate::beside::Timing;
+use crate::pipeline::Pipeline;
 use crate::stages::rollback::tests::Bench;
+use crate::world::live::LiveFault;
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::MonitorAction;

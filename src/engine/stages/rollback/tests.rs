@@ -7,13 +7,13 @@ use holdpoint_sim::fault::Fault as SimFault;
 use tempfile::TempDir;
 
 use super::*;
-use crate::trial::cache::EpisodeCache;
 use crate::cell::Cell;
 use crate::ledger::Ledger;
 use crate::monitors::Watched;
-use crate::world::live::LiveFault;
 use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::world::live::LiveFault;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::lifecycle::Stage;
@@ -70,13 +70,18 @@ impl Bench {
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let version = pipeline.record.ledger().version(&id).unwrap().0;
         for stage in Stage::ALL {
-            pipeline.record.transition(&id.family, Event::Start { version, stage }, Note::because("test")).unwrap();
-            pipeline.record.transition(&id.family, Event::Pass { version, stage }, Note::because("test")).unwrap();
+            pipeline
+                .record
+                .transition(&id.family, Event::Start { version, stage }, Note::because("test"))
+                .unwrap();
+            pipeline
+                .record
+                .transition(&id.family, Event::Pass { version, stage }, Note::because("test"))
+                .unwrap();
         }
         pipeline.dossiers.edit(&id).twins = vec![GOOD; 40];
         let now_tick = pipeline.record.now_tick();
-        let watched =
-            Watched::new(&id, pipeline.dossiers.of(&id), &pipeline.context, now_tick).unwrap();
+        let watched = Watched::new(&id, pipeline.dossiers.of(&id), &pipeline.context, now_tick).unwrap();
         let digest = Digest::of_parts("test", &[b"gate"]);
         let gate = Change::PutEvidence {
             version: id.clone(),
