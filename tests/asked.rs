@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
-use holdpoint::engine::pipeline::cache::EpisodeCache;
-use holdpoint::engine::pipeline::cell::Cell;
-use holdpoint::engine::pipeline::stages::asking::SHOWN_BYTES_MAX;
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::people::approvals::SHOWN_BYTES_MAX;
+use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::approval::Answer;
 use holdpoint::governance::approval::Role;

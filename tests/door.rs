@@ -12,12 +12,12 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use holdpoint::engine::cell::Cell;
 use holdpoint::engine::door::{
     CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Signals, Told, socket_path,
 };
-use holdpoint::engine::pipeline::cache::EpisodeCache;
-use holdpoint::engine::pipeline::cell::Cell;
 use holdpoint::engine::service::{Served, serve};
+use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};

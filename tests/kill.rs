@@ -7,9 +7,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::pipeline::cache::EpisodeCache;
-use holdpoint::engine::pipeline::cell::Cell;
-use holdpoint::engine::pipeline::manager::Progress;
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::check_invariants;

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint::engine::pipeline::cell::{Cell, Conditions};
-use holdpoint::engine::pipeline::evaluate::{Job, batch};
+use holdpoint::engine::cell::{Cell, Conditions};
+use holdpoint::engine::trial::episodes::{Job, batch};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};

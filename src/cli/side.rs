@@ -5,9 +5,9 @@
 
 use super::{CliError, Context, Exit, Output, audit};
 use holdpoint_approvals::Nonce;
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
-use holdpoint_engine::pipeline::cache::EpisodeCache;
-use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine, StartError};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};

@@ -1,32 +1,48 @@
 //! The one door: commands in, events out, a snapshot for whoever looks.
 //!
 //! The engine numbers events, remembers answers so that a retried command is carried out once, and
-//! keeps nothing else: authority lies with the manager and the rules behind it. It is synchronous:
+//! keeps nothing else: authority lies with the pipeline and the rules behind it. It is synchronous:
 //! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
+mod alarms;
+mod beside;
+mod binding;
+pub mod cell;
+mod commands;
+pub mod context;
 pub mod door;
+pub mod dossier;
 pub mod embedded;
-mod evidence_view;
 pub mod explain;
+pub mod fault;
 pub mod host;
+pub mod ledger;
 pub mod listeners;
-mod lookup;
+pub mod monitors;
+pub mod people;
 pub mod pipeline;
+pub mod record;
 pub mod recordings;
+mod rehearsal;
+mod restart;
 pub mod service;
+pub mod stages;
+pub mod trial;
 mod view;
+pub mod world;
 
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::pipeline::cache::EpisodeCache;
-use crate::pipeline::cell::Cell;
-use crate::pipeline::ledger::{Ledger, LedgerError};
-use crate::pipeline::manager::{Fault, Progress, Settings, UpgradeManager};
-use crate::pipeline::paced::Timing;
-use crate::pipeline::pacer::Switch;
+use crate::beside::Timing;
+use crate::cell::Cell;
+use crate::fault::Fault;
+use crate::ledger::{Ledger, LedgerError};
+use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::trial::cache::EpisodeCache;
+use crate::world::pacing::Switch;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::Package;
@@ -103,7 +119,7 @@ pub struct Config<'a> {
 
 /// See the module's head.
 pub struct Engine {
-    manager: UpgradeManager,
+    pipeline: Pipeline,
     next_seq: u64,
     answers: VecDeque<(String, Reply)>,
     waiting: VecDeque<Request>,
@@ -157,8 +173,8 @@ impl Engine {
             cell: config.cell,
             cache: config.cache,
         };
-        let manager = UpgradeManager::new(settings, ledger, clock, baselines)?;
-        Ok(Self { manager, next_seq: 1, answers: VecDeque::new(), waiting: VecDeque::new(), ended: false })
+        let pipeline = Pipeline::new(settings, ledger, clock, baselines)?;
+        Ok(Self { pipeline, next_seq: 1, answers: VecDeque::new(), waiting: VecDeque::new(), ended: false })
     }
 
     /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
@@ -168,7 +184,7 @@ impl Engine {
         if let Some(reply) = self.offer(request) {
             return reply;
         }
-        self.manager.come_home(true);
+        self.pipeline.come_home(true);
         self.carry_out_waiting();
         self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
     }
@@ -185,10 +201,10 @@ impl Engine {
         if self.waiting.len() >= WAITING_MAX {
             return Some(refused("too many requests wait for the end of a sequence"));
         }
-        match self.manager.timing(&request.command) {
+        match self.pipeline.timing(&request.command) {
             Timing::Now => return Some(self.carry_out(request)),
             Timing::Between => {}
-            Timing::Stop => self.manager.stop_live(),
+            Timing::Stop => self.pipeline.world.stop(),
         }
         self.waiting.push_back(request);
         None
@@ -205,7 +221,7 @@ impl Engine {
         let reply = match request.command {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
-                self.manager.end();
+                self.pipeline.end();
                 self.ended = true;
                 Reply::Accepted {
                     text: "the engine ends; nothing was approved or activated by it".to_owned(),
@@ -213,7 +229,7 @@ impl Engine {
                 }
             }
             _ if self.ended => refused("the engine is ending"),
-            command => self.manager.command(command),
+            command => self.pipeline.command(command),
         };
         if remembered {
             self.answers.push_back((request.id, reply.clone()));
@@ -236,55 +252,55 @@ impl Engine {
             return Progress::Idle { next_ms: None };
         }
         if !self.waiting.is_empty() {
-            if self.manager.come_home(false) {
+            if self.pipeline.come_home(false) {
                 self.carry_out_waiting();
                 return Progress::Worked;
             }
-            if self.manager.is_stopping() {
+            if self.pipeline.world.is_stopping() {
                 // The arm comes to a stand; nothing is begun meanwhile.
                 return Progress::Idle { next_ms: Some(self.now_ms()) };
             }
         }
-        self.manager.advance()
+        self.pipeline.advance()
     }
 
     /// From now on pictures of the live world go to `pictures`, which must not wait. Nothing else changes by it.
     pub fn draw_live_world(&mut self, pictures: Pictures) {
-        self.manager.draw_live_world(pictures);
+        self.pipeline.draw_live_world(pictures);
     }
 
     /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
     /// fast as it computes). Pictures of it go to `pictures`, which must not wait.
     pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
-        self.manager.pace_live_world(times, pictures);
+        self.pipeline.pace_live_world(times, pictures);
     }
 
     /// Stops the arm where it works now, from any thread; absent where the live world works in step.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
-        self.manager.switch()
+        self.pipeline.switch()
     }
 
     /// The engine's thread failed: nothing is approved, activated or begun from now on.
     pub fn fail(&mut self, why: &str) {
-        self.manager.fail(why);
+        self.pipeline.hold(why);
     }
 
     /// A script's clock jumps to a deadline. Tells whether it moved.
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
-        self.manager.jump_to(at_ms)
+        self.pipeline.jump_to(at_ms)
     }
 
     /// Virtual time, ms.
     #[must_use]
     pub fn now_ms(&self) -> u64 {
-        self.manager.clock().now_ms()
+        self.pipeline.record().now_ms()
     }
 
     /// Events since the last call, numbered, in order.
     pub fn drain_events(&mut self) -> Vec<Event> {
         let at_ms = self.now_ms();
-        let kinds = self.manager.drain_events();
+        let kinds = self.pipeline.drain_events();
         kinds
             .into_iter()
             .map(|kind| {
@@ -298,7 +314,7 @@ impl Engine {
     /// How things stand.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
-        self.manager.snapshot()
+        self.pipeline.snapshot()
     }
 
     /// Whether the engine was asked to end.
@@ -310,22 +326,35 @@ impl Engine {
     /// Why the engine holds, where it does.
     #[must_use]
     pub fn holding(&self) -> Option<&str> {
-        self.manager.holding()
+        self.pipeline.record().holding()
     }
 
     /// Set to interrupt running evaluations between episodes.
     #[must_use]
     pub fn cancel(&self) -> Arc<AtomicBool> {
-        self.manager.cancel()
+        self.pipeline.cancel()
     }
 
     /// Where the store keeps what.
     #[must_use]
     pub fn layout(&self) -> &holdpoint_registry::Layout {
-        self.manager.ledger().store().layout()
+        self.pipeline.record().ledger().store().layout()
     }
 }
 
 fn refused(text: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint: None }
 }
+
+/// The name that a member of a closed set serialises as.
+#[must_use]
+pub fn word<T: serde::Serialize>(value: &T) -> String {
+    serde_json::to_value(value)
+        .ok()
+        .and_then(|value| value.as_str().map(ToOwned::to_owned))
+        .unwrap_or_else(|| "unknown".to_owned())
+}
+
+/// Where the versions lie that tests read: their working folder is the crate's.
+#[cfg(test)]
+const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");

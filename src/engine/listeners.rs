@@ -33,7 +33,7 @@ impl Listeners {
             let made = setup(engine).and_then(make);
             match made {
                 Ok(sink) => sinks.push(sink),
-                Err(text) => engine.manager.tell_scene(text, true),
+                Err(text) => engine.pipeline.tell_scene(text, true),
             }
         }
         Self { sinks }
@@ -71,7 +71,7 @@ impl Listeners {
 
     /// Ends them: closes what is to be closed, and puts it on record.
     pub fn finish(&mut self, engine: &mut Engine) {
-        let scripted = engine.manager.clock().is_scripted();
+        let scripted = engine.pipeline.record().clock().is_scripted();
         let patience = if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE };
         for sink in self.sinks.drain(..) {
             take_in(engine, sink.finish(patience));
@@ -80,12 +80,12 @@ impl Listeners {
 }
 
 fn setup(engine: &Engine) -> Result<Setup, String> {
-    let views = engine.manager.ledger().store().views().map_err(|error| error.to_string())?;
+    let views = engine.pipeline.record().ledger().store().views().map_err(|error| error.to_string())?;
     let on_record = recordings::on_record(&views).map_err(|error| error.to_string())?;
     Ok(Setup {
         recordings: engine.layout().recordings(),
         closed: on_record.0.into_keys().collect(),
-        scripted: engine.manager.clock().is_scripted(),
+        scripted: engine.pipeline.record().clock().is_scripted(),
     })
 }
 
@@ -99,12 +99,12 @@ fn take_in(engine: &mut Engine, reports: Vec<Report>) {
             }
             Report::Failed { version, text } => {
                 let of = version.map_or_else(String::new, |version| format!("{version}: "));
-                engine.manager.tell_scene(format!("{of}{text}"), true);
+                engine.pipeline.tell_scene(format!("{of}{text}"), true);
             }
             Report::Serving { url } => {
-                engine.manager.tell_scene(format!("a viewer may connect to {url}"), false);
+                engine.pipeline.tell_scene(format!("a viewer may connect to {url}"), false);
             }
-            Report::NotServing { text } => engine.manager.tell_scene(text, true),
+            Report::NotServing { text } => engine.pipeline.tell_scene(text, true),
         }
     }
 }
@@ -123,5 +123,5 @@ fn put_on_record(engine: &mut Engine, closed: Closed) -> Result<(), String> {
     let body = serde_json::to_string(&recorded).map_err(|error| error.to_string())?;
     let dropped = [dropped.0, dropped.1];
     let told = EventKind::RecordingKept { version: version.clone(), file, digest, bytes, pictures, dropped };
-    engine.manager.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.to_string())
+    engine.pipeline.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.to_string())
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use super::Engine;
 use super::door::{Door, DoorError, Signals};
-use crate::pipeline::manager::Progress;
+use crate::pipeline::Progress;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::event::Event;
 

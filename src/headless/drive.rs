@@ -7,12 +7,12 @@ use holdpoint_sim::robot::RobotModel;
 
 use super::script::{DriftStep, Expect, Say, Script, Wait};
 use crate::error::{CliError, Exit};
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::listeners::Listeners;
-use holdpoint_engine::pipeline::cache::EpisodeCache;
-use holdpoint_engine::pipeline::cell::Cell;
-use holdpoint_engine::pipeline::manager::Progress;
+use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::service;
+use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
@@ -326,7 +326,7 @@ impl<'a> Driver<'a> {
         };
         let given = reasons.iter().map(|reason| Given {
             stage: stage.to_owned(),
-            dimension: holdpoint_engine::pipeline::manager::word(&reason.dimension),
+            dimension: holdpoint_engine::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         self.given.extend(given);
@@ -455,7 +455,7 @@ impl<'a> Driver<'a> {
         };
         let standing = view.reasons.iter().map(|reason| Given {
             stage: expect.stage.clone().unwrap_or_default(),
-            dimension: holdpoint_engine::pipeline::manager::word(&reason.dimension),
+            dimension: holdpoint_engine::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         // What people said is no stage's decision; it stands with the candidate.

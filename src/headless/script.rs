@@ -17,7 +17,7 @@
 use holdpoint_sim::distribution::{DriftKind, Magnitude};
 use serde::Deserialize;
 
-use holdpoint_engine::pipeline::live::LiveFault;
+use holdpoint_engine::world::live::LiveFault;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};

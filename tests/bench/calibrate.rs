@@ -16,9 +16,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
-use holdpoint::engine::pipeline::cell::{Cell, Conditions};
-use holdpoint::engine::pipeline::drills::{Cast, DrillResult, drill};
-use holdpoint::engine::pipeline::evaluate::{Job, Worker, batch};
+use holdpoint::engine::cell::{Cell, Conditions};
+use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
+use holdpoint::engine::trial::episodes::{Job, Worker, batch};
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};

@@ -17,8 +17,8 @@ use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::pipeline::cache::EpisodeCache;
-use holdpoint::engine::pipeline::cell::Cell;
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::{CapabilityId, Digest};
 use holdpoint::governance::lifecycle::Stage;

@@ -10,7 +10,7 @@ use super::OUTSTANDING_MAX;
 use super::outlet::Outlet;
 use crate::door::Door;
 use crate::listeners::Listeners;
-use crate::pipeline::manager::Progress;
+use crate::pipeline::Progress;
 use crate::{Engine, service};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};

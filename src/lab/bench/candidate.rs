@@ -6,9 +6,9 @@
 use super::BenchError;
 use super::measure::{Clock, Entry, Figure, Unit};
 use super::subjects::{CANDIDATE, Subjects};
-use holdpoint_engine::pipeline::cache::EpisodeCache;
-use holdpoint_engine::pipeline::manager::Progress;
-use holdpoint_engine::pipeline::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;

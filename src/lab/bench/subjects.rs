@@ -6,9 +6,9 @@ use std::sync::Arc;
 use holdpoint_body::TaskKind;
 
 use super::BenchError;
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
-use holdpoint_engine::pipeline::cell::Cell;
-use holdpoint_engine::pipeline::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::{Digest, Family};

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use crate::approver;
-use holdpoint_engine::pipeline::cache::EpisodeCache;
-use holdpoint_engine::pipeline::cell::Cell;
-use holdpoint_engine::pipeline::manager::Progress;
+use holdpoint_engine::cell::Cell;
+use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::Reason;

@@ -11,11 +11,13 @@ use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
-use holdpoint_engine::pipeline::cache::EpisodeCache;
-use holdpoint_engine::pipeline::cell::Cell;
-use holdpoint_engine::pipeline::ledger::Ledger;
-use holdpoint_engine::pipeline::manager::{Progress, Settings, UpgradeManager};
+use holdpoint_engine::ledger::Ledger;
+use holdpoint_engine::pipeline::Pipeline;
+use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pipeline::Settings;
+use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{StartError, baselines};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
@@ -72,7 +74,7 @@ impl Setting {
         Ok(Digest::of_parts("holdpoint.experiment.drift.v1", &parts))
     }
 
-    fn manager(&self, seed: u64, folder: &Path) -> Result<UpgradeManager, ExperimentError> {
+    fn pipeline(&self, seed: u64, folder: &Path) -> Result<Pipeline, ExperimentError> {
         let store = Store::open(folder).map_err(StartError::from)?;
         let clock = Clock::scripted(store.opening().head.at_ms);
         let ledger = Ledger::open(store, false).map_err(StartError::from)?;
@@ -86,7 +88,7 @@ impl Setting {
             cache: EpisodeCache::InStore,
         };
         let baselines = baselines().map_err(StartError::from)?;
-        Ok(UpgradeManager::new(settings, ledger, clock, baselines)?)
+        Ok(Pipeline::new(settings, ledger, clock, baselines)?)
     }
 }
 
@@ -116,17 +118,17 @@ pub(super) fn activate(setting: &Setting, seed: u64) -> Result<Option<Activated>
     let folder = super::scratch()?;
     let name = candidate_of(seed);
     let id = candidate(name)?.id();
-    let mut manager = setting.manager(seed, folder.path())?;
+    let mut pipeline = setting.pipeline(seed, folder.path())?;
     let package = embedded::package(name)
         .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
-    let reply = manager.command(Command::Register { package, name: name.to_owned() });
+    let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(ExperimentError::Unexpected(format!("{name} was not taken in: {reply:?}")));
     }
     let mut state = State::Registered;
     for _ in 0..SLICES_MAX {
-        let progress = manager.advance();
-        for event in manager.drain_events() {
+        let progress = pipeline.advance();
+        for event in pipeline.drain_events() {
             match event {
                 EventKind::StateChanged { version, to, .. } if version == id => state = to,
                 EventKind::Fault { text } => return Err(ExperimentError::Unexpected(text)),
@@ -143,8 +145,8 @@ pub(super) fn activate(setting: &Setting, seed: u64) -> Result<Option<Activated>
     if state != State::Active {
         return Ok(None);
     }
-    let next_sequence = manager.sequences();
-    drop(manager);
+    let next_sequence = pipeline.sequences();
+    drop(pipeline);
     let mut run = Activated { seed, folder, id, next_sequence, calm: Vec::new() };
     run.calm = run.twins(setting, None)?;
     Ok(Some(run))
@@ -245,10 +247,10 @@ impl Activated {
     pub(super) fn cell(&self, setting: &Setting, drift: Drift) -> Result<CellResult, ExperimentError> {
         let need = self.need(setting, drift)?;
         let copy = self.copy()?;
-        let mut manager = setting.manager(self.seed, copy.path())?;
-        manager.drain_events();
-        manager.begin_rehearsal(self.next_sequence);
-        manager.set_drift(Some(drift)).map_err(StartError::from)?;
+        let mut pipeline = setting.pipeline(self.seed, copy.path())?;
+        pipeline.drain_events();
+        pipeline.begin_rehearsal(self.next_sequence);
+        pipeline.set_drift(Some(drift)).map_err(StartError::from)?;
         let mut watched = Watched { id: Some(self.id.clone()), ..Watched::default() };
         for _ in 0..setting.horizon + AFTER_SEQUENCES {
             let over = if watched.record.is_some() {
@@ -259,8 +261,8 @@ impl Activated {
             if over {
                 break;
             }
-            manager.work_watched()?;
-            watched.take(&mut manager)?;
+            pipeline.work_watched()?;
+            watched.take(&mut pipeline)?;
         }
         let Watched { first, under, after, record, .. } = watched;
         let mut result = CellResult { need, first, under, rollback: record, after, recovered: false };
@@ -287,13 +289,13 @@ impl Activated {
     /// The version unwatched: for each sequence whether its task went badly; `None` where it was not reached.
     fn twins(&self, setting: &Setting, drift: Option<Drift>) -> Result<Vec<Option<bool>>, ExperimentError> {
         let copy = self.copy()?;
-        let mut manager = setting.manager(self.seed, copy.path())?;
-        manager.begin_rehearsal(self.next_sequence);
-        manager.set_drift(drift).map_err(StartError::from)?;
+        let mut pipeline = setting.pipeline(self.seed, copy.path())?;
+        pipeline.begin_rehearsal(self.next_sequence);
+        pipeline.set_drift(drift).map_err(StartError::from)?;
         let mut bad = Vec::new();
         for _ in 0..setting.pairs {
-            let report = manager.work_unwatched();
-            let verdicts = manager.take_verdicts();
+            let report = pipeline.work_unwatched();
+            let verdicts = pipeline.take_verdicts();
             bad.push(report.tasks.iter().find(|done| done.id == self.id).map(|done| {
                 let seen = verdicts.iter().any(|(_, id, verdict)| *id == self.id && verdict.is_unsafe());
                 seen || !done.record.success
@@ -338,10 +340,10 @@ struct Watched {
 
 impl Watched {
     /// Takes the events and the ground truth of what was worked.
-    fn take(&mut self, manager: &mut UpgradeManager) -> Result<(), ExperimentError> {
-        let verdicts = manager.take_verdicts();
+    fn take(&mut self, pipeline: &mut Pipeline) -> Result<(), ExperimentError> {
+        let verdicts = pipeline.take_verdicts();
         let Some(ours) = self.id.clone() else { return Ok(()) };
-        for event in manager.drain_events() {
+        for event in pipeline.drain_events() {
             match event {
                 EventKind::Sequence { index, tasks, .. } => {
                     let is_unsafe = |task: &TaskSummary| {

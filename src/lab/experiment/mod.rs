@@ -54,7 +54,7 @@ pub enum ExperimentError {
     Start(#[from] holdpoint_engine::StartError),
     /// The pipeline failed.
     #[error(transparent)]
-    Fault(#[from] holdpoint_engine::pipeline::manager::Fault),
+    Fault(#[from] holdpoint_engine::fault::Fault),
     /// A statistic could not be computed.
     #[error(transparent)]
     Stats(#[from] holdpoint_governance::stats::StatsError),

@@ -15,7 +15,7 @@ use super::candidate::{CandidateEnd, Setting, take};
 use super::verdict::{Claim, Judged, Summary};
 use super::{ExperimentError, Tell, scratch};
 use crate::pool::{Pool, PoolCandidate, Truth};
-use holdpoint_engine::pipeline::cell::Cell;
+use holdpoint_engine::cell::Cell;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;

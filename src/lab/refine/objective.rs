@@ -21,9 +21,9 @@ use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 use super::RefineError;
-use holdpoint_engine::pipeline::cell::{Cell, Conditions};
-use holdpoint_engine::pipeline::evaluate::{Job, batch, cache_key};
-use holdpoint_engine::pipeline::seeds::practice_seed;
+use holdpoint_engine::cell::{Cell, Conditions};
+use holdpoint_engine::trial::episodes::{Job, batch, cache_key};
+use holdpoint_engine::trial::seeds::practice_seed;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::refine::EPISODES_MAX;
     use crate::refine::search::FRESH_FACTOR;
-    use holdpoint_engine::pipeline::seeds::PRACTICE_FROM;
+    use holdpoint_engine::trial::seeds::PRACTICE_FROM;
 
     /// (better, worse): episodes, successes, ticks.
     #[test]
@@ -180,6 +180,6 @@ mod tests {
         assert!(practice_seed(0, 0) >= PRACTICE_FROM.max(1_000_000));
         assert!(u64::from(EPISODES_MAX) <= FRESH_FROM);
         let fresh = FRESH_FROM + u64::from(EPISODES_MAX * FRESH_FACTOR);
-        assert!(fresh <= holdpoint_engine::pipeline::seeds::BLOCK);
+        assert!(fresh <= holdpoint_engine::trial::seeds::BLOCK);
     }
 }

@@ -1,0 +1,188 @@
+//! Alarms as the engine raises them: into the book, into the store, told as events.
+
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::word;
+use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, Priority};
+use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{AuditBody, Change, StoreError};
+
+impl Record {
+    /// Raises an alarm and says so.
+    pub(crate) fn raise(
+        &mut self,
+        key: &str,
+        group: &str,
+        priority: AlarmPriority,
+        latching: bool,
+        text: &str,
+    ) {
+        let priority = match priority {
+            AlarmPriority::Low => Priority::Low,
+            AlarmPriority::Medium => Priority::High,
+            AlarmPriority::High => Priority::Critical,
+        };
+        let event = AlarmEvent::Raise {
+            key: key.to_owned(),
+            group: group.to_owned(),
+            priority,
+            latching,
+            text: holdpoint_text::Untrusted::new(text),
+        };
+        self.alarm_event(&event);
+    }
+
+    /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
+    /// store that refuses makes the engine hold, without a further alarm.
+    pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
+        let now_ms = self.now_ms();
+        match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
+            Ok(changes) => {
+                if let Err(error) = self.take_in(&changes, Vec::new()) {
+                    self.hold_silently(&error.to_string());
+                }
+            }
+            Err(error) => {
+                self.hold_silently(&error.to_string());
+            }
+        }
+    }
+
+    /// Time went on: shelves and floods end, and conditions that are over are seen to be over. A script's clock
+    /// jumps, so there nothing is done by itself.
+    pub(crate) fn look_at_alarms(&mut self, monitors: &Monitors, works: bool) {
+        let now_ms = self.now_ms();
+        if self.clock().is_scripted() || now_ms < self.alarms_due_ms {
+            return;
+        }
+        self.alarms_due_ms = now_ms.saturating_add(ALARMS_EVERY_MS);
+        let over: Vec<String> = self
+            .alarms
+            .iter()
+            .filter(|alarm| alarm.condition && self.is_over(&alarm.key, monitors, works))
+            .map(|alarm| alarm.key.clone())
+            .collect();
+        for key in over {
+            self.alarm_event(&AlarmEvent::Clear { key });
+        }
+        self.alarm_event(&AlarmEvent::Tick);
+    }
+
+    /// A person's event. What is not allowed is refused and changes nothing.
+    pub(crate) fn alarm_command(
+        &mut self,
+        event: &AlarmEvent,
+        done: &str,
+        monitors: &Monitors,
+        works: bool,
+    ) -> Reply {
+        let now_ms = self.now_ms();
+        if let AlarmEvent::Reset { key, .. } = event
+            && self.alarms.get(key).is_some_and(|alarm| alarm.condition)
+            && self.is_over(key, monitors, works)
+        {
+            self.alarm_event(&AlarmEvent::Clear { key: key.clone() });
+        }
+        let changes = match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
+            Ok(changes) => changes,
+            Err(error) => return refused(&error),
+        };
+        match self.take_in(&changes, reason_of(event)) {
+            Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
+            Err(error) => Reply::Refused { code: Refusal::Store, text: error.to_string(), hint: None },
+        }
+    }
+
+    /// Whether what an alarm was raised for is over; `works`: the last live sequence was done. What took place and is done with is over at once; it stays
+    /// until somebody resets it.
+    fn is_over(&self, key: &str, monitors: &Monitors, works: bool) -> bool {
+        let Some((kind, about)) = key.split_once(':') else { return false };
+        let version = || about.parse::<holdpoint_governance::ids::CapabilityId>().ok();
+        let family = || holdpoint_governance::ids::Family::new(about.to_owned()).ok();
+        match kind {
+            "rolled-back" => true,
+            "escalated" => version().is_some_and(|id| {
+                monitors.of(&id).is_none_or(|watched| watched.monitor.escalation().is_none())
+            }),
+            "restricted" => version().is_some_and(|id| {
+                let standing =
+                    self.ledger().version(&id).ok().map(|(_, standing, _)| standing.flags.restricted);
+                standing != Some(true)
+            }),
+            "safe-stopped" | "not-recovered" => family().is_some_and(|family| {
+                let entry = self.ledger().family(&family).ok();
+                entry.is_some_and(|entry| {
+                    !entry.state.safe_stopped && entry.active().is_some() && (kind == "safe-stopped" || works)
+                })
+            }),
+            _ => false,
+        }
+    }
+
+    /// Into the book and the store, and told. The store comes first: what it did not take did not happen.
+    fn take_in(&mut self, changes: &[AlarmChange], records: Vec<AuditBody>) -> Result<(), StoreError> {
+        let mut stored = Vec::new();
+        let mut told = Vec::new();
+        for change in changes {
+            if let AlarmChange::Set { alarm, .. } = change {
+                let state = word(&alarm.state());
+                let priority = word(&alarm.priority);
+                told.push(EventKind::Alarm {
+                    alarm: alarm.key.clone(),
+                    subject: alarm.group.clone(),
+                    state: state.clone(),
+                    priority: priority.clone(),
+                    text: alarm.text.line().into_string(),
+                });
+                stored.push(Change::AlarmChange {
+                    alarm: alarm.key.clone(),
+                    subject: alarm.group.clone(),
+                    state,
+                    priority,
+                    json: serde_json::to_string(alarm).unwrap_or_else(|_| "{}".to_owned()),
+                });
+            }
+        }
+        let written = if stored.is_empty() { Ok(()) } else { self.write(stored, records) };
+        // An alarm that cannot be written is shown all the same: nobody is served by not knowing.
+        let raised =
+            changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));
+        if written.is_ok() || raised {
+            self.alarms.absorb(changes);
+            told.into_iter().for_each(|event| self.tell(event));
+        }
+        written
+    }
+}
+
+/// How often alarms are looked at, ms.
+const ALARMS_EVERY_MS: u64 = 1_000;
+
+/// Why somebody holds an alarm to be over; the alarm itself does not keep it.
+fn reason_of(event: &AlarmEvent) -> Vec<AuditBody> {
+    let AlarmEvent::Reset { key, by, reason } = event else { return Vec::new() };
+    let body = serde_json::json!({ "alarm": key, "by": by, "reason": reason.raw() }).to_string();
+    vec![AuditBody { kind: "alarm-reset".to_owned(), subject: key.clone(), body }]
+}
+
+fn refused(error: &AlarmError) -> Reply {
+    let code = match error {
+        AlarmError::Unknown(_) => Refusal::NotFound,
+        AlarmError::Key(_)
+        | AlarmError::Identity(_)
+        | AlarmError::NoReason(_)
+        | AlarmError::ShelfTime { .. } => Refusal::BadInput,
+        AlarmError::StillPresent(_) | AlarmError::NotLatched(_) | AlarmError::NotShelved(_) => {
+            Refusal::NotNow
+        }
+        AlarmError::ShelveCritical(_) => Refusal::NotAllowed,
+        AlarmError::Full(_) => Refusal::Holding,
+    };
+    let text = error.to_string();
+    match text.split_once("\nHint: ") {
+        Some((text, hint)) => Reply::Refused { code, text: text.to_owned(), hint: Some(hint.to_owned()) },
+        None => Reply::Refused { code, text, hint: None },
+    }
+}

@@ -1,0 +1,189 @@
+//! The pipeline beside a live world that has a thread of its own: who does what when.
+//!
+//! What has to happen between two sequences waits for the end of the one that runs, what takes authority away stops
+//! the arm first. Decides nothing about versions.
+
+use std::sync::Arc;
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_protocol::command::Command;
+
+use crate::fault::Fault;
+use crate::pipeline::{Pipeline, Progress, Work};
+use crate::stages::confirmation;
+use crate::world::sequence::{Shadowed, Worked};
+
+/// When a command may be carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Timing {
+    /// At once.
+    Now,
+    /// Between two sequences.
+    Between,
+    /// Between two sequences, and the arm is stopped for it.
+    Stop,
+}
+
+impl Pipeline {
+    /// When a command may be carried out.
+    pub(crate) fn timing(&self, command: &Command) -> Timing {
+        if !self.world.is_out() {
+            return Timing::Now;
+        }
+        let is_active = |id: &CapabilityId| {
+            self.record.ledger().version(id).is_ok_and(|(_, standing, _)| standing.state == State::Active)
+        };
+        match command {
+            command if command.stops_the_arm() => Timing::Stop,
+            Command::Demote { operation, .. } | Command::Reject(operation)
+                if is_active(&operation.version) =>
+            {
+                Timing::Stop
+            }
+            // The deadline of a question does not wait for the end of a sequence, so the answer does not either.
+            Command::Continue(operation) if self.monitors.has_question(&operation.version) => Timing::Stop,
+            Command::Drift { .. } | Command::LiveFault { .. } => Timing::Between,
+            Command::Rollback(_)
+            | Command::Restrict(_)
+            | Command::Rearm(_)
+            | Command::Shutdown
+            | Command::Continue(_)
+            | Command::Register { .. }
+            | Command::Decide { .. }
+            | Command::Demote { .. }
+            | Command::Reject(_)
+            | Command::Pause(_)
+            | Command::Resume(_)
+            | Command::Repeat { .. }
+            | Command::AcknowledgeAlarm { .. }
+            | Command::ResetAlarm { .. }
+            | Command::ShelveAlarm { .. }
+            | Command::UnshelveAlarm { .. }
+            | Command::Pace { .. }
+            | Command::Detail { .. }
+            | Command::Registry { .. }
+            | Command::Audit { .. }
+            | Command::VerifyAudit
+            | Command::Snapshot => Timing::Now,
+        }
+    }
+
+    /// Ends the sequence that is over. Tells whether arm and agent are at home then; `wait` waits for them. A fault
+    /// on the way makes the engine hold.
+    pub(crate) fn come_home(&mut self, wait: bool) -> bool {
+        let landed = self.world.thread.as_mut().and_then(|thread| thread.landed(wait));
+        if let Some(landed) = landed
+            && let Err(fault) = landed.and_then(|worked| self.land(worked))
+        {
+            self.hold(&fault.to_string());
+        }
+        !self.world.is_out()
+    }
+
+    /// One slice of a paced engine.
+    pub(crate) fn paced_slice(&mut self) -> Result<Progress, Fault> {
+        if self.world.is_out() {
+            let landed = self.world.thread.as_mut().and_then(|thread| thread.landed(false));
+            if let Some(landed) = landed {
+                self.land(landed?)?;
+                return Ok(Progress::Worked);
+            }
+            if self.live().look_at_questions()? || self.activation().look_at_deadlines()? {
+                return Ok(Progress::Worked);
+            }
+        } else {
+            if self.between_sequences()? {
+                return Ok(Progress::Worked);
+            }
+            self.set_off()?;
+        }
+        self.evaluate_beside()
+    }
+
+    /// What may only be done while nothing is out. One thing at a time; tells whether there was one.
+    fn between_sequences(&mut self) -> Result<bool, Fault> {
+        if self.look_at_deadlines()? || self.activation().take_granted()? {
+            return Ok(true);
+        }
+        match self.work.take() {
+            Some(Work::Confirmation(run)) if run.is_over() => {
+                self.confirmation_slice(run)?;
+                return Ok(true);
+            }
+            other => self.work = other,
+        }
+        if self.work.is_some() {
+            return Ok(false);
+        }
+        if let Some(id) = confirmation::next(&self.monitors, &self.dossiers) {
+            self.begin_confirmation(&id)?;
+            return Ok(true);
+        }
+        if let Some((id, Stage::Activation)) = self.next_stage() {
+            self.begin(&id, Stage::Activation)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Work that the live world does not wait for.
+    fn evaluate_beside(&mut self) -> Result<Progress, Fault> {
+        match self.work.take() {
+            Some(Work::Sandbox(run)) => {
+                self.sandbox_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            Some(Work::Confirmation(run)) if !run.is_over() => {
+                self.confirmation_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            other => self.work = other,
+        }
+        if self.work.is_none()
+            && let Some((id, stage)) = self.next_stage()
+            && stage != Stage::Activation
+        {
+            self.begin(&id, stage)?;
+            return Ok(Progress::Worked);
+        }
+        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+    }
+
+    /// Lets the live world work the next sequence, with the candidate in shadow where there is one.
+    fn set_off(&mut self) -> Result<(), Fault> {
+        if self.world.thread.as_ref().is_none_or(crate::world::thread::LiveThread::rests) {
+            return Ok(());
+        }
+        let along = self.shadow_to_take()?;
+        let begun = self.live().begin_sequence()?;
+        self.world.stopped = None;
+        let clock = self.record.clock().clone();
+        let pictures = self.world.pictures.clone().unwrap_or_else(|| Arc::new(|_| ()));
+        let Some(thread) = &mut self.world.thread else { return Ok(()) };
+        thread.set_off(begun, along, pictures, clock)
+    }
+
+    /// The sequence is over: what it was for happens now.
+    fn land(&mut self, mut worked: Worked) -> Result<(), Fault> {
+        let shadowed = worked.shadow.take();
+        self.world.stopped.clone_from(&worked.stopped);
+        if self.record.holding().is_some() {
+            // Arm and agent come home; nothing is concluded from what they did.
+            self.world.cell.take_back(worked.outing);
+            return Ok(());
+        }
+        let nothing = worked.report.tasks.is_empty();
+        if let Some(thread) = &mut self.world.thread {
+            thread.rest_if(nothing);
+        }
+        let mut live = self.live();
+        live.look_at_questions()?;
+        let report = live.end_sequence(worked)?;
+        live.look_at_resumptions(&report)?;
+        match shadowed {
+            Some(Shadowed { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! What a version runs under, and what evidence and decisions about it are bound to.
+//!
+//! Derives from profile, conditions and identities; decides nothing.
+
+use holdpoint_approvals::{Identity, keyfile};
+use holdpoint_governance::composition;
+use holdpoint_governance::decision::MadeUnder;
+use holdpoint_governance::evidence::Binding;
+use holdpoint_governance::ids::Digest;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::Terms;
+
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::ledger::Ledger;
+use crate::monitors::Monitors;
+use crate::trial::lab::Party;
+
+/// What a version runs under: the profile, capped by its own declaration and its conditions, tighter where its
+/// monitor asked for that.
+#[must_use]
+pub fn terms_of(
+    context: &Context,
+    dossiers: &Dossiers,
+    monitors: &Monitors,
+    capability: &Capability,
+) -> Terms {
+    let id = capability.id();
+    let conditions = dossiers.of(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+    let (speed, force) = composition::envelope(&capability.manifest, conditions);
+    let restricted = monitors.of(&id).is_some_and(|watched| watched.restricted);
+    let terms = context.terms().capped(speed, force);
+    if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+}
+
+/// A version with the terms and the fallback it has now.
+#[must_use]
+pub fn party(
+    context: &Context,
+    ledger: &Ledger,
+    dossiers: &Dossiers,
+    monitors: &Monitors,
+    version: &Capability,
+) -> Party {
+    let fallback = version.manifest.recovery.fallback.as_ref();
+    let fallback = fallback.and_then(|binding| ledger.resolve(&binding.family, &binding.version).cloned());
+    Party { version: version.clone(), terms: terms_of(context, dossiers, monitors, version), fallback }
+}
+
+/// What evidence on a candidate has to be bound to now.
+#[must_use]
+pub fn binding(context: &Context, ledger: &Ledger, capability: &Capability) -> Binding {
+    let active = ledger.family(&capability.id().family).ok().and_then(|entry| entry.active());
+    Binding {
+        candidate: capability.digest(),
+        active: active.map(|member| member.capability.digest()),
+        profile: context.profile_digest,
+        policy: context.table.digest,
+        environment: context.cell.digest(),
+    }
+}
+
+/// What a decision on a candidate is made under now.
+#[must_use]
+pub fn made_under(
+    context: &Context,
+    ledger: &Ledger,
+    capability: &Capability,
+    evidence: Digest,
+) -> MadeUnder {
+    let binding = binding(context, ledger, capability);
+    MadeUnder {
+        candidate: binding.candidate,
+        active: binding.active,
+        policy: binding.policy,
+        profile: binding.profile,
+        authority: authority_digest(ledger),
+        environment: binding.environment,
+        evidence,
+    }
+}
+
+/// Digest of the identities that may decide.
+fn authority_digest(ledger: &Ledger) -> Digest {
+    let folder = ledger.store().layout().identities();
+    let known = Identity::list(&folder).map_or_else(|_| Vec::new(), |people| people.known);
+    let lines: Vec<String> = known
+        .iter()
+        .map(|who| format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes())))
+        .collect();
+    let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
+    Digest::of_parts("holdpoint.authority.v1", &parts)
+}

@@ -1,0 +1,61 @@
+//! What everything is judged under in one engine's life: profile, compiled policies, and the cell.
+
+use std::sync::Arc;
+
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::Profile;
+use holdpoint_runtime::terms::Terms;
+
+use crate::cell::Cell;
+
+/// The fixed frame of an engine's life. Nothing in it changes after the start.
+pub struct Context {
+    /// The profile.
+    pub profile: Arc<Profile>,
+    /// Its digest.
+    pub profile_digest: Digest,
+    /// Its compiled policies.
+    pub table: Arc<PolicyTable>,
+    /// Digest of profile and policies: what prompts and approvals are bound to.
+    pub digest: Digest,
+    /// Robot, scene and distributions.
+    pub cell: Cell,
+}
+
+impl Context {
+    /// A context of a profile with its compiled policies and a cell.
+    ///
+    /// # Errors
+    /// Where the profile has no canonical form.
+    pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
+        let profile_digest = profile.digest()?;
+        let digest =
+            Digest::of_parts("holdpoint.context.v1", &[profile_digest.bytes(), table.digest.bytes()]);
+        Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), digest, cell })
+    }
+
+    /// The profile's terms, before anything of a version caps them.
+    #[must_use]
+    pub fn terms(&self) -> Terms {
+        Terms::new(
+            &self.profile,
+            Arc::clone(&self.table),
+            Arc::clone(&self.cell.geometry),
+            Arc::clone(&self.cell.zones),
+        )
+    }
+
+    /// Whether people have to approve an activation, whatever it is.
+    #[must_use]
+    pub fn needs_approval(&self) -> bool {
+        self.profile.activation.approval_bound
+    }
+
+    /// The limits of kappa I, P, B, R.
+    #[must_use]
+    pub fn thresholds(&self) -> [f64; 4] {
+        let limits = &self.profile.thresholds;
+        [limits.interface(), limits.policy(), limits.behavior(), limits.recovery()]
+    }
+}

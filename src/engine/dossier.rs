@@ -1,0 +1,154 @@
+//! Everything known about a candidate, stage by stage: what the rules read and the record keeps.
+//!
+//! A dossier is stored as evidence at the end of each stage, so that an engine that comes up again
+//! goes on from what was measured. It holds values, never conclusions that could not be recomputed.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use crate::stages::confirmation::Confirmation;
+use crate::trial::measures::ModeMetrics;
+use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::composition::{Condition, Kappas, composite};
+use holdpoint_governance::decision::{Dimension, Kappa, Reason};
+use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
+use holdpoint_governance::gate::ShadowAssessment;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::snapshot::ProgressView;
+
+/// A candidate's evidence.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Dossier {
+    /// The four assessments as they stand.
+    pub kappas: Option<Kappas>,
+    /// `kappa_B` with its components.
+    pub behavior: Option<BehaviorAssessment>,
+    /// `kappa_R` with its rates.
+    pub recovery: Option<RecoveryAssessment>,
+    /// What shadow came to.
+    pub shadow: Option<ShadowAssessment>,
+    /// Paired episodes, in seed order.
+    pub pairs: Vec<Pair>,
+    /// Hard stops seen.
+    pub hard_stops: Vec<HardStop>,
+    /// Sandbox metrics per mode, with intervals and tails.
+    pub modes: Vec<ModeMetrics>,
+    /// Drills of the candidate and of the active version.
+    pub drills: Option<(Drills, Drills)>,
+    /// Shadow sequences.
+    pub sequences: Vec<ShadowSequence>,
+    /// What the candidate did in the twins: what is normal for it in the live world.
+    pub twins: Vec<EpisodeValues>,
+    /// What settled the doubt it was let in with, where there was one.
+    pub confirmation: Option<Confirmation>,
+    /// What each piece was gathered for.
+    pub bindings: Vec<Binding>,
+    /// Conditions of use so far.
+    pub conditions: Vec<Condition>,
+    /// Reasons of the last decision.
+    pub reasons: Vec<Reason>,
+    /// New permissions against the active version.
+    pub new_permissions: Vec<String>,
+    /// Profiles closed to it by a profile demotion.
+    pub closed: BTreeSet<ProfileName>,
+    /// Nobody answered in time: it is not asked about again by itself.
+    pub held: bool,
+    /// How far the running stage is.
+    #[serde(skip)]
+    pub progress: Option<ProgressView>,
+}
+
+impl Dossier {
+    /// Digest of the evidence in it: what was measured and assessed, not what was concluded since.
+    ///
+    /// # Errors
+    /// Never for values that passed the edge: they are finite.
+    pub fn digest(&self) -> Result<Digest, serde_json::Error> {
+        let evidence = Self {
+            conditions: Vec::new(),
+            reasons: Vec::new(),
+            closed: BTreeSet::new(),
+            confirmation: None,
+            held: false,
+            ..self.clone()
+        };
+        Digest::of_json("holdpoint.evidence.v1", &evidence)
+    }
+
+    /// The dimensions for display.
+    #[must_use]
+    pub fn dimensions(&self, profile: &Profile) -> Vec<DimensionResult> {
+        let Some(kappas) = &self.kappas else { return Vec::new() };
+        let thresholds = &profile.thresholds;
+        let behavior = self.behavior.as_ref().and_then(|measured| measured.interval);
+        let recovery = self.recovery.as_ref().and_then(|rehearsed| rehearsed.interval);
+        vec![
+            result(Dimension::Interface, &kappas.interface, None, thresholds.interface()),
+            result(Dimension::Policy, &kappas.policy, None, thresholds.policy()),
+            result(Dimension::Behavior, &kappas.behavior, behavior, thresholds.behavior()),
+            result(Dimension::Recovery, &kappas.recovery, recovery, thresholds.recovery()),
+        ]
+    }
+
+    /// The composite; reported, never gating.
+    #[must_use]
+    pub fn composite(&self, profile: &Profile) -> Option<f64> {
+        let kappas = self.kappas.as_ref()?;
+        let values =
+            [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa];
+        composite(&profile.composite, values).map(Kappa::get)
+    }
+}
+
+/// The evidence on every candidate.
+#[derive(Default)]
+pub struct Dossiers(BTreeMap<CapabilityId, Dossier>);
+
+impl Dossiers {
+    /// What is known of a version.
+    #[must_use]
+    pub fn of(&self, id: &CapabilityId) -> Option<&Dossier> {
+        self.0.get(id)
+    }
+
+    /// What is known of a version, to add to; an empty dossier where there was none.
+    pub fn edit(&mut self, id: &CapabilityId) -> &mut Dossier {
+        self.0.entry(id.clone()).or_default()
+    }
+
+    /// Whether a version is not gone on with by itself.
+    #[must_use]
+    pub fn is_held(&self, id: &CapabilityId) -> bool {
+        self.of(id).is_some_and(|dossier| dossier.held)
+    }
+
+    /// Takes in what was read from the store.
+    pub fn extend(&mut self, loaded: impl IntoIterator<Item = (CapabilityId, Dossier)>) {
+        self.0.extend(loaded);
+    }
+}
+
+fn result<O: Serialize>(
+    dimension: Dimension,
+    assessment: &Assessment<O>,
+    interval: Option<[f64; 2]>,
+    threshold: f64,
+) -> DimensionResult {
+    // Outcomes serialise as their kebab-case name.
+    let outcome = serde_json::to_value(&assessment.outcome).ok();
+    let outcome = outcome.as_ref().and_then(|value| value.as_str()).unwrap_or("unknown").to_owned();
+    DimensionResult {
+        dimension,
+        outcome,
+        kappa: assessment.kappa.map(Kappa::get),
+        interval,
+        threshold,
+        measured: assessment.basis == Basis::Measured,
+    }
+}

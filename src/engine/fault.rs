@@ -1,0 +1,54 @@
+//! Faults of the engine's own.
+
+use holdpoint_body::BodyError;
+use holdpoint_protocol::command::Refusal;
+use holdpoint_registry::StoreError;
+use holdpoint_sim::SimError;
+
+use crate::ledger::LedgerError;
+
+/// What the engine itself failed at; it holds from then on, unless the command was at fault
+/// ([`Fault::refusal`]).
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// A transition could not be written.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The simulation failed.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// The robot's body failed.
+    #[error(transparent)]
+    Body(#[from] BodyError),
+    /// A record has no canonical form.
+    #[error("a record has no canonical form: {0}")]
+    Canonical(#[from] serde_json::Error),
+    /// Something that cannot be is.
+    #[error("{0}")]
+    Impossible(String),
+}
+
+impl Fault {
+    /// The refusal of a command that was itself at fault, so that nothing has changed; absent for a fault of the
+    /// engine's own, after which it holds.
+    #[must_use]
+    pub fn refusal(&self) -> Option<(Refusal, Option<String>)> {
+        match self {
+            Self::Ledger(LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_)) => {
+                Some((Refusal::NotFound, Some("see `holdpoint registry list`".to_owned())))
+            }
+            Self::Ledger(LedgerError::Exists(_)) => Some((Refusal::Exists, None)),
+            Self::Ledger(LedgerError::Refused(_)) => Some((Refusal::NotNow, None)),
+            Self::Store(error) | Self::Ledger(LedgerError::Store(error)) => match error {
+                StoreError::Invalid { .. } => Some((Refusal::BadInput, None)),
+                StoreError::DiskFull { .. } => Some((Refusal::Store, None)),
+                StoreError::Approval { .. } => Some((Refusal::NotAllowed, None)),
+                _ => None,
+            },
+            Self::Ledger(_) | Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
+        }
+    }
+}

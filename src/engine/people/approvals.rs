@@ -1,0 +1,514 @@
+//! What waits for people: the question, what they said so far, and what they are shown of it.
+//!
+//! Asks and takes votes; what a vote comes to is the rules' ([`holdpoint_governance::approval`]) and the gate's.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use holdpoint_approvals::{Identity, SignedApproval};
+use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::approval::{
+    self, Answer, ApprovalOutcome, ApprovalResult, Request, SignatureCheck, Subject, Vote,
+};
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::gate;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Event;
+use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::snapshot::PromptView;
+use holdpoint_registry::names::RequestState;
+use holdpoint_registry::{ApprovalRequest, AuditBody, Change};
+use holdpoint_text::Untrusted;
+
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
+use crate::fault::Fault;
+use crate::ledger::{Ledger, Note};
+use crate::record::Record;
+
+/// The longest text of a screen that is kept with a decision, bytes.
+pub const SHOWN_BYTES_MAX: usize = 16 * 1024;
+
+/// Something that waits for people.
+pub struct Prompt {
+    id: String,
+    request: Request,
+    votes: Vec<Vote>,
+    signed: Vec<SignedApproval>,
+    evidence: Digest,
+    row_version: u64,
+    life_row_version: u64,
+    asked_ms: u64,
+    deadline_ms: u64,
+    replaces: Option<CapabilityId>,
+    /// It takes people to override what a rule would not pass.
+    review: bool,
+}
+
+impl Prompt {
+    /// The version's row as the question names it: an answer over another one is void.
+    #[must_use]
+    pub const fn life_row_version(&self) -> u64 {
+        self.life_row_version
+    }
+
+    /// Who answered last.
+    #[must_use]
+    pub fn last_voter(&self) -> Option<String> {
+        self.signed.last().map(|signed| signed.approval().who.clone())
+    }
+
+    /// The signed approvals, refusals left out.
+    #[must_use]
+    pub fn into_approvals(self) -> Vec<SignedApproval> {
+        let mut signed = self.signed;
+        signed.retain(|signed| signed.approval().decision == Answer::Approve);
+        signed
+    }
+
+    /// What asking came to so far.
+    #[must_use]
+    pub fn result(&self, context: &Context, now_s: f64) -> ApprovalResult {
+        approval::evaluate(&self.request, &self.votes, now_s, &context.profile.approval)
+    }
+}
+
+/// The open questions.
+#[derive(Default)]
+pub struct Approvals {
+    prompts: BTreeMap<CapabilityId, Prompt>,
+    /// Approved, and waiting for the end of a sequence.
+    granted: BTreeSet<CapabilityId>,
+}
+
+impl Approvals {
+    /// The question about a version.
+    #[must_use]
+    pub fn of(&self, id: &CapabilityId) -> Option<&Prompt> {
+        self.prompts.get(id)
+    }
+
+    /// Takes the question about a version away: it is answered, or void.
+    pub fn close(&mut self, id: &CapabilityId) -> Option<Prompt> {
+        self.prompts.remove(id)
+    }
+
+    /// Remembers that a version takes over when the sequence that runs is over.
+    pub fn grant_later(&mut self, id: &CapabilityId) {
+        self.granted.insert(id.clone());
+    }
+
+    /// The next version that was approved while a sequence ran.
+    pub fn pop_granted(&mut self) -> Option<CapabilityId> {
+        self.granted.pop_first()
+    }
+
+    /// Questions whose time is over.
+    #[must_use]
+    pub fn due(&self, now_ms: u64) -> Vec<CapabilityId> {
+        let due = |(id, prompt): &(&CapabilityId, &Prompt)| {
+            prompt.deadline_ms <= now_ms && !self.granted.contains(*id)
+        };
+        self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
+    }
+
+    /// The next deadline, virtual ms.
+    #[must_use]
+    pub fn next_ms(&self) -> Option<u64> {
+        self.prompts.values().map(|prompt| prompt.deadline_ms).min()
+    }
+
+    /// What waits for people.
+    #[must_use]
+    pub fn views(&self, context: &Context, record: &Record, dossiers: &Dossiers) -> Vec<PromptView> {
+        self.prompts.iter().map(|(id, prompt)| view(context, record, dossiers, id, prompt)).collect()
+    }
+
+    /// Asks people; from here on only they or the deadline move the candidate.
+    ///
+    /// # Errors
+    /// Where the question cannot be written.
+    pub fn ask(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        dossiers: &mut Dossiers,
+        id: &CapabilityId,
+    ) -> Result<(), Fault> {
+        let candidate = record.capability(id)?;
+        let dossier = dossiers.edit(id);
+        let evidence = dossier.digest()?;
+        let Some(kappas) = dossier.kappas.clone() else {
+            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+        };
+        let settings = context.profile.approval;
+        let risk = candidate.submission.estimated_risk;
+        let review = gate::needs_review(&kappas, &context.profile);
+        let quorum = approval::quorum(&settings, context.needs_approval(), risk, review);
+        let (version, _, member) = record.ledger().version(id)?;
+        let row_version = member.row_version;
+        let now_ms = record.now_ms();
+        let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
+        // An engine that comes up again asks the same question anew, with another deadline: another request.
+        let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
+        let replaces = record.active_of(&id.family).map(|active| active.id());
+        let question = ApprovalRequest {
+            id: prompt_id.clone(),
+            version: id.clone(),
+            row_version,
+            evidence_digest: evidence,
+            policy_digest: context.digest,
+            profile: context.profile.name.name().to_owned(),
+            needed: u32::from(quorum),
+            deadline_ms,
+            state: RequestState::Open,
+            json: serde_json::to_string(dossier)?,
+        };
+        let note = Note {
+            before: vec![Change::PutApprovalRequest(Box::new(question))],
+            ..Note::because("people are asked")
+        };
+        record.transition(&id.family, Event::RequestApproval { version }, note)?;
+        let life_row_version = record.ledger().version(id)?.1.row_version;
+        let prompt = Prompt {
+            id: prompt_id,
+            request: Request {
+                subject: Subject {
+                    candidate: candidate.digest(),
+                    row_version,
+                    evidence,
+                    policy: context.digest,
+                    profile: context.profile_digest,
+                },
+                risk,
+                quorum,
+                requester: "engine".to_owned(),
+                author: candidate.submission.author.clone(),
+                asked_s: record.now_s(),
+            },
+            votes: Vec::new(),
+            signed: Vec::new(),
+            evidence,
+            row_version,
+            life_row_version,
+            asked_ms: now_ms,
+            deadline_ms,
+            replaces: replaces.clone(),
+            review,
+        };
+        let asked = view(context, record, dossiers, id, &prompt);
+        self.prompts.insert(id.clone(), prompt);
+        record.tell(EventKind::ApprovalRequested {
+            version: id.clone(),
+            replaces,
+            needed: asked.needed,
+            deadline_ms,
+            evidence,
+            author: asked.author,
+            new_permissions: asked.new_permissions,
+            untested: asked.untested,
+            on_drift: asked.on_drift,
+        });
+        let priority = context.profile.alarms.approval_waiting;
+        record.raise(
+            &format!("approval:{id}"),
+            "approval",
+            priority,
+            false,
+            &format!("{id} waits for approval"),
+        );
+        Ok(())
+    }
+
+    /// Takes one signed decision, with what was on the screen; says what asking came to by it. What does not fit the
+    /// question is refused and changes nothing.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn vote(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        signed: SignedApproval,
+        shown: Option<&str>,
+    ) -> Result<Result<ApprovalResult, Reply>, Fault> {
+        let said = signed.approval().clone();
+        let id = said.version.clone();
+        let refuse = |code, text: String, hint: Option<&str>| {
+            Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
+        };
+        if let Some(text) = shown.filter(|text| text.len() > SHOWN_BYTES_MAX) {
+            let text = format!(
+                "the text of the screen has {} bytes; at most {SHOWN_BYTES_MAX} are allowed",
+                text.len()
+            );
+            return refuse(Refusal::BadInput, text, None);
+        }
+        let identity = match Identity::find(&record.ledger().store().layout().identities(), &said.who) {
+            Ok(identity) => identity,
+            Err(error) => {
+                let hint = Some("make an identity with `holdpoint identity new`");
+                return refuse(Refusal::NotAllowed, error.to_string(), hint);
+            }
+        };
+        if let Err(error) = signed.verify(&identity) {
+            return refuse(Refusal::NotAllowed, error.to_string(), None);
+        }
+        let Some(prompt) = self.prompts.get_mut(&id) else {
+            let text = format!("nothing waits for a decision on {id}");
+            return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
+        };
+        let name = context.profile.name.name();
+        let profile = if said.profile == name { context.profile_digest } else { context.digest };
+        let subject = Subject {
+            candidate: said.candidate_digest,
+            row_version: said.row_version,
+            evidence: said.evidence_digest,
+            policy: said.policy_digest,
+            profile,
+        };
+        if subject != prompt.request.subject {
+            let text = format!("the decision on {id} is over something that has changed since");
+            return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
+        }
+        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+        let expires_s = said.not_after_ms as f64 / 1000.0;
+        let mut records = Vec::new();
+        if let Some(shown) = shown {
+            records.push(shown_record(&id, &said.who, said.nonce.as_str(), shown)?);
+        }
+        record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
+        prompt.votes.push(Vote {
+            person: said.who.clone(),
+            role: identity.role,
+            answer: said.decision,
+            reason: said.reason.clone(),
+            subject,
+            expires_s,
+            break_glass: false,
+            signature: SignatureCheck::Valid,
+            nonce_used: false,
+        });
+        prompt.signed.push(signed);
+        let result = prompt.result(context, record.now_s());
+        let needed = u32::from(prompt.request.quorum);
+        let have = match &result.outcome {
+            ApprovalOutcome::Granted { people, .. } => u32::try_from(people.len()).unwrap_or(u32::MAX),
+            ApprovalOutcome::Pending { missing } => needed.saturating_sub(u32::from(*missing)),
+            ApprovalOutcome::NotNeeded | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => 0,
+        };
+        record.tell(EventKind::ApprovalReceived {
+            version: id,
+            by: said.who.clone(),
+            decision: said.decision.name().to_owned(),
+            reason: Untrusted::new(said.reason).line().into_string(),
+            have,
+            needed,
+        });
+        Ok(Ok(result))
+    }
+}
+
+/// The note by which a request is closed.
+#[must_use]
+pub fn closing_note(
+    context: &Context,
+    id: &CapabilityId,
+    prompt: &Prompt,
+    state: RequestState,
+    reason: &str,
+) -> Note {
+    let request = ApprovalRequest {
+        id: prompt.id.clone(),
+        version: id.clone(),
+        row_version: prompt.row_version,
+        evidence_digest: prompt.evidence,
+        policy_digest: context.digest,
+        profile: context.profile.name.name().to_owned(),
+        needed: u32::from(prompt.request.quorum),
+        deadline_ms: prompt.deadline_ms,
+        state,
+        json: "{}".to_owned(),
+    };
+    Note { before: vec![Change::PutApprovalRequest(Box::new(request))], ..Note::because(reason) }
+}
+
+/// Nobody waits any more. Whoever answered has seen that somebody did.
+pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<String>) {
+    let key = format!("approval:{id}");
+    if let Some(by) = answered_by.filter(|_| record.alarms.get(&key).is_some()) {
+        record.alarm_event(&AlarmEvent::Acknowledge { key: key.clone(), by });
+    }
+    record.alarm_event(&AlarmEvent::Clear { key });
+}
+
+/// What was asked about a version before the engine came up again is no open question any more.
+///
+/// # Errors
+/// Where the store cannot be read.
+pub fn void_requests(ledger: &Ledger, id: &CapabilityId) -> Result<Vec<Change>, Fault> {
+    let open = ledger.store().views()?.open_requests()?;
+    let ours = open.into_iter().filter(|request| request.version == *id);
+    let void = ours.map(|request| ApprovalRequest { state: RequestState::Void, ..request });
+    Ok(void.map(|request| Change::PutApprovalRequest(Box::new(request))).collect())
+}
+
+fn view(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+    prompt: &Prompt,
+) -> PromptView {
+    let approved = prompt.votes.iter().filter(|vote| vote.answer == Answer::Approve);
+    let quorum = prompt.request.quorum;
+    let empty = Dossier::default();
+    let dossier = dossiers.of(id).unwrap_or(&empty);
+    let valid_ms = secs_to_ms(context.profile.approval.valid_s);
+    PromptView {
+        id: prompt.id.clone(),
+        version: id.clone(),
+        replaces: prompt.replaces.clone(),
+        candidate: prompt.request.subject.candidate,
+        row_version: prompt.row_version,
+        evidence: prompt.evidence,
+        policy: context.digest,
+        profile: context.profile.name.name().to_owned(),
+        needed: u32::from(quorum),
+        approved_by: approved.map(|vote| vote.person.clone()).collect(),
+        deadline_ms: prompt.deadline_ms,
+        valid_until_ms: record.now_ms().saturating_add(valid_ms),
+        store_id: record.ledger().store().store_id().to_owned(),
+        asked_ms: prompt.asked_ms,
+        tier: tier(context.profile.name, quorum, prompt.review),
+        author: prompt.request.author.clone(),
+        new_permissions: dossier.new_permissions.clone(),
+        untested: untested(dossier),
+        on_drift: on_drift(context, prompt),
+    }
+}
+
+/// What happens when a version gets worse after its activation.
+fn on_drift(context: &Context, prompt: &Prompt) -> String {
+    let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
+    let back = prompt.replaces.as_ref().map_or_else(
+        || "it is taken off and the family stops, for there is no way back".to_owned(),
+        |id| format!("{id} takes over again"),
+    );
+    let share = 100.0 * monitor.restrict_factor;
+    format!(
+        "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force to \
+         {share:.0} % and asks people, for {:.0} s; confirmed after {window} live tasks",
+        monitor.escalation_deadline_s
+    )
+}
+
+/// The record of what somebody had on the screen when deciding.
+fn shown_record(id: &CapabilityId, who: &str, nonce: &str, shown: &str) -> Result<AuditBody, Fault> {
+    let digest = Digest::of_parts("holdpoint.shown.v1", &[shown.as_bytes()]);
+    let body = serde_json::json!({ "by": who, "nonce": nonce, "digest": digest, "text": shown });
+    let body = serde_json::to_string(&body)?;
+    Ok(AuditBody { kind: "shown".to_owned(), subject: id.to_string(), body })
+}
+
+/// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
+fn secs_to_ms(secs: f64) -> u64 {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let ms = (secs.clamp(0.0, 1.0e9) * 1000.0) as u64;
+    ms
+}
+
+/// How much friction a decision needs (reference A6).
+const fn tier(profile: ProfileName, quorum: u8, review: bool) -> u8 {
+    if quorum >= 2 || review {
+        return 2;
+    }
+    match profile {
+        ProfileName::Sim => 0,
+        ProfileName::Real => 1,
+        ProfileName::Human => 2,
+    }
+}
+
+/// What was not measured, one sentence each.
+pub(crate) fn untested(dossier: &Dossier) -> Vec<String> {
+    let mut said =
+        vec!["It was not tried on a physical arm: everything was measured in simulation".to_owned()];
+    match &dossier.kappas {
+        None => said.push("Nothing was assessed yet".to_owned()),
+        Some(kappas) => said.extend(estimates(kappas)),
+    }
+    if dossier.pairs.is_empty() {
+        said.push("It was not compared with the active version episode by episode".to_owned());
+    }
+    for kind in DrillKind::ALL {
+        let feasible = dossier.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
+        if feasible == 0 {
+            said.push(format!("No {} drill was carried out with it", kind.name()));
+        }
+    }
+    if dossier.twins.is_empty() {
+        said.push("It was not run in a twin of the live world".to_owned());
+    }
+    said
+}
+
+fn estimates(kappas: &Kappas) -> Vec<String> {
+    fn of<O>(name: &str, assessment: &Assessment<O>) -> Option<String> {
+        let text = match (assessment.basis, assessment.kappa) {
+            (Basis::Measured, Some(_)) => return None,
+            (_, None) => format!("There is no value for {name}: it was not measured"),
+            (Basis::Estimated, Some(_)) => format!("The value for {name} is an estimate, not measured"),
+        };
+        Some(text)
+    }
+    [
+        of("interface compatibility", &kappas.interface),
+        of("policy compatibility", &kappas.policy),
+        of("behaviour", &kappas.behavior),
+        of("recovery", &kappas.recovery),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::evidence::{DrillTally, Drills};
+
+    #[test]
+    fn friction_follows_profile_and_quorum() {
+        use ProfileName::{Human, Real, Sim};
+        for (profile, quorum, review, expected) in [
+            (Sim, 0, false, 0),
+            (Sim, 1, false, 0),
+            (Sim, 2, false, 2),
+            (Sim, 1, true, 2),
+            (Real, 1, false, 1),
+            (Real, 2, false, 2),
+            (Human, 1, false, 2),
+        ] {
+            assert_eq!(tier(profile, quorum, review), expected, "{profile:?} {quorum} {review}");
+        }
+    }
+
+    #[test]
+    fn what_was_not_tested_is_said() {
+        let mut dossier = Dossier::default();
+        let nothing = untested(&dossier);
+        assert!(nothing.iter().any(|text| text.contains("rollback drill")), "{nothing:?}");
+        assert!(nothing.iter().any(|text| text.contains("twin")), "{nothing:?}");
+        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
+        let candidate = Drills { rollback: ran, ..Drills::default() };
+        dossier.drills = Some((candidate, Drills::default()));
+        let some = untested(&dossier);
+        assert!(!some.iter().any(|text| text.contains("rollback drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("abort drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("physical arm")), "{some:?}");
+    }
+}

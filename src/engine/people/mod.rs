@@ -1,0 +1,4 @@
+//! People: what they are asked and what they answer.
+
+pub mod approvals;
+pub mod questions;

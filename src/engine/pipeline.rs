@@ -1,0 +1,535 @@
+//! The pipeline: takes every candidate through the seven stages, one slice of work at a time.
+//!
+//! It owns the parts (record, evidence, questions, monitors, live world, the stage under way) and says whose turn it
+//! is; each stage gets the parts it needs and nothing else. It decides nothing itself (the rules in governance do) and
+//! does nothing twice: each call to [`Pipeline::advance`] is one slice, between two slices commands are taken. A
+//! fault of its own makes it hold: nothing is approved or activated by it.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::{Event, Leave, Stage, State};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::Profile;
+use holdpoint_governance::rollback::TriggerKind;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::sink::Pictures;
+use holdpoint_registry::{ActiveCause, Change};
+use holdpoint_runtime::capability::Capability;
+
+use crate::cell::Cell;
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::ledger::{Entry, Ledger, Note};
+use crate::monitors::Monitors;
+use crate::people::approvals::Approvals;
+use crate::record::Record;
+use crate::stages::activation::Activation;
+use crate::stages::confirmation::{self, ConfirmationRun};
+use crate::stages::live::Live;
+use crate::stages::resume::Resumption;
+use crate::stages::rollback::trigger;
+use crate::stages::sandbox::{self, Sandbox, SandboxRun};
+use crate::stages::shadow::{self, ShadowRun};
+use crate::stages::validation;
+use crate::trial::Trials;
+use crate::trial::cache::EpisodeCache;
+use crate::world::LiveWorld;
+use crate::world::pacing::Switch;
+
+/// What a pipeline is made with.
+pub struct Settings {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Workers for evaluation.
+    pub jobs: usize,
+    /// The profile.
+    pub profile: Profile,
+    /// Its compiled policies.
+    pub table: PolicyTable,
+    /// The cell.
+    pub cell: Cell,
+    /// Where episodes of active versions are kept.
+    pub cache: EpisodeCache,
+}
+
+/// What a slice of work came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Something was done; there may be more.
+    Worked,
+    /// Nothing is left to do before a deadline (virtual ms) or a command.
+    Idle {
+        /// The next deadline.
+        next_ms: Option<u64>,
+    },
+}
+
+/// The stage that is being worked on.
+pub(crate) enum Work {
+    Sandbox(Box<SandboxRun>),
+    Shadow(Box<ShadowRun>),
+    Confirmation(Box<ConfirmationRun>),
+}
+
+impl Work {
+    /// Whose it is.
+    fn id(&self) -> &CapabilityId {
+        match self {
+            Self::Sandbox(run) => run.id(),
+            Self::Shadow(run) => run.id(),
+            Self::Confirmation(run) => run.id(),
+        }
+    }
+}
+
+/// See the module's head.
+pub struct Pipeline {
+    pub(crate) context: Context,
+    pub(crate) trials: Trials,
+    pub(crate) record: Record,
+    pub(crate) dossiers: Dossiers,
+    pub(crate) approvals: Approvals,
+    pub(crate) monitors: Monitors,
+    pub(crate) world: LiveWorld,
+    pub(crate) resumptions: Vec<Resumption>,
+    pub(crate) work: Option<Work>,
+}
+
+impl Pipeline {
+    /// A pipeline over an open ledger. Bootstraps `baselines` that the ledger does not know, marks
+    /// what an interrupted engine left as not done, and sets the context.
+    ///
+    /// # Errors
+    /// [`Fault`] where any of it cannot be written.
+    pub fn new(
+        settings: Settings,
+        mut ledger: Ledger,
+        clock: Clock,
+        baselines: Vec<Capability>,
+    ) -> Result<Self, Fault> {
+        let Settings { seed, jobs, profile, table, cell, cache } = settings;
+        let context = Context::new(profile, table, cell)?;
+        set_context(&context, &mut ledger, clock.now_ms())?;
+        let mut pipeline = Self {
+            world: LiveWorld::new(context.cell.clone())?,
+            context,
+            trials: Trials::new(seed, jobs, cache),
+            record: Record::new(ledger, clock),
+            dossiers: Dossiers::default(),
+            approvals: Approvals::default(),
+            monitors: Monitors::default(),
+            resumptions: Vec::new(),
+            work: None,
+        };
+        pipeline.announce();
+        for baseline in baselines {
+            let family = baseline.id().family;
+            if pipeline.record.ledger().family(&family).is_err() {
+                pipeline.bootstrap(baseline)?;
+            }
+        }
+        pipeline.recover()?;
+        Ok(pipeline)
+    }
+
+    fn announce(&mut self) {
+        let active = self
+            .record
+            .ledger()
+            .families()
+            .filter_map(|(_, entry)| entry.active().map(|member| member.capability.id()))
+            .collect();
+        self.record.tell(EventKind::EngineStarted {
+            profile: self.context.profile.name.name().to_owned(),
+            robot: self.context.cell.model.name.clone(),
+            seed: self.trials.seed(),
+            policy: self.context.digest,
+            agent: self.world.cell.agent_hash(),
+            active,
+        });
+    }
+
+    fn bootstrap(&mut self, baseline: Capability) -> Result<(), Fault> {
+        const WHY: &str = "the version the cell was commissioned with";
+        let id = baseline.id();
+        let event = registered_event(&baseline);
+        let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because(WHY) };
+        self.record.register(baseline, true, self.context.needs_approval(), note)?;
+        self.record.tell(event);
+        self.record.tell(EventKind::StateChanged {
+            version: id,
+            from: State::Registered,
+            to: State::Active,
+            reason: WHY.to_owned(),
+        });
+        Ok(())
+    }
+
+    /// What stages 6 and 7 work on.
+    pub(crate) fn live(&mut self) -> Live<'_> {
+        Live {
+            context: &self.context,
+            seed: self.trials.seed(),
+            record: &mut self.record,
+            dossiers: &mut self.dossiers,
+            monitors: &mut self.monitors,
+            world: &mut self.world,
+            resumptions: &mut self.resumptions,
+        }
+    }
+
+    /// What stage 5 works on.
+    pub(crate) fn activation(&mut self) -> Activation<'_> {
+        Activation {
+            context: &self.context,
+            arm_is_out: self.world.is_out(),
+            record: &mut self.record,
+            dossiers: &mut self.dossiers,
+            approvals: &mut self.approvals,
+            monitors: &mut self.monitors,
+        }
+    }
+
+    /// One slice of work.
+    pub fn advance(&mut self) -> Progress {
+        if self.record.holding().is_some() {
+            self.look_at_alarms();
+            self.come_home(false);
+            return Progress::Idle { next_ms: None };
+        }
+        match self.slice() {
+            Ok(progress) => progress,
+            // Interrupted on purpose: the stage stays marked as running and is run again at the next start.
+            Err(_) if self.trials.is_cancelled() => Progress::Idle { next_ms: None },
+            Err(fault) => {
+                self.hold(&fault.to_string());
+                Progress::Idle { next_ms: None }
+            }
+        }
+    }
+
+    fn slice(&mut self) -> Result<Progress, Fault> {
+        self.look_at_alarms();
+        if self.world.is_paced() {
+            return self.paced_slice();
+        }
+        if self.look_at_deadlines()? {
+            return Ok(Progress::Worked);
+        }
+        if self.world.take_due() {
+            self.live().sequence(None)?;
+            return Ok(Progress::Worked);
+        }
+        match self.work.take() {
+            Some(Work::Sandbox(run)) => {
+                self.sandbox_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            Some(Work::Shadow(run)) => {
+                self.shadow_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            Some(Work::Confirmation(run)) => {
+                self.confirmation_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            None => {}
+        }
+        if let Some(id) = confirmation::next(&self.monitors, &self.dossiers) {
+            self.begin_confirmation(&id)?;
+            return Ok(Progress::Worked);
+        }
+        if let Some((id, stage)) = self.next_stage() {
+            self.begin(&id, stage)?;
+            return Ok(Progress::Worked);
+        }
+        if self.record.ledger().families().any(|(_, entry)| has_provisional(entry)) {
+            self.live().sequence(None)?;
+            return Ok(Progress::Worked);
+        }
+        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+    }
+
+    /// Prompts and escalations whose time is over. Tells whether anything was done.
+    pub(crate) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        Ok(self.activation().look_at_deadlines()? || self.live().look_at_monitors()?)
+    }
+
+    pub(crate) fn next_deadline_ms(&self) -> Option<u64> {
+        let monitors = self.monitors.next_ms(self.world.cell.link_is_up());
+        self.approvals.next_ms().into_iter().chain(monitors).min()
+    }
+
+    fn look_at_alarms(&mut self) {
+        self.record.look_at_alarms(&self.monitors, self.world.works());
+    }
+
+    /// The first candidate, in order of family and registration, with a stage to begin.
+    pub(crate) fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+        for (_, entry) in self.record.ledger().families() {
+            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+                let id = member.capability.id();
+                if version.flags.paused || version.flags.awaiting_approval || self.dossiers.is_held(&id) {
+                    continue;
+                }
+                let stage = match (version.state, version.flags.running) {
+                    (State::Registered, None) => Some(Stage::Validation),
+                    (State::Validated, None) => Some(Stage::Sandbox),
+                    (State::Sandboxed, None) => Some(Stage::Shadow),
+                    (State::Shadowed, None) => Some(Stage::Activation),
+                    (State::Demoted, Some(stage)) => Some(stage),
+                    _ => None,
+                };
+                if let Some(stage) = stage {
+                    return Some((id, stage));
+                }
+            }
+        }
+        None
+    }
+
+    pub(crate) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+        let Self { context, record, dossiers, .. } = self;
+        match stage {
+            Stage::Validation => validation::run(context, record, dossiers, id)?,
+            Stage::Sandbox => {
+                self.work = Some(Work::Sandbox(sandbox::begin(context, record, dossiers, id)?));
+            }
+            Stage::Shadow => {
+                self.work = Some(Work::Shadow(shadow::begin(context, record, dossiers, id)?));
+            }
+            Stage::Activation => self.activation().run(id)?,
+        }
+        Ok(())
+    }
+
+    pub(crate) fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {
+        let mut sandbox = Sandbox {
+            context: &self.context,
+            trials: &self.trials,
+            record: &mut self.record,
+            dossiers: &mut self.dossiers,
+            monitors: &self.monitors,
+        };
+        let step = sandbox.slice(run)?;
+        self.live_due_for(step.episodes);
+        self.work = step.run.map(Work::Sandbox);
+        Ok(())
+    }
+
+    /// One live sequence with the candidate in shadow.
+    fn shadow_slice(&mut self, run: Box<ShadowRun>) -> Result<(), Fault> {
+        self.work = Some(Work::Shadow(run));
+        let Some(mut along) = self.shadow_to_take()? else { return Ok(()) };
+        let task = along.task();
+        let report = self.live().sequence(Some(&mut along))?;
+        let live = report.task(task).map(|done| &done.record);
+        let id = along.id();
+        let (trace, fork) = along.conclude(live, report.seed);
+        self.shadow_worked(&id, trace, fork)
+    }
+
+    /// What goes along with the next sequence; `None` where no candidate is in shadow, or where it cannot go on.
+    pub(crate) fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
+        let mut run = match self.work.take() {
+            Some(Work::Shadow(run)) => run,
+            other => {
+                self.work = other;
+                return Ok(None);
+            }
+        };
+        let Self { context, record, dossiers, monitors, .. } = self;
+        let along = shadow::take_along(context, record, dossiers, monitors, &mut run)?;
+        if along.is_some() {
+            self.work = Some(Work::Shadow(run));
+        }
+        Ok(along)
+    }
+
+    /// Takes in what a candidate did in one sequence, where it is still in shadow.
+    pub(crate) fn shadow_worked(
+        &mut self,
+        id: &CapabilityId,
+        trace: Option<crate::world::shadow::ShadowTrace>,
+        fork: Option<holdpoint_sim::world::World>,
+    ) -> Result<(), Fault> {
+        match self.work.take() {
+            Some(Work::Shadow(run)) if run.id() == id => {
+                let Self { context, record, dossiers, .. } = self;
+                let run = shadow::take_in(context, record, dossiers, run, trace, fork)?;
+                self.work = run.map(Work::Shadow);
+            }
+            // The candidate left shadow meanwhile.
+            other => self.work = other,
+        }
+        Ok(())
+    }
+
+    pub(crate) fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let Self { context, record, dossiers, .. } = self;
+        match confirmation::begin(context, record, dossiers, id)? {
+            Some(run) => {
+                self.work = Some(Work::Confirmation(run));
+                Ok(())
+            }
+            None => {
+                self.demote(id, "its doubt cannot be settled: there is no predecessor to compare it with")
+            }
+        }
+    }
+
+    pub(crate) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
+        let Self { context, trials, record, dossiers, monitors, .. } = self;
+        match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
+            confirmation::Step::GoOn(run, episodes) => {
+                self.live_due_for(episodes);
+                self.work = Some(Work::Confirmation(run));
+                Ok(())
+            }
+            confirmation::Step::Gone => Ok(()),
+            confirmation::Step::Settled(id) => self.live().maybe_confirm(&id),
+            confirmation::Step::DoubtRemains(id) => {
+                self.demote(&id, "the doubt it was let in with remains on fresh evidence")
+            }
+        }
+    }
+
+    fn demote(&mut self, id: &CapabilityId, why: &str) -> Result<(), Fault> {
+        let trigger = trigger(&self.record, TriggerKind::OpenDoubt, why);
+        self.live().take_off(id, trigger, None, Leave::Demoted)
+    }
+
+    /// The live world works on while a candidate is evaluated: so many sequences fall due.
+    fn live_due_for(&mut self, episodes: u64) {
+        let share = f64::from(self.context.profile.evaluation.live_sequences_per_100_episodes) / 100.0;
+        self.world.fall_due(share * f64::from(u32::try_from(episodes).unwrap_or(u32::MAX)));
+    }
+
+    /// The running stage of a version that left it.
+    pub(crate) fn forget_work(&mut self, id: &CapabilityId) {
+        self.approvals.close(id);
+        self.work.take_if(|work| work.id() == id);
+    }
+
+    /// From now on pictures of the live world go to `pictures`, which must not wait.
+    pub fn draw_live_world(&mut self, pictures: Pictures) {
+        self.world.pictures = Some(pictures);
+    }
+
+    /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
+    /// fast as it computes). Pictures of it go to `pictures`.
+    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
+        self.trials.work_in_small_parts();
+        self.world.pictures = Some(pictures);
+        self.world.work_on_a_thread(times);
+    }
+
+    /// Stops the arm where it works now; absent where the live world is not paced.
+    #[must_use]
+    pub fn switch(&self) -> Option<Arc<Switch>> {
+        self.world.switch()
+    }
+
+    /// What is written and told.
+    #[must_use]
+    pub const fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Events since the last call, in order.
+    pub fn drain_events(&mut self) -> Vec<EventKind> {
+        self.record.take_events()
+    }
+
+    /// Tells something about scenes.
+    pub fn tell_scene(&mut self, text: String, failed: bool) {
+        self.record.tell(EventKind::Scene { text, failed });
+    }
+
+    /// Puts a closed recording on record, in the form that whoever keeps recordings gives it, and tells of it. A
+    /// recording is for people: nothing that decides reads it.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn keep_recording(
+        &mut self,
+        version: &CapabilityId,
+        (kind, body): (&str, String),
+        told: EventKind,
+    ) -> Result<(), Fault> {
+        self.record.note(kind, version.to_string(), body)?;
+        self.record.tell(told);
+        Ok(())
+    }
+
+    /// A script's clock jumps to a deadline. Tells whether it moved.
+    pub const fn jump_to(&mut self, at_ms: u64) -> bool {
+        self.record.jump_to(at_ms)
+    }
+
+    /// Set to interrupt running evaluations between episodes.
+    #[must_use]
+    pub fn cancel(&self) -> Arc<AtomicBool> {
+        self.trials.cancel()
+    }
+
+    /// From now on nothing is approved, activated or begun; what is active stays.
+    pub(crate) fn hold(&mut self, why: &str) {
+        self.work = None;
+        self.record.hold(why);
+    }
+
+    /// The engine ends in an orderly way: arm and agent come home, open records are closed.
+    pub(crate) fn end(&mut self) {
+        self.world.stop();
+        self.come_home(true);
+        if self.record.holding().is_none()
+            && let Err(fault) = self.live().end_resumptions()
+        {
+            self.hold(&fault.to_string());
+        }
+    }
+}
+
+/// Sets profile and policies in the store where they changed; what was gathered under others is void.
+fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(), Fault> {
+    let name = context.profile.name.name();
+    let known = ledger.store().views()?.context()?;
+    let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
+    if same {
+        return Ok(());
+    }
+    let json =
+        serde_json::json!({ "profile": context.profile_digest, "policy": context.table.digest }).to_string();
+    let change = Change::SetContext { profile: name.to_owned(), policy_digest: context.digest, json };
+    ledger.write(vec![change], Vec::new(), at_ms)?;
+    let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
+    for family in families {
+        let event = Event::ContextChanged { needs_approval: context.needs_approval() };
+        let note = Note::because("the profile or its policies changed");
+        ledger.transition(&family, event, at_ms, note)?;
+    }
+    Ok(())
+}
+
+/// What is told of a version that was taken in.
+pub(crate) fn registered_event(capability: &Capability) -> EventKind {
+    let submission = &capability.submission;
+    EventKind::Registered {
+        version: capability.id(),
+        digest: capability.digest(),
+        author: submission.author.clone(),
+        provenance: submission.provenance.name().to_owned(),
+        risk: submission.estimated_risk.name().to_owned(),
+        parent: submission.parent.as_ref().map(ToString::to_string),
+    }
+}
+
+fn has_provisional(entry: &Entry) -> bool {
+    let active = entry.state.active().and_then(|version| entry.state.get(version));
+    active.is_some_and(|version| version.flags.provisional && !version.flags.rollback_pending)
+}

@@ -1,0 +1,202 @@
+//! The one place where anything becomes known: written to the ledger at the present moment, and told as an event.
+//!
+//! Decides nothing. What cannot be written makes the engine hold.
+
+use holdpoint_governance::alarms::AlarmBook;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_protocol::clock::{Clock, tick_of};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{AuditBody, Change, StoreError};
+use holdpoint_runtime::capability::Capability;
+
+use crate::fault::Fault;
+use crate::ledger::{Ledger, Moved, Note};
+
+/// Ledger, clock, alarms and the events that were not taken yet.
+pub struct Record {
+    ledger: Ledger,
+    clock: Clock,
+    pub(crate) alarms: AlarmBook,
+    pub(crate) alarms_due_ms: u64,
+    events: Vec<EventKind>,
+    holding: Option<String>,
+}
+
+impl Record {
+    /// A record over an open ledger.
+    #[must_use]
+    pub fn new(ledger: Ledger, clock: Clock) -> Self {
+        let alarms = AlarmBook::new();
+        Self { ledger, clock, alarms, alarms_due_ms: 0, events: Vec::new(), holding: None }
+    }
+
+    /// The ledger, to look at.
+    #[must_use]
+    pub const fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// The clock, to look at.
+    #[must_use]
+    pub const fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// Another clock, to try what a real one does.
+    #[cfg(test)]
+    pub(crate) fn set_clock(&mut self, clock: Clock) {
+        self.clock = clock;
+    }
+
+    /// Virtual time, ms.
+    #[must_use]
+    pub fn now_ms(&self) -> u64 {
+        self.clock.now_ms()
+    }
+
+    /// Virtual time, s.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+    pub fn now_s(&self) -> f64 {
+        self.clock.now_ms() as f64 / 1000.0
+    }
+
+    /// Virtual time, ticks.
+    #[must_use]
+    pub fn now_tick(&self) -> u64 {
+        tick_of(self.clock.now_ms())
+    }
+
+    /// A script's clock moves on by what was simulated.
+    pub fn advance(&mut self, by_ms: u64) {
+        self.clock.advance(by_ms);
+    }
+
+    /// A script's clock jumps to a deadline. Tells whether it moved.
+    pub const fn jump_to(&mut self, at_ms: u64) -> bool {
+        self.clock.jump_to(at_ms)
+    }
+
+    /// Tells something.
+    pub fn tell(&mut self, event: EventKind) {
+        self.events.push(event);
+    }
+
+    /// Events since the last call, in order.
+    pub fn take_events(&mut self) -> Vec<EventKind> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Why the engine holds, where it does.
+    #[must_use]
+    pub fn holding(&self) -> Option<&str> {
+        self.holding.as_deref()
+    }
+
+    /// From now on nothing is approved, activated or begun; what is active stays.
+    pub fn hold(&mut self, why: &str) {
+        self.holding = Some(why.to_owned());
+        self.tell(EventKind::Fault { text: why.to_owned() });
+        self.raise("engine-fault", "engine", AlarmPriority::High, true, why);
+    }
+
+    /// As [`Record::hold`] without a word: the alarm that would say so is what could not be written.
+    pub(crate) fn hold_silently(&mut self, why: &str) {
+        self.holding.get_or_insert_with(|| why.to_owned());
+    }
+
+    /// Applies a lifecycle event and tells what moved.
+    ///
+    /// # Errors
+    /// Where the lifecycle refuses or the store does; nothing has changed then.
+    pub fn transition(&mut self, family: &Family, event: Event, note: Note) -> Result<Vec<Moved>, Fault> {
+        let reason = note.reason.clone();
+        let at_ms = self.clock.now_ms();
+        let moved = self.ledger.transition(family, event, at_ms, note)?;
+        for Moved { id, from, to } in &moved {
+            self.events.push(EventKind::StateChanged {
+                version: id.clone(),
+                from: *from,
+                to: *to,
+                reason: reason.clone(),
+            });
+        }
+        Ok(moved)
+    }
+
+    /// Takes in a version; `baseline` makes it active without a gate, by an explicit record.
+    ///
+    /// # Errors
+    /// Where the version exists, the lifecycle refuses, or the store does.
+    pub fn register(
+        &mut self,
+        capability: Capability,
+        baseline: bool,
+        needs_approval: bool,
+        note: Note,
+    ) -> Result<(), Fault> {
+        let at_ms = self.clock.now_ms();
+        self.ledger.register(capability, baseline, needs_approval, at_ms, note)?;
+        Ok(())
+    }
+
+    /// Writes changes that move no state.
+    ///
+    /// # Errors
+    /// Where the store does not take them.
+    pub fn write(&mut self, changes: Vec<Change>, records: Vec<AuditBody>) -> Result<(), StoreError> {
+        let at_ms = self.clock.now_ms();
+        self.ledger.write(changes, records, at_ms).map(|_| ())
+    }
+
+    /// Writes one audit record.
+    ///
+    /// # Errors
+    /// Where the store does not take it.
+    pub fn note(&mut self, kind: &str, subject: String, body: String) -> Result<(), StoreError> {
+        self.write(Vec::new(), vec![AuditBody { kind: kind.to_owned(), subject, body }])
+    }
+
+    /// The active version of a family.
+    #[must_use]
+    pub fn active_of(&self, family: &Family) -> Option<Capability> {
+        self.ledger.family(family).ok()?.active().map(|member| member.capability.clone())
+    }
+
+    /// A registered version.
+    ///
+    /// # Errors
+    /// Where there is no such version.
+    pub fn capability(&self, id: &CapabilityId) -> Result<Capability, Fault> {
+        Ok(self.ledger.version(id)?.2.capability.clone())
+    }
+
+    /// Marks a stage as running and says so. A repeated stage runs already.
+    ///
+    /// # Errors
+    /// As [`Record::transition`].
+    pub fn start_stage(&mut self, id: &CapabilityId, stage: Stage, budget: u64) -> Result<(), Fault> {
+        let (version, standing, _) = self.ledger.version(id)?;
+        if standing.flags.running != Some(stage) {
+            let note = Note::because("the stage begins");
+            self.transition(&id.family, Event::Start { version, stage }, note)?;
+        }
+        self.tell(EventKind::StageStarted { version: id.clone(), stage, budget });
+        Ok(())
+    }
+
+    /// Closes the record of an upgrade: how it ended, and how many records are about it.
+    ///
+    /// # Errors
+    /// Where the store cannot be read or written.
+    pub fn close_audit(&mut self, id: &CapabilityId, outcome: &str) -> Result<(), Fault> {
+        let detail = self.ledger.store().views()?.version(id)?;
+        let records = detail.map_or(0, |detail| detail.audit_links.len() as u64);
+        let body = serde_json::json!({ "outcome": outcome, "records": records }).to_string();
+        self.note("audit-closed", id.to_string(), body)?;
+        self.tell(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
+        Ok(())
+    }
+}

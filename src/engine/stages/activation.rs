@@ -1,0 +1,261 @@
+//! Stage 5: the gate, and the people it asks. Activation moves the binding, the pointer and the
+//! record in one transaction.
+
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
+use holdpoint_governance::gate::{self, GateInput, GateOutcome, GatePassed, GateResult};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::{ActiveCause, AuditBody, Change};
+
+use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
+use crate::binding::{binding, made_under};
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::ledger::Note;
+use crate::monitors::{Monitors, Watched};
+use crate::people::approvals::{Approvals, clear_alarm, closing_note};
+use crate::record::Record;
+
+/// What the gate reads and moves.
+pub struct Activation<'a> {
+    /// What is judged under.
+    pub context: &'a Context,
+    /// What becomes known.
+    pub record: &'a mut Record,
+    /// The evidence.
+    pub dossiers: &'a mut Dossiers,
+    /// Who is asked.
+    pub approvals: &'a mut Approvals,
+    /// Who is watched from an activation on.
+    pub monitors: &'a mut Monitors,
+    /// Versions change places between two sequences, never under a moving arm.
+    pub arm_is_out: bool,
+}
+
+impl Activation<'_> {
+    /// Stage 5 of a candidate, up to its activation, a refusal or a question to people.
+    ///
+    /// # Errors
+    /// Where what it comes to cannot be written.
+    pub fn run(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        self.record.start_stage(id, Stage::Activation, 1)?;
+        let result = self.gate(id, None)?;
+        self.conclude(id, result, Vec::new())
+    }
+
+    fn gate(&mut self, id: &CapabilityId, approval: Option<&ApprovalResult>) -> Result<GateResult, Fault> {
+        let ledger = self.record.ledger();
+        let candidate = self.record.capability(id)?;
+        let (_, _, member) = ledger.version(id)?;
+        let current = binding(self.context, ledger, &candidate);
+        let dossier = self.dossiers.edit(id);
+        let made_under = made_under(self.context, ledger, &candidate, dossier.digest()?);
+        let Some(kappas) = &dossier.kappas else {
+            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+        };
+        let input = GateInput {
+            kappas,
+            shadow: dossier.shadow.as_ref(),
+            bindings: &dossier.bindings,
+            current: &current,
+            improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
+            approval,
+            risk: candidate.submission.estimated_risk,
+            provenance: candidate.submission.provenance,
+            closed: &dossier.closed,
+            review_open: false,
+            now_s: self.record.now_s(),
+            row_version: member.row_version,
+            made_under,
+        };
+        Ok(gate::evaluate(&input, &self.context.table, &self.context.profile))
+    }
+
+    fn conclude(
+        &mut self,
+        id: &CapabilityId,
+        result: GateResult,
+        approvals: Vec<SignedApproval>,
+    ) -> Result<(), Fault> {
+        let decision = &result.decision;
+        let dossier = self.dossiers.edit(id);
+        dossier.reasons = decision.reasons().to_vec();
+        if let Some(passed) = &result.passed {
+            dossier.conditions.clone_from(&passed.terms().conditions);
+        }
+        decided(self.context, self.record, dossier, id, Stage::Activation, decision);
+        let (version, _, _) = self.record.ledger().version(id)?;
+        let reason = first_reason(decision);
+        match (decision.outcome(), result.passed) {
+            (GateOutcome::Pass, Some(passed)) => {
+                let body = serde_json::to_string(&result.decision)?;
+                self.activate(id, &passed, body, &approvals)
+            }
+            (GateOutcome::AwaitApproval, _) => {
+                self.approvals.ask(self.context, self.record, self.dossiers, id)
+            }
+            (GateOutcome::Hold, _) => {
+                dossier.held = true;
+                abort_stage(self.record, self.dossiers, id, &reason)
+            }
+            // A pass without its proof is no pass.
+            (GateOutcome::Demote | GateOutcome::Pass, _) => {
+                let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
+                self.record.transition(&id.family, Event::Demote { version }, note)?;
+                Ok(())
+            }
+            (GateOutcome::Reject, _) => {
+                let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
+                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                rejected(self.context, self.record, id)
+            }
+        }
+    }
+
+    /// Takes one signed decision, with what was on the screen, and acts on what asking came to by it.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn decide(&mut self, signed: SignedApproval, shown: Option<&str>) -> Result<Reply, Fault> {
+        let id = signed.approval().version.clone();
+        match self.approvals.vote(self.context, self.record, signed, shown)? {
+            Ok(result) => {
+                let text = self.settle(&id, &result)?;
+                Ok(Reply::Accepted { text, version: Some(id) })
+            }
+            Err(refused) => Ok(refused),
+        }
+    }
+
+    /// Acts on what asking came to so far. Returns a sentence for the one who asked or answered.
+    fn settle(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
+        let (version, _, _) = self.record.ledger().version(id)?;
+        let reason = result
+            .reasons
+            .first()
+            .map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+        match &result.outcome {
+            ApprovalOutcome::Pending { missing } => {
+                // An answer that does not count is said, not swallowed.
+                let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
+                Ok(format!("{id} waits for {missing} more; {last}"))
+            }
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.arm_is_out => {
+                self.approvals.grant_later(id);
+                Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
+            }
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
+                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                let event = Event::Approved { version, row_version: prompt.life_row_version() };
+                let note = closing_note(self.context, id, &prompt, RequestState::Granted, &reason);
+                self.record.transition(&id.family, event, note)?;
+                clear_alarm(self.record, id, prompt.last_voter());
+                let gate = self.gate(id, Some(result))?;
+                self.conclude(id, gate, prompt.into_approvals())?;
+                Ok(format!("{id} is approved"))
+            }
+            ApprovalOutcome::Refused { person } => {
+                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                self.dossiers.edit(id).reasons.clone_from(&result.reasons);
+                let note = closing_note(self.context, id, &prompt, RequestState::Refused, &reason);
+                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                clear_alarm(self.record, id, Some(person.clone()));
+                rejected(self.context, self.record, id)?;
+                Ok(format!("{id} is rejected: {person} refused"))
+            }
+            ApprovalOutcome::TimedOut => {
+                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                let dossier = self.dossiers.edit(id);
+                dossier.reasons.clone_from(&result.reasons);
+                dossier.held = true;
+                let note = closing_note(self.context, id, &prompt, RequestState::Expired, &reason);
+                self.record.transition(&id.family, Event::ApprovalExpired { version }, note)?;
+                clear_alarm(self.record, id, None);
+                let why = "nobody answered in time; the version is held";
+                abort_stage(self.record, self.dossiers, id, why)?;
+                Ok(format!("{id} is held: nobody answered in time"))
+            }
+        }
+    }
+
+    /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
+    fn activate(
+        &mut self,
+        id: &CapabilityId,
+        passed: &GatePassed,
+        decision: String,
+        approvals: &[SignedApproval],
+    ) -> Result<(), Fault> {
+        let (version, _, _) = self.record.ledger().version(id)?;
+        let event = Event::Pass { version, stage: Stage::Activation };
+        self.record.transition(&id.family, event, Note::because("the gate is passed"))?;
+        let evidence = self.dossiers.edit(id).digest()?;
+        let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
+        let replaced = self.record.active_of(&id.family).map(|active| active.id());
+        let mut before = vec![Change::PutEvidence {
+            version: id.clone(),
+            kind: EvidenceKind::Gate,
+            json: decision.clone(),
+            digest: gate_digest,
+        }];
+        for signed in approvals {
+            let nonce = signed.approval().nonce.as_str().to_owned();
+            before.push(Change::ConsumeApproval { nonce, evidence_digest: evidence });
+        }
+        let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
+        let note = Note {
+            reason: "the gate is passed".to_owned(),
+            cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
+            before,
+            after: Vec::new(),
+            audit: vec![AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body: decision }],
+        };
+        // Without a live monitor no tick runs under a provisional version: it is made first.
+        let watched = Watched::new(id, self.dossiers.of(id), self.context, self.record.now_tick())?;
+        self.record.transition(&id.family, Event::Activate { version }, note)?;
+        self.monitors.insert(watched);
+        let terms = passed.terms();
+        self.record.tell(EventKind::Activated {
+            version: id.clone(),
+            replaced,
+            modes: terms.modes.iter().copied().collect(),
+            conditions: terms.conditions.clone(),
+            provisional_episodes: terms.provisional_episodes,
+        });
+        Ok(())
+    }
+
+    /// Acts on questions whose time is over. Tells whether there was one.
+    ///
+    /// # Errors
+    /// Where what it comes to cannot be written.
+    pub fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        let due = self.approvals.due(self.record.now_ms());
+        for id in &due {
+            self.settle_now(id)?;
+        }
+        Ok(!due.is_empty())
+    }
+
+    /// Versions that were approved while a sequence ran take over. Tells whether there was one.
+    ///
+    /// # Errors
+    /// Where what it comes to cannot be written.
+    pub fn take_granted(&mut self) -> Result<bool, Fault> {
+        let Some(id) = self.approvals.pop_granted() else { return Ok(false) };
+        self.settle_now(&id)?;
+        Ok(true)
+    }
+
+    fn settle_now(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let Some(prompt) = self.approvals.of(id) else { return Ok(()) };
+        let result = prompt.result(self.context, self.record.now_s());
+        self.settle(id, &result)?;
+        Ok(())
+    }
+}

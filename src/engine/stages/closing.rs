@@ -1,0 +1,134 @@
+//! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
+
+use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::decision::{Decision, Kappa, Reason, ReasonCode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::snapshot::ProgressView;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{AuditBody, Change};
+
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
+use crate::fault::Fault;
+use crate::ledger::Note;
+use crate::record::Record;
+use crate::word;
+
+/// Keeps and tells how far a stage is.
+pub(crate) fn progress(
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+    stage: Stage,
+    what: &str,
+    (done, budget): (u64, u64),
+) {
+    let now_ms = record.now_ms();
+    let dossier = dossiers.edit(id);
+    let before = dossier.progress.as_ref();
+    let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
+    let early = early(stage).to_owned();
+    dossier.progress = Some(ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early });
+    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
+}
+
+/// What would end a stage before its budget is worked, one sentence.
+const fn early(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Validation | Stage::Activation => "",
+        Stage::Sandbox => {
+            "a hard stop, or an outcome that the rest of the budget cannot change, ends it before the budget is worked"
+        }
+        Stage::Shadow => "a hard stop of the twin ends it at once; a doubt that stays lengthens it once",
+    }
+}
+
+/// Tells a decision.
+pub(crate) fn decided<O: serde::Serialize>(
+    context: &Context,
+    record: &mut Record,
+    dossier: &mut Dossier,
+    id: &CapabilityId,
+    stage: Stage,
+    decision: &Decision<O>,
+) {
+    dossier.progress = None;
+    record.tell(EventKind::Decided {
+        version: id.clone(),
+        stage,
+        outcome: word(decision.outcome()),
+        dimensions: dossier.dimensions(&context.profile),
+        composite: dossier.composite(&context.profile),
+        reasons: decision.reasons().to_vec(),
+        conditions: dossier.conditions.clone(),
+    });
+}
+
+/// The note of a stage's end: the evidence so far and the decision, written with the state change.
+pub(crate) fn stage_note<O: serde::Serialize>(
+    dossier: &Dossier,
+    id: &CapabilityId,
+    kind: EvidenceKind,
+    reason: String,
+    decision: &Decision<O>,
+) -> Result<Note, Fault> {
+    let json = serde_json::to_string(dossier)?;
+    let digest = dossier.digest()?;
+    let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
+    let body = serde_json::to_string(decision)?;
+    let record = AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body };
+    Ok(Note {
+        reason,
+        cause: None,
+        before: vec![evidence, scores(dossier, id)],
+        after: Vec::new(),
+        audit: vec![record],
+    })
+}
+
+fn scores(dossier: &Dossier, id: &CapabilityId) -> Change {
+    let signature = dossier.behavior.as_ref().and_then(|behavior| behavior.candidate);
+    let kappas = dossier.kappas.as_ref().map_or([None; 4], |kappas| {
+        [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa]
+            .map(|kappa| kappa.map(Kappa::get))
+    });
+    Change::SetScores {
+        version: id.clone(),
+        kappas,
+        signature: signature.and_then(|signature| serde_json::to_string(&signature).ok()),
+    }
+}
+
+/// After a rejection: the alarm and the closed record.
+pub(crate) fn rejected(context: &Context, record: &mut Record, id: &CapabilityId) -> Result<(), Fault> {
+    let (key, priority) = (format!("rejected:{id}"), context.profile.alarms.rejected);
+    record.raise(&key, "rejected", priority, false, &format!("{id} was rejected"));
+    record.alarm_event(&AlarmEvent::Clear { key });
+    record.close_audit(id, "rejected")
+}
+
+/// A stage ends without a result; it can be begun again.
+pub(crate) fn abort_stage(
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+    why: &str,
+) -> Result<(), Fault> {
+    let (version, _, _) = record.ledger().version(id)?;
+    dossiers.edit(id).progress = None;
+    record.transition(&id.family, Event::Abort { version }, Note::because(why))?;
+    Ok(())
+}
+
+/// The deciding reason as a sentence with its name.
+pub(crate) fn first_reason<O>(decision: &Decision<O>) -> String {
+    let said = |reason: &Reason| format!("{}: {}", reason.code, reason.text);
+    // What only reports an improvement or a compatibility is no reason for a rejection, but better than none.
+    let telling = decision
+        .reasons()
+        .iter()
+        .find(|reason| !matches!(reason.code, ReasonCode::BehaviorImproved | ReasonCode::CompositionNoData));
+    telling.or_else(|| decision.reasons().first()).map_or_else(|| "no reason was given".to_owned(), said)
+}

@@ -1,0 +1,255 @@
+//! The end of the provisional window of a version that was let in with a doubt.
+//!
+//! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under
+//! restrictions; the live window alone is far too short to settle such a doubt. So it is settled before the
+//! version is confirmed: the whole sandbox budget once more, against the predecessor, on seeds nobody has seen.
+//! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
+//! 3.8).
+
+use serde::{Deserialize, Serialize};
+
+use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
+use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::Change;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+
+use super::closing::progress;
+use crate::binding::{binding, party};
+use crate::cell::Conditions;
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
+use crate::fault::Fault;
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::trial::Trials;
+use crate::trial::evaluation::{Evaluation, Plan};
+use crate::trial::trace::keep_trace;
+
+/// What settled a doubt: the raw values and what the rules made of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Confirmation {
+    /// The fresh pairs.
+    pub pairs: PairedEvidence,
+    /// The fresh drills.
+    pub drills: RecoveryEvidence,
+    /// `kappa_B` of them.
+    pub behavior: BehaviorAssessment,
+    /// `kappa_R` of them.
+    pub recovery: RecoveryAssessment,
+}
+
+impl Confirmation {
+    /// Whether nothing of the doubt is left.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        let (behavior, recovery) = (&self.behavior.assessment, &self.recovery.assessment);
+        behavior.outcome == BehaviorOutcome::Compatible
+            && recovery.outcome == RecoveryOutcome::Compatible
+            && !is_doubtful(behavior, recovery)
+    }
+}
+
+/// Whether an assessment that advances leaves a doubt: suspicious behaviour, recovery under a restriction, or one
+/// kind of drill that passes less often than the active version's.
+fn is_doubtful(behavior: &Assessment<BehaviorOutcome>, recovery: &Assessment<RecoveryOutcome>) -> bool {
+    let leans = |reason: &Reason| {
+        matches!(reason.code, ReasonCode::RecoveryEstablishedWorse | ReasonCode::RecoveryLeaning)
+    };
+    behavior.outcome == BehaviorOutcome::Suspicious
+        || matches!(recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
+        || recovery.reasons.iter().any(leans)
+}
+
+/// A confirmation under way.
+pub struct ConfirmationRun {
+    id: CapabilityId,
+    predecessor: Capability,
+    evaluation: Evaluation,
+}
+
+impl ConfirmationRun {
+    /// Whose it is.
+    #[must_use]
+    pub const fn id(&self) -> &CapabilityId {
+        &self.id
+    }
+
+    /// Whether nothing is left but to conclude it.
+    #[must_use]
+    pub const fn is_over(&self) -> bool {
+        self.evaluation.ended().is_some()
+    }
+}
+
+/// Whether a version was let in with a doubt that nothing has settled yet.
+#[must_use]
+pub fn has_open_doubt(dossier: Option<&Dossier>) -> bool {
+    let Some(dossier) = dossier else { return false };
+    let doubted =
+        dossier.kappas.as_ref().is_some_and(|kappas| is_doubtful(&kappas.behavior, &kappas.recovery));
+    doubted && !dossier.confirmation.as_ref().is_some_and(Confirmation::is_settled)
+}
+
+/// The first version whose window is over and whose doubt is open.
+#[must_use]
+pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
+    let over = monitors
+        .iter()
+        .filter(|watched| watched.monitor.is_confirmed() && !watched.restricted && !watched.confirmed);
+    over.map(|watched| &watched.id).find(|id| has_open_doubt(dossiers.of(id))).cloned()
+}
+
+/// Begins one; absent where there is no predecessor to compare the version with.
+///
+/// # Errors
+/// Where there is no such version.
+pub fn begin(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+) -> Result<Option<Box<ConfirmationRun>>, Fault> {
+    let (_, standing, _) = record.ledger().version(id)?;
+    let predecessor = standing.predecessor.and_then(|predecessor| {
+        let entry = record.ledger().family(&id.family).ok()?;
+        Some(entry.members.get(usize::from(predecessor.0))?.capability.clone())
+    });
+    let Some(predecessor) = predecessor else { return Ok(None) };
+    let candidate = record.capability(id)?;
+    let binding =
+        Binding { active: Some(predecessor.digest()), ..binding(context, record.ledger(), &candidate) };
+    let plan = Plan::confirmation(&context.profile);
+    progress(record, dossiers, id, Stage::Sandbox, "confirmation", (0, plan.budget()));
+    let evaluation = Evaluation::new(plan, binding, Vec::new());
+    Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
+}
+
+/// How a slice ended.
+pub enum Step {
+    /// It goes on, with so many episodes worked.
+    GoOn(Box<ConfirmationRun>, u64),
+    /// The monitor has taken the version off meanwhile, or people have.
+    Gone,
+    /// Nothing of the doubt is left.
+    Settled(CapabilityId),
+    /// The doubt remains on fresh evidence.
+    DoubtRemains(CapabilityId),
+}
+
+/// One slice of a run.
+///
+/// # Errors
+/// Where a worker fails, or what came of it cannot be written.
+pub fn slice(
+    context: &Context,
+    trials: &Trials,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    monitors: &Monitors,
+    mut run: Box<ConfirmationRun>,
+) -> Result<Step, Fault> {
+    let id = run.id.clone();
+    if monitors.of(&id).is_none() {
+        return Ok(Step::Gone);
+    }
+    if run.is_over() {
+        let settled = conclude(context, record, dossiers, &id, &run.evaluation)?;
+        return Ok(if settled { Step::Settled(id) } else { Step::DoubtRemains(id) });
+    }
+    let candidate = record.capability(&id)?;
+    let ledger = record.ledger();
+    let store = ledger.store();
+    let party = |version| party(context, ledger, dossiers, monitors, version);
+    let (new, old) = (party(&candidate), party(&run.predecessor));
+    let lab = trials.lab(&context.cell, store);
+    let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {
+        return Ok(Step::GoOn(run, 0));
+    };
+    let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
+    if !fresh.is_empty() {
+        let now_ms = record.now_ms();
+        keep_trace(store, &context.cell, &id, "confirmation", Conditions::Sandbox, &fresh, now_ms)?;
+    }
+    let done = (slice.done, Plan::confirmation(&context.profile).budget());
+    let what = format!("confirmation, {}", slice.what);
+    progress(record, dossiers, &id, Stage::Sandbox, &what, done);
+    Ok(Step::GoOn(run, fresh.len() as u64))
+}
+
+/// Keeps what came of it. Tells whether the doubt is settled.
+fn conclude(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+    evaluation: &Evaluation,
+) -> Result<bool, Fault> {
+    let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
+    let (behavior, recovery) = evaluation.assess(&context.profile);
+    let confirmation = Confirmation { pairs, drills, behavior, recovery };
+    let json = serde_json::to_string(&confirmation)?;
+    let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
+    let mut changes = record.ledger().store().seal_telemetry()?;
+    changes.push(Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest });
+    record.write(changes, Vec::new())?;
+    let assessments = [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
+    let reasons: Vec<_> = assessments.into_iter().flatten().cloned().collect();
+    let settled = confirmation.is_settled();
+    let dossier = dossiers.edit(id);
+    dossier.progress = None;
+    dossier.confirmation = Some(confirmation);
+    let decision = if settled { "settled" } else { "doubt-remains" };
+    record.tell(EventKind::Monitor {
+        version: id.clone(),
+        decision: decision.to_owned(),
+        reasons: reasons.clone(),
+    });
+    if !settled {
+        dossier.reasons = reasons;
+    }
+    Ok(settled)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::decision::Dimension;
+    use holdpoint_governance::outcome::Basis;
+
+    fn assessment<O>(outcome: O, codes: &[ReasonCode]) -> Assessment<O> {
+        let reason = |code: &ReasonCode| Reason::new(*code, Dimension::Recovery, "as tested");
+        Assessment {
+            outcome,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons: codes.iter().map(reason).collect(),
+            conditions: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_leaves_a_doubt() {
+        use BehaviorOutcome::{Compatible as Good, Suspicious};
+        use RecoveryOutcome::{Compatible, Conditional, Fragile};
+        for (behavior, recovery, codes, doubtful) in [
+            (Good, Compatible, [ReasonCode::RecoveryCompatible].as_slice(), false),
+            (Suspicious, Compatible, &[], true),
+            (Good, Conditional, &[], true),
+            (Good, Fragile, &[], true),
+            (Good, Compatible, &[ReasonCode::RecoveryCompatible, ReasonCode::RecoveryLeaning], true),
+            (Good, Compatible, &[ReasonCode::RecoveryEstablishedWorse], true),
+        ] {
+            let found = is_doubtful(&assessment(behavior, &[]), &assessment(recovery, codes));
+            assert_eq!(found, doubtful, "{behavior:?} {recovery:?} {codes:?}");
+        }
+    }
+}

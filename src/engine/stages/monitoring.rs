@@ -1,0 +1,332 @@
+//! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
+
+use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Event, Leave};
+use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
+use holdpoint_governance::rollback::{Trigger, TriggerKind};
+use holdpoint_protocol::event::{EventKind, TaskSummary};
+use holdpoint_registry::Batch;
+use holdpoint_runtime::agent::dispatcher::Dispatched;
+use holdpoint_runtime::task::TaskRecord;
+
+use super::confirmation::has_open_doubt;
+use super::live::Live;
+use crate::fault::Fault;
+use crate::ledger::Note;
+use crate::world::live::{Nobody, SequenceReport};
+use crate::world::painter::{Drawn, Painter};
+use crate::world::sequence::{self, Begun, Worked};
+use crate::world::shadow::Shadow;
+use crate::world::supervisor::{Trip, safety_events};
+
+impl Live<'_> {
+    /// Lets arm, agent and monitors out for one sequence.
+    ///
+    /// # Errors
+    /// Where they are out already.
+    pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
+        let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
+        let terms_of = |version: &_| crate::binding::terms_of(context, dossiers, monitors, version);
+        sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, &terms_of)
+    }
+
+    /// One sequence of the live world, in step with the engine; monitors learn from it.
+    ///
+    /// # Errors
+    /// Where what it comes to cannot be written.
+    pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, Fault> {
+        let begun = self.begin_sequence()?;
+        let worked = match (self.world.pictures.clone(), shadow) {
+            (Some(pictures), shadow) => {
+                let clock = self.record.clock().clone();
+                let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
+                let mut drawn = Drawn { painter, shadow };
+                let worked = begun.work(&mut drawn);
+                drawn.painter.rest(worked.outing.world(), false);
+                worked
+            }
+            (None, Some(shadow)) => begun.work(shadow),
+            (None, None) => begun.work(&mut Nobody),
+        };
+        self.end_sequence(worked)
+    }
+
+    /// What a worked sequence comes to: the monitors take it in, and what they ask for is done.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub(crate) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
+        let Worked { index, outing, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        self.world.cell.take_back(outing);
+        let (monitors, mut raised) = supervisor.stand_down();
+        self.monitors.take_back(monitors);
+        self.record.advance(report.duration_ms);
+        let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
+        let stopped = stopped.is_some();
+        self.world.note((!stopped).then(|| report.succeeded()), &tasks);
+        self.record.tell(EventKind::Sequence {
+            index,
+            success: report.succeeded(),
+            tasks,
+            refused: if stopped {
+                Some("the arm was stopped".to_owned())
+            } else {
+                report.refused.as_ref().map(ToString::to_string)
+            },
+        });
+        for (place, dispatched) in report.tasks.iter().enumerate() {
+            let id = &dispatched.id;
+            // Nothing of a task reaches the monitors while the link is down.
+            if link_up {
+                self.keep_telemetry(id, &dispatched.record, report.duration_ms)?;
+            }
+            let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
+            raised = others;
+            let tripped = ours.iter().any(|raised| raised.decision.action == MonitorAction::Rollback);
+            for raised in ours {
+                self.act_on(id, &raised.decision, raised.trip.as_ref())?;
+            }
+            let cut_short = stopped && place + 1 == report.tasks.len();
+            if link_up && !tripped && !cut_short {
+                self.watch(id, &dispatched.record)?;
+            }
+        }
+        Ok(report)
+    }
+
+    /// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain.
+    fn keep_telemetry(
+        &mut self,
+        id: &CapabilityId,
+        record: &TaskRecord,
+        duration_ms: u64,
+    ) -> Result<(), Fault> {
+        if self.monitors.of(id).is_none() {
+            return Ok(());
+        }
+        let to_ms = self.record.now_ms();
+        let batch = Batch {
+            version: id.clone(),
+            stream: "live".to_owned(),
+            from_ms: to_ms.saturating_sub(duration_ms),
+            to_ms,
+            rows: record.path.len().max(1) as u64,
+            body: serde_json::to_vec(record)?,
+        };
+        let store = self.record.ledger().store();
+        store.append_telemetry(&batch)?;
+        let seals = store.seal_telemetry()?;
+        if !seals.is_empty() {
+            self.record.write(seals, Vec::new())?;
+        }
+        Ok(())
+    }
+
+    /// Feeds one live task to the monitor of its version.
+    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord) -> Result<(), Fault> {
+        let now_tick = self.record.now_tick();
+        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        let Some(values) = record.values() else { return Ok(()) };
+        watched.monitor.telemetry(now_tick);
+        watched.episodes = watched.episodes.saturating_add(1);
+        let mut decision = watched.monitor.observe(&values, now_tick);
+        for event in safety_events(record) {
+            decision = watched.monitor.safety(event, now_tick);
+        }
+        self.act_on(id, &decision, None)
+    }
+
+    /// Silence and unanswered escalations. Tells whether anything was done.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn look_at_monitors(&mut self) -> Result<bool, Fault> {
+        let now_tick = self.record.now_tick();
+        let link_up = self.world.cell.link_is_up();
+        let mut due = Vec::new();
+        for watched in self.monitors.iter_mut() {
+            if link_up {
+                // The arm at rest is read as well.
+                watched.monitor.telemetry(now_tick);
+            }
+            let decision = watched.monitor.tick(now_tick);
+            if decision.action > watched.told {
+                due.push((watched.id.clone(), decision));
+            }
+        }
+        for (id, decision) in &due {
+            self.act_on(id, decision, None)?;
+        }
+        Ok(!due.is_empty())
+    }
+
+    /// Tells what monitors asked while their sequence ran. Tells whether there was anything.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn look_at_questions(&mut self) -> Result<bool, Fault> {
+        let Some(thread) = &self.world.thread else { return Ok(false) };
+        let questions = thread.take_questions();
+        for (watched, decision) in &questions {
+            if let Some(own) = self.monitors.of_mut(&watched.id) {
+                // The engine's copy shows the question; the monitor itself goes on in the sequence.
+                own.monitor.clone_from(&watched.monitor);
+                self.act_on(&watched.id, decision, None)?;
+            }
+        }
+        Ok(!questions.is_empty())
+    }
+
+    /// Does what a monitor asks for. `trip` is the task it stopped, where it did.
+    fn act_on(
+        &mut self,
+        id: &CapabilityId,
+        decision: &MonitorDecision,
+        trip: Option<&Trip>,
+    ) -> Result<(), Fault> {
+        let mut silent = false;
+        let mut asks_anew = false;
+        if let Some(watched) = self.monitors.of_mut(id) {
+            if watched.asked.is_none() && decision.action != MonitorAction::Continue {
+                watched.asked = decision.reasons.first().map(|reason| reason.code);
+            }
+            watched.told = watched.told.max(decision.action);
+            if watched.monitor.escalation().is_some() && watched.question.is_empty() {
+                watched.question.clone_from(&decision.reasons);
+                // A restriction is told with its own alarm the first time; later ones are a question alone.
+                asks_anew = watched.restricted;
+            }
+            silent = watched.asked == Some(ReasonCode::MonitorTelemetryMissing);
+        }
+        match decision.action {
+            MonitorAction::Continue => self.maybe_confirm(id),
+            MonitorAction::Restrict if asks_anew => self.escalated(id, decision),
+            MonitorAction::Restrict => self.restrict(id, &decision.reasons),
+            MonitorAction::Escalate => self.escalated(id, decision),
+            MonitorAction::Rollback => {
+                self.tell_monitor(id, decision.action, &decision.reasons)?;
+                let text = decision.reasons.first().map_or_else(
+                    || "monitor".to_owned(),
+                    |reason| format!("{}: {}", reason.code, reason.text),
+                );
+                self.dossiers.edit(id).reasons.clone_from(&decision.reasons);
+                let trigger = Trigger {
+                    kind: TriggerKind::of(&decision.reasons, silent),
+                    event: trip.and_then(|trip| trip.event),
+                    text,
+                    tick: decision.tick,
+                };
+                self.take_off(id, trigger, trip, Leave::RolledBack)
+            }
+        }
+    }
+
+    fn escalated(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
+        self.tell_monitor(id, decision.action, &decision.reasons)?;
+        let priority = self.context.profile.alarms.escalated;
+        let text = format!("{id}: people are needed");
+        self.record.raise(&format!("escalated:{id}"), "monitor", priority, true, &text);
+        Ok(())
+    }
+
+    fn tell_monitor(
+        &mut self,
+        id: &CapabilityId,
+        action: MonitorAction,
+        reasons: &[Reason],
+    ) -> Result<(), Fault> {
+        let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
+        self.record.note("monitor", id.to_string(), body)?;
+        self.record.tell(EventKind::Monitor {
+            version: id.clone(),
+            decision: action.name().to_owned(),
+            reasons: reasons.to_vec(),
+        });
+        Ok(())
+    }
+
+    /// Tightens the envelope of an active version. A second demand changes nothing.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn restrict(&mut self, id: &CapabilityId, reasons: &[Reason]) -> Result<(), Fault> {
+        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        if watched.restricted {
+            return Ok(());
+        }
+        watched.restricted = true;
+        self.tell_monitor(id, MonitorAction::Restrict, reasons)?;
+        let (version, _, _) = self.record.ledger().version(id)?;
+        let reason =
+            reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+        self.record.transition(&id.family, Event::Restrict { version }, Note::because(reason))?;
+        let priority = self.context.profile.alarms.restricted;
+        let text = format!("{id} is restricted");
+        self.record.raise(&format!("restricted:{id}"), "monitor", priority, true, &text);
+        Ok(())
+    }
+
+    /// Confirms a version whose window passed without a trip and which is in no doubt.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
+            return Ok(());
+        }
+        if has_open_doubt(self.dossiers.of(id)) {
+            return Ok(());
+        }
+        watched.confirmed = true;
+        let episodes = watched.episodes;
+        let (version, standing, _) = self.record.ledger().version(id)?;
+        if !standing.flags.provisional {
+            return Ok(());
+        }
+        let note = Note::because("the provisional window passed without a trip");
+        self.record.transition(&id.family, Event::Confirm { version }, note)?;
+        self.record.tell(EventKind::Confirmed { version: id.clone(), episodes });
+        self.record.close_audit(id, "confirmed")
+    }
+
+    /// Takes an active version off, and looks at the first tasks under its predecessor: at once where the live world
+    /// works in step, as they come where it has a thread of its own.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn take_off(
+        &mut self,
+        id: &CapabilityId,
+        trigger: Trigger,
+        trip: Option<&Trip>,
+        leave: Leave,
+    ) -> Result<(), Fault> {
+        let Some(mut resumption) = self.roll_back(id, trigger, trip, leave)? else { return Ok(()) };
+        if self.world.is_paced() {
+            self.raise_rolled_back(resumption.record());
+            self.resumptions.push(resumption);
+            return Ok(());
+        }
+        loop {
+            let report = self.sequence(None)?;
+            if self.takes_in(&mut resumption, &report) {
+                return self.close_resumption(resumption);
+            }
+        }
+    }
+}
+
+fn summary(dispatched: &Dispatched) -> TaskSummary {
+    let record = &dispatched.record;
+    TaskSummary {
+        version: dispatched.id.clone(),
+        success: record.success,
+        violation: record.violation,
+        anomaly: record.anomaly,
+        recovery: record.recovery,
+        retries: record.retries,
+        time_secs: record.time_secs,
+    }
+}

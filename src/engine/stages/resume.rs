@@ -1,0 +1,109 @@
+//! The last rung: the first tasks under the predecessor, looked at until it is known whether the family works again.
+//!
+//! An engine in step works them at once; a paced one looks on as the live world works them, and closes the record
+//! then. Moves nothing itself.
+
+use holdpoint_governance::evidence::HardStop;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::monitor::SafetyEvent;
+use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
+use holdpoint_runtime::task::TaskRecord;
+
+use super::live::Live;
+use crate::fault::Fault;
+use crate::world::live::SequenceReport;
+use crate::world::supervisor::safety_events;
+
+/// Tasks of the predecessor after which it is judged whether the family works again.
+const RESUME_TASKS: u32 = 3;
+
+/// Most sequences for them: the live world may not reach the family's task.
+const RESUME_SEQUENCES_MAX: u32 = 9;
+
+/// A predecessor whose first tasks are looked at.
+pub struct Resumption {
+    predecessor: CapabilityId,
+    record: RollbackRecord,
+    events: Vec<SafetyEvent>,
+    sequences: u32,
+    from_ms: u64,
+}
+
+impl Resumption {
+    /// Nothing is in flight: the agent plans anew, and the first tasks under the predecessor are to be looked at.
+    #[must_use]
+    pub(crate) const fn new(predecessor: CapabilityId, record: RollbackRecord, now_ms: u64) -> Self {
+        Self { predecessor, record, events: Vec::new(), sequences: 0, from_ms: now_ms }
+    }
+
+    /// The rollback it belongs to.
+    #[must_use]
+    pub const fn record(&self) -> &RollbackRecord {
+        &self.record
+    }
+}
+
+impl Live<'_> {
+    /// A paced live world worked a sequence.
+    pub(crate) fn look_at_resumptions(&mut self, report: &SequenceReport) -> Result<(), Fault> {
+        for mut resumption in std::mem::take(self.resumptions) {
+            if self.takes_in(&mut resumption, report) {
+                self.close_resumption(resumption)?;
+            } else {
+                self.resumptions.push(resumption);
+            }
+        }
+        Ok(())
+    }
+
+    /// The engine ends: what is not known by now stays unknown, and the records are closed.
+    pub(crate) fn end_resumptions(&mut self) -> Result<(), Fault> {
+        for mut resumption in std::mem::take(self.resumptions) {
+            let text = "the engine ended before it was known whether the family works again";
+            let failure = Some(RungFailure::NotRecovered);
+            self.push_rung(&mut resumption.record, RungRecord::new(Rung::Resume, failure, 0, text));
+            self.conclude(resumption.record)?;
+        }
+        Ok(())
+    }
+
+    /// Takes a sequence in. Tells whether it is known now.
+    pub(crate) fn takes_in(&self, resumption: &mut Resumption, report: &SequenceReport) -> bool {
+        let Resumption { predecessor, record, events, sequences, .. } = resumption;
+        *sequences += 1;
+        for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
+            record.resumed_tasks += 1;
+            events.extend(safety_events(&done.record));
+            events.extend(moved_on(&done.record, self.context.profile.runtime.unsafe_continuation_max_ms));
+        }
+        let replaced = self.record.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);
+        record.resumed_tasks >= RESUME_TASKS
+            || !events.is_empty()
+            || replaced
+            || *sequences >= RESUME_SEQUENCES_MAX
+    }
+
+    pub(crate) fn close_resumption(&mut self, resumption: Resumption) -> Result<(), Fault> {
+        let Resumption { mut record, events, from_ms, .. } = resumption;
+        let recovered = record.resumed_tasks > 0 && events.is_empty();
+        record.recovered = Some(recovered);
+        let text = match (events.first(), record.resumed_tasks) {
+            (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
+            (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
+            (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
+        };
+        let rate = u64::from(holdpoint_body::RATE_HZ);
+        let ticks = (self.record.now_ms() - from_ms) * rate / 1000;
+        let failure = (!recovered).then_some(RungFailure::NotRecovered);
+        self.push_rung(&mut record, RungRecord::new(Rung::Resume, failure, ticks, text));
+        self.conclude(record)
+    }
+}
+
+/// Motion after a stop, as the monitor counts it.
+#[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
+fn moved_on(record: &TaskRecord, limit_ms: f64) -> Option<SafetyEvent> {
+    let moved = record.unsafe_continuation_ms as f64 > limit_ms
+        || record.hard_stop == Some(HardStop::MotionAfterStop);
+    moved.then_some(SafetyEvent::UnsafeContinuation)
+}

@@ -1,0 +1,315 @@
+//! Stage 7: the ladder. Every rung can fail and says so; a failed rung ends in a safe-stopped family
+//! with a latched alarm, never in a silent "rolled back".
+//!
+//! Owns the order of the rungs and their record. What moves the arm is in `world/descent.rs`; which versions
+//! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
+
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{Event, Leave, State, VersionRef};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::rollback::{
+    RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
+};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{ActiveCause, Change};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::Terms;
+
+use super::live::Live;
+use super::resume::Resumption;
+use crate::fault::Fault;
+use crate::ledger::{LedgerError, Note};
+use crate::record::Record;
+use crate::world::descent::Descent;
+use crate::world::painter::Sketch;
+use crate::world::portrait;
+use crate::world::supervisor::Trip;
+
+/// What sets a rollback off now.
+pub(crate) fn trigger(record: &Record, kind: TriggerKind, text: impl Into<String>) -> Trigger {
+    Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
+}
+
+impl Live<'_> {
+    /// Takes an active version off: first its command authority, then the arm to a safe pose, then
+    /// the binding, then the record. `trip` is the task that was stopped for it, where one was. What comes back is
+    /// to be looked at: the first tasks under the predecessor; nothing where there was nothing to do, or the family
+    /// is safe-stopped.
+    pub(crate) fn roll_back(
+        &mut self,
+        id: &CapabilityId,
+        trigger: Trigger,
+        trip: Option<&Trip>,
+        leave: Leave,
+    ) -> Result<Option<Resumption>, Fault> {
+        let (version, standing, _) = self.record.ledger().version(id)?;
+        if standing.state != State::Active {
+            return Ok(None);
+        }
+        let target = standing.predecessor;
+        if !standing.flags.rollback_pending {
+            let note = Note::because(format!("command authority is revoked: {}", trigger.text));
+            self.record.transition(&id.family, Event::BeginRollback { version }, note)?;
+        }
+        let mut record = RollbackRecord {
+            candidate: id.clone(),
+            predecessor: None,
+            trigger,
+            in_flight: trip.is_some(),
+            time_to_safe_ticks: None,
+            time_to_safe_ms: None,
+            time_to_restored_ticks: None,
+            time_to_restored_ms: None,
+            unsafe_continuation_ms: 0,
+            rungs: Vec::new(),
+            post_status: "safe-stopped".to_owned(),
+            recovered: None,
+            resumed_tasks: 0,
+        };
+        self.rung(&mut record, Rung::RevokeAuthority, None, "the version gives no command any more");
+        let descent = self.come_to_rest(id, trip, &mut record)?;
+        self.monitors.remove(&id.family);
+        if !descent.held() {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        let Some(predecessor) = self.load_predecessor(id, target, &mut record) else {
+            return self.safe_stop(id, version, record).map(|()| None);
+        };
+        let failure = self.policy_failure();
+        self.rung(&mut record, Rung::VerifyPolicy, failure, "policy table and context against the profile");
+        if failure.is_some() {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        let ready = self.ready(&predecessor);
+        let restored_ticks = descent.ticks + ready.ticks;
+        self.record.advance(ready.ms);
+        let is_ready = ready.goes_on();
+        self.push_rung(&mut record, ready);
+        if !is_ready {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        let left = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" };
+        left.clone_into(&mut record.post_status);
+        record.predecessor = Some(predecessor.id());
+        record.time_to_restored_ticks = Some(restored_ticks);
+        record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
+        let note = Note {
+            cause: Some(ActiveCause::Restore),
+            before: vec![evidence(&record)?],
+            ..Note::because(record.trigger.text.clone())
+        };
+        match self.record.transition(&id.family, Event::FinishRollback { version, leave }, note) {
+            Ok(_) => self.rung(&mut record, Rung::SwapBinding, None, "the predecessor is bound again"),
+            Err(Fault::Ledger(LedgerError::Store(error))) => {
+                let text = format!("the swap could not be written: {error}");
+                self.rung(&mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
+                return self.safe_stop(id, version, record).map(|()| None);
+            }
+            Err(fault) => return Err(fault),
+        }
+        Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
+    }
+
+    /// The rungs that move the arm. A body that fails stands still for nobody.
+    fn come_to_rest(
+        &mut self,
+        id: &CapabilityId,
+        trip: Option<&Trip>,
+        record: &mut RollbackRecord,
+    ) -> Result<Descent, Fault> {
+        let leaving = self.record.capability(id)?;
+        let terms = self.terms_of(&leaving);
+        let sketch = self.sketch(&leaving, &terms);
+        let descended = match self.world.cell.rig_mut() {
+            Some(rig) => {
+                rig.arm_mut().body_mut().draw(sketch);
+                let descended = rig.descend(&leaving, &terms, trip);
+                rig.arm_mut().body_mut().draw(None);
+                descended.map_err(|error| format!("the body failed: {error}"))
+            }
+            None => Err("the arm is at work and out of reach".to_owned()),
+        };
+        let descent = descended.unwrap_or_else(|text| {
+            let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, text);
+            Descent { rungs: vec![rung], safe_ticks: None, ticks: 0, ticks_here: 0, motion_ticks: 0 }
+        });
+        self.record.advance(ticks_to_ms(descent.ticks_here));
+        record.time_to_safe_ticks = descent.safe_ticks;
+        record.time_to_safe_ms = descent.safe_ticks.map(ticks_to_ms);
+        record.unsafe_continuation_ms = ticks_to_ms(descent.motion_ticks);
+        for rung in &descent.rungs {
+            self.push_rung(record, rung.clone());
+        }
+        Ok(descent)
+    }
+
+    /// The predecessor, read from the store again.
+    fn load_predecessor(
+        &mut self,
+        id: &CapabilityId,
+        target: Option<VersionRef>,
+        record: &mut RollbackRecord,
+    ) -> Option<Capability> {
+        let known = target.and_then(|target| {
+            let entry = self.record.ledger().family(&id.family).ok()?;
+            let restorable = entry.state.state(target) == Some(State::Superseded);
+            let member = entry.members.get(usize::from(target.0)).filter(|_| restorable)?;
+            Some(member.capability.id())
+        });
+        let loaded = match &known {
+            None => Err((RungFailure::PredecessorMissing, "there is no version to go back to".to_owned())),
+            Some(known) => self.record.ledger().reload(known).map_err(|error| {
+                let failure = match error {
+                    LedgerError::Store(_) => RungFailure::StoreFailed,
+                    LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_) => {
+                        RungFailure::PredecessorMissing
+                    }
+                    LedgerError::Exists(_)
+                    | LedgerError::Refused(_)
+                    | LedgerError::Load { .. }
+                    | LedgerError::Record { .. }
+                    | LedgerError::DigestDiffers { .. } => RungFailure::DigestMismatch,
+                };
+                (failure, error.to_string())
+            }),
+        };
+        match loaded {
+            Ok(predecessor) => {
+                let text = format!("{} is in the store and true to its digest", predecessor.id());
+                self.rung(record, Rung::LoadPredecessor, None, &text);
+                Some(predecessor)
+            }
+            Err((failure, text)) => {
+                self.rung(record, Rung::LoadPredecessor, Some(failure), &text);
+                None
+            }
+        }
+    }
+
+    /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
+    fn policy_failure(&self) -> Option<RungFailure> {
+        let same = PolicyTable::builtin(&self.context.profile)
+            .is_ok_and(|table| table.digest == self.context.table.digest);
+        let Ok(context) = self.record.ledger().store().views().and_then(|views| views.context()) else {
+            return Some(RungFailure::StoreFailed);
+        };
+        let bound = context.is_some_and(|(_, digest, _)| digest == self.context.digest);
+        (!(same && bound)).then_some(RungFailure::PolicyMismatch)
+    }
+
+    fn ready(&mut self, predecessor: &Capability) -> RungRecord {
+        let terms = self.terms_of(predecessor);
+        let sketch = self.sketch(predecessor, &terms);
+        let ready = match self.world.cell.rig_mut() {
+            Some(rig) => {
+                rig.arm_mut().body_mut().draw(sketch);
+                let ready = rig.ready(predecessor, &terms);
+                rig.arm_mut().body_mut().draw(None);
+                ready.map_err(|error| format!("the body failed: {error}"))
+            }
+            None => Err("the arm is at work and out of reach".to_owned()),
+        };
+        ready.unwrap_or_else(|text| {
+            RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, text)
+        })
+    }
+
+    /// Draws the ladder, where pictures are wanted.
+    fn sketch(&self, of: &Capability, terms: &Terms) -> Option<Sketch> {
+        let pictures = self.world.pictures.clone()?;
+        let envelope = portrait::envelope(terms.envelope());
+        let sequence = self.world.cell.sequences().saturating_sub(1);
+        Some(Sketch::new(pictures, self.record.clock().clone(), sequence, of.id(), envelope))
+    }
+
+    /// The terminal record: what came of it is known now.
+    pub(crate) fn conclude(&mut self, record: RollbackRecord) -> Result<(), Fault> {
+        let id = record.candidate.clone();
+        self.record.write(vec![evidence(&record)?], Vec::new())?;
+        if record.recovered == Some(false) {
+            let priority = self.context.profile.alarms.safe_stopped;
+            let text = format!("{} is back to its predecessor and does not work safely", id.family);
+            self.record.raise(&format!("not-recovered:{}", id.family), "rollback", priority, true, &text);
+        }
+        if !self.world.is_paced() {
+            self.raise_rolled_back(&record);
+        }
+        let state = record.post_status.clone();
+        self.record.tell(told(record));
+        self.record.close_audit(&id, &state)
+    }
+
+    pub(crate) fn raise_rolled_back(&mut self, record: &RollbackRecord) {
+        let id = &record.candidate;
+        let priority = self.context.profile.alarms.rolled_back;
+        let text = format!("{id} was taken off: {}", record.trigger.text);
+        self.record.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &text);
+    }
+
+    /// A rung failed or there is nothing to go back to.
+    fn safe_stop(
+        &mut self,
+        id: &CapabilityId,
+        version: VersionRef,
+        mut record: RollbackRecord,
+    ) -> Result<(), Fault> {
+        "safe-stopped".clone_into(&mut record.post_status);
+        record.predecessor = None;
+        record.time_to_restored_ticks = None;
+        record.time_to_restored_ms = None;
+        record.recovered = Some(false);
+        let why = record.stopped_by().map_or("a rung failed", RungFailure::name);
+        let note = Note {
+            cause: Some(ActiveCause::Vacate),
+            before: vec![evidence(&record)?],
+            ..Note::because(format!(
+                "a rung of the rollback failed ({why}); the family is stopped ({})",
+                record.trigger.text
+            ))
+        };
+        self.record.transition(&id.family, Event::FailRollback { version }, note)?;
+        let priority = self.context.profile.alarms.safe_stopped;
+        let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
+        self.record.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);
+        self.record.tell(told(record));
+        self.record.close_audit(id, "safe-stopped")
+    }
+
+    fn rung(&mut self, record: &mut RollbackRecord, rung: Rung, failure: Option<RungFailure>, text: &str) {
+        self.push_rung(record, RungRecord::new(rung, failure, 0, text));
+    }
+
+    pub(crate) fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
+        self.record.tell(EventKind::Rung {
+            version: record.candidate.clone(),
+            rung: rung.rung.name().to_owned(),
+            ok: rung.failure.is_none(),
+            failure: rung.failure,
+            ms: rung.ms,
+            text: rung.text.clone(),
+        });
+        record.rungs.push(rung);
+    }
+}
+
+fn evidence(record: &RollbackRecord) -> Result<Change, Fault> {
+    let json = serde_json::to_string(record)?;
+    let digest = Digest::of_json("holdpoint.rollback.v2", record)?;
+    Ok(Change::PutEvidence { version: record.candidate.clone(), kind: EvidenceKind::Rollback, json, digest })
+}
+
+fn told(record: RollbackRecord) -> EventKind {
+    EventKind::RolledBack {
+        version: record.candidate.clone(),
+        restored: record.predecessor.clone(),
+        trigger: record.trigger.text.clone(),
+        time_to_safe_ms: record.time_to_safe_ms,
+        time_to_rollback_ms: record.time_to_restored_ms,
+        recovered: record.recovered == Some(true),
+        record: Box::new(record),
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,400 @@
+//! The ladder, rung by rung: what a test can break is broken, and each class of failure is reached.
+
+use std::path::Path;
+
+use holdpoint_body::{Command as Motion, RATE_HZ};
+use holdpoint_sim::fault::Fault as SimFault;
+use tempfile::TempDir;
+
+use super::*;
+use crate::cell::Cell;
+use crate::ledger::Ledger;
+use crate::monitors::Watched;
+use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::world::live::LiveFault;
+use holdpoint_body::Body;
+use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::monitor::SafetyEvent;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_registry::Store;
+use holdpoint_runtime::capability;
+use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
+
+const GOOD: EpisodeValues = EpisodeValues {
+    success: true,
+    violation: false,
+    anomaly: false,
+    recovery: false,
+    intervention: false,
+    timeout: false,
+    near_violation: false,
+    retries: 0,
+    time_s: 2.0,
+    unsafe_continuation_ms: 0.0,
+};
+
+pub(crate) struct Bench {
+    folder: TempDir,
+    pub(crate) pipeline: Pipeline,
+}
+
+impl Bench {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let settings = Settings {
+            seed: CALIBRATION_FROM_RUN,
+            jobs: 1,
+            table: PolicyTable::builtin(&profile).unwrap(),
+            profile,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
+        let baselines = crate::baselines().unwrap();
+        let pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
+        Self { folder, pipeline }
+    }
+
+    /// Makes a candidate active and watched without its evaluation: what is tested comes after that.
+    pub(crate) fn activate(&mut self, name: &str) -> CapabilityId {
+        let pipeline = &mut self.pipeline;
+        let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
+        let id = Capability::load(name, package.clone()).unwrap().id();
+        let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
+        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        let version = pipeline.record.ledger().version(&id).unwrap().0;
+        for stage in Stage::ALL {
+            pipeline
+                .record
+                .transition(&id.family, Event::Start { version, stage }, Note::because("test"))
+                .unwrap();
+            pipeline
+                .record
+                .transition(&id.family, Event::Pass { version, stage }, Note::because("test"))
+                .unwrap();
+        }
+        pipeline.dossiers.edit(&id).twins = vec![GOOD; 40];
+        let now_tick = pipeline.record.now_tick();
+        let watched = Watched::new(&id, pipeline.dossiers.of(&id), &pipeline.context, now_tick).unwrap();
+        let digest = Digest::of_parts("test", &[b"gate"]);
+        let gate = Change::PutEvidence {
+            version: id.clone(),
+            kind: EvidenceKind::Gate,
+            json: "{}".to_owned(),
+            digest,
+        };
+        let note = Note {
+            cause: Some(ActiveCause::Gate { evidence: digest, approvals_needed: 0 }),
+            before: vec![gate],
+            ..Note::because("test")
+        };
+        pipeline.record.transition(&id.family, Event::Activate { version }, note).unwrap();
+        pipeline.monitors.insert(watched);
+        pipeline.drain_events();
+        id
+    }
+
+    pub(crate) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
+        let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
+        let reply = self.pipeline.command(Command::Rollback(operation));
+        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        let record = self.record();
+        assert_eq!(record.trigger.kind, TriggerKind::Operator);
+        assert!(!record.in_flight);
+        record
+    }
+
+    /// The record that was told, which is the one that is kept.
+    fn record(&mut self) -> RollbackRecord {
+        let events = self.pipeline.drain_events();
+        let told = events.iter().rev().find_map(|event| match event {
+            EventKind::RolledBack { record, .. } => Some((**record).clone()),
+            _ => None,
+        });
+        let record = told.expect("a rollback was told");
+        let views = self.pipeline.record.ledger().store().views().unwrap();
+        let kept = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
+        assert_eq!(serde_json::from_str::<RollbackRecord>(&kept.json).unwrap(), record);
+        let rungs: Vec<&str> = events
+            .iter()
+            .filter_map(|event| match event {
+                EventKind::Rung { rung, .. } => Some(rung.as_str()),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(rungs, record.rungs.iter().map(|rung| rung.rung.name()).collect::<Vec<_>>());
+        if record.post_status == "safe-stopped" {
+            let rang = |event: &EventKind| {
+                matches!(event, EventKind::Alarm { alarm, priority, .. }
+                    if alarm.starts_with("safe-stopped:") && priority == "critical")
+            };
+            assert!(events.iter().any(rang), "a safe-stopped family has a critical alarm: {events:?}");
+        }
+        record
+    }
+
+    /// The family has nobody in control, and the ladder ended where it failed.
+    fn assert_stopped(&self, record: &RollbackRecord, failure: RungFailure) {
+        assert_eq!(record.stopped_by(), Some(failure), "{:?}", record.rungs);
+        assert_eq!(record.rungs.last().unwrap().failure, Some(failure), "nothing is tried after it");
+        assert_eq!((record.post_status.as_str(), record.recovered), ("safe-stopped", Some(false)));
+        assert_eq!(record.time_to_restored_ticks, None);
+        let family = self.pipeline.record.ledger().family(&record.candidate.family).unwrap();
+        assert!(family.state.safe_stopped && family.active().is_none());
+    }
+
+    fn assert_restored(&self, record: &RollbackRecord) {
+        assert_eq!(record.stopped_by(), None, "{:?}", record.rungs);
+        assert_eq!(record.post_status, "rolled-back");
+        let active = self.pipeline.record.active_of(&record.candidate.family).map(|active| active.id());
+        assert_eq!(active, record.predecessor);
+        let (safe, restored) = (record.time_to_safe_ticks.unwrap(), record.time_to_restored_ticks.unwrap());
+        assert!(safe < restored, "{safe} {restored}");
+        let rungs: Vec<Rung> = record.rungs.iter().map(|rung| rung.rung).collect();
+        assert_eq!(rungs, Rung::ALL);
+    }
+
+    /// Moves the tool without any version, and leaves it moving or standing.
+    fn move_tool(&mut self, position: [f64; 3], ticks: u32) {
+        let body = self.pipeline.world.cell.rig_mut().unwrap().arm_mut().body_mut();
+        let mut pose = body.telemetry().tool;
+        pose.position = position;
+        body.step(&Motion::ToolPose { pose, max_speed_m_s: 0.4 }).unwrap();
+        for _ in 1..ticks {
+            body.step(&Motion::Hold).unwrap();
+        }
+    }
+
+    fn break_arm(&mut self, fault: SimFault) {
+        self.pipeline.world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
+    }
+}
+
+#[test]
+fn a_safety_event_acts_in_the_tick_it_happens() {
+    let mut bench = Bench::new();
+    // It flies low, among the live cell's clutter.
+    let id = bench.activate("align-low-transit");
+    for _ in 0..40 {
+        assert_eq!(bench.pipeline.advance(), Progress::Worked);
+        if bench.pipeline.monitors.iter().next().is_none() {
+            break;
+        }
+    }
+    let record = bench.record();
+    assert_eq!(record.candidate, id);
+    assert_eq!(record.trigger.kind, TriggerKind::SafetyEvent);
+    assert!(record.trigger.event.is_some());
+    assert!(record.in_flight);
+    bench.assert_restored(&record);
+    let safe = record.time_to_safe_ticks.unwrap();
+    assert!((1..u64::from(RATE_HZ)).contains(&safe), "the arm moved and was stopped: {safe} ticks");
+}
+
+#[test]
+fn a_standing_arm_is_restored_at_once() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let record = bench.by_operator(&id);
+    bench.assert_restored(&record);
+    assert_eq!(record.recovered, Some(true), "{:?}", record.rungs);
+}
+
+#[test]
+fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
+    let taken = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let told = [false, true].map(|drawn| {
+        let mut bench = Bench::new();
+        let id = bench.activate("align-improved");
+        if drawn {
+            let pictures = std::sync::Arc::clone(&taken);
+            bench.pipeline.draw_live_world(std::sync::Arc::new(move |picture| {
+                pictures.lock().unwrap().push(picture);
+            }));
+        }
+        for _ in 0..3 {
+            assert_eq!(bench.pipeline.advance(), Progress::Worked);
+        }
+        let operation = Operation { version: id, by: "ann".to_owned(), reason: "drill".to_owned() };
+        bench.pipeline.command(Command::Rollback(operation));
+        (bench.pipeline.drain_events(), bench.pipeline.record.now_ms())
+    });
+    assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
+    let taken = taken.lock().unwrap();
+    assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "pictures are in order of time");
+    assert!(
+        taken.iter().any(|picture| picture.task.as_deref() == Some("grasp") && picture.envelope.is_some())
+    );
+    assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
+    // The ladder ends with the tool clear of everything, and the arm under no task.
+    let raised = |picture: &&holdpoint_protocol::picture::Picture| {
+        picture.task.is_none()
+            && picture.stopped
+            && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
+    };
+    assert!(taken.iter().filter(raised).count() > 3, "{} pictures", taken.len());
+}
+
+#[test]
+fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    bench.move_tool([0.5, 0.2, 0.35], 48);
+    // The task was stopped 40 ticks ago, and its hook has not brought the arm to a stand since.
+    let world_tick = bench.pipeline.world.cell.rig_mut().unwrap().world().tick() - 40;
+    let stopped = RecoveryReport {
+        stopped_by: StoppedBy::Nothing,
+        ticks_to_standstill: 40,
+        motion_ticks: 40,
+        violation: None,
+    };
+    let trip = Trip { event: Some(SafetyEvent::KeepOut), world_tick, tick: 0, stopped: Some(stopped) };
+    let trigger = trigger(&bench.pipeline.record, TriggerKind::SafetyEvent, "test");
+    bench.pipeline.live().take_off(&id, trigger, Some(&trip), Leave::RolledBack).unwrap();
+    let record = bench.record();
+    assert_eq!(record.rungs[1].failure, Some(RungFailure::HookFailed), "{:?}", record.rungs);
+    assert!(record.time_to_safe_ticks.unwrap() >= 40, "time counts from the trigger");
+    assert_eq!(record.unsafe_continuation_ms, ticks_to_ms(40));
+    bench.assert_restored(&record);
+}
+
+#[test]
+fn a_family_without_predecessor_is_stopped() {
+    let mut bench = Bench::new();
+    let record = bench.by_operator(&"place@1.0.0".parse().unwrap());
+    bench.assert_stopped(&record, RungFailure::PredecessorMissing);
+    assert!(record.time_to_safe_ticks.is_some());
+}
+
+#[test]
+fn a_joint_that_runs_away_is_no_standstill() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    bench.break_arm(SimFault::JointRunaway { joint: 0 });
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::NoStandstill);
+    assert_eq!(record.time_to_safe_ticks, None);
+}
+
+#[test]
+fn a_jammed_joint_blocks_the_retreat() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    bench.move_tool([0.5, 0.0, 0.10], 480);
+    bench.break_arm(SimFault::JointStuck { joint: 1 });
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::RetreatBlocked);
+    assert!(record.time_to_safe_ticks.is_some());
+}
+
+#[test]
+fn a_predecessor_that_was_changed_in_the_store_is_not_bound() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let database = bench.pipeline.record.ledger().store().layout().database();
+    assert!(database.starts_with(bench.folder.path()));
+    let other = rusqlite::Connection::open(database).unwrap();
+    // Whoever can write the file can take away what guards it.
+    let guards: Vec<String> = other
+        .prepare("SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'version'")
+        .and_then(|mut found| found.query_map([], |row| row.get(0))?.collect())
+        .unwrap();
+    for guard in guards {
+        other.execute_batch(&format!("DROP TRIGGER \"{guard}\"")).unwrap();
+    }
+    let sql = "UPDATE version SET submission = replace(submission, '1.0.0', '1.0.1')
+               WHERE name = 'align@1.0.0'";
+    assert_eq!(other.execute(sql, []).unwrap(), 1);
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::DigestMismatch);
+}
+
+#[test]
+fn policies_that_are_not_the_profiles_end_the_ladder() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let other = Profile::builtin(ProfileName::Human).unwrap();
+    bench.pipeline.context.table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::PolicyMismatch);
+}
+
+#[test]
+fn a_swap_that_cannot_be_written_ends_the_ladder() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let database = bench.pipeline.record.ledger().store().layout().database();
+    let trigger = "CREATE TRIGGER refuse BEFORE UPDATE OF active ON family WHEN NEW.active IS NOT NULL
+                   BEGIN SELECT RAISE(ABORT, 'injected'); END";
+    rusqlite::Connection::open(database).and_then(|other| other.execute_batch(trigger)).unwrap();
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::StoreFailed);
+    assert_eq!(record.rungs.last().unwrap().rung, Rung::SwapBinding);
+}
+
+#[test]
+fn a_predecessor_that_is_no_safer_is_said() {
+    let mut bench = Bench::new();
+    bench.activate("align-low-transit");
+    let id = bench.activate("align-improved");
+    let record = bench.by_operator(&id);
+    bench.assert_restored(&record);
+    assert_eq!(record.recovered, Some(false), "{:?}", record.rungs);
+    assert_eq!(record.rungs.last().unwrap().failure, Some(RungFailure::NotRecovered));
+}
+
+#[test]
+fn silence_asks_then_restricts_then_rolls_back() {
+    let mut bench = Bench::new();
+    let id = bench.activate("grasp-improved");
+    bench.pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    let mut said = Vec::new();
+    let mut record = None;
+    for _ in 0..60 {
+        bench.pipeline.advance();
+        for event in bench.pipeline.drain_events() {
+            match event {
+                EventKind::Monitor { version, decision, .. } if version == id => said.push(decision),
+                EventKind::RolledBack { record: told, .. } => record = Some(told),
+                _ => {}
+            }
+        }
+        if record.is_some() {
+            break;
+        }
+    }
+    assert_eq!(said, ["escalate", "restrict", "rollback"]);
+    let record = record.unwrap();
+    assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
+    bench.assert_restored(&record);
+    let waited_s = bench.pipeline.context.profile.monitor.escalation_deadline_s;
+    let at_s = record.trigger.tick as f64 / f64::from(RATE_HZ);
+    // A deadline that passes while another version is at work is acted on after that sequence.
+    assert!((waited_s..waited_s + 15.0).contains(&at_s), "rolled back at {at_s} s");
+}
+
+#[test]
+fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
+    let mut bench = Bench::new();
+    bench.activate("align-improved");
+    let pipeline = &mut bench.pipeline;
+    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    // Nothing is worked: only time passes, from one deadline to the next.
+    let mut steps = 0;
+    while !pipeline.monitors.iter().next().is_none() {
+        let next_ms = pipeline.next_deadline_ms().expect("silence has a deadline");
+        pipeline.jump_to(next_ms);
+        assert!(pipeline.live().look_at_monitors().unwrap(), "due at {next_ms}");
+        steps += 1;
+        assert!(steps < 5);
+    }
+    assert_eq!(steps, 3);
+    let record = bench.record();
+    assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
+}

@@ -1,0 +1,308 @@
+//! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
+//! in turns; measured behaviour and recovery replace the estimates.
+
+use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::{Binding, Drills, HardStop};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+
+use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
+use super::validation;
+use crate::binding::{binding, made_under, party, terms_of};
+use crate::cell::Conditions;
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::trial::Trials;
+use crate::trial::evaluation::{Evaluation, Plan, Slice};
+use crate::trial::measures::ModeMetrics;
+use crate::trial::seeds::Purpose;
+use crate::trial::trace::keep_trace;
+
+/// Episodes of the canonical and of the adversarial mode.
+const MODE_EPISODES: u64 = 10;
+
+/// Share of speed and force the envelope leaves in the adversarial mode: permission stress.
+const ADVERSARIAL_SHARE: f64 = 0.7;
+
+/// A mode in which the candidate runs alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Alone {
+    /// No perturbation.
+    Canonical,
+    /// The sandbox's perturbations under a tighter envelope.
+    Adversarial,
+}
+
+/// A sandbox evaluation under way.
+pub struct SandboxRun {
+    id: CapabilityId,
+    binding: Binding,
+    phase: Phase,
+}
+
+enum Phase {
+    /// With the records so far.
+    Alone(Alone, Vec<TaskRecord>),
+    Compare(Box<Comparison>),
+}
+
+/// The comparison with the records its metrics are computed from: candidate's and active version's.
+struct Comparison {
+    evaluation: Evaluation,
+    records: (Vec<TaskRecord>, Vec<TaskRecord>),
+}
+
+impl SandboxRun {
+    /// Whose it is.
+    #[must_use]
+    pub const fn id(&self) -> &CapabilityId {
+        &self.id
+    }
+}
+
+/// What a sandbox slice reads and adds to.
+pub struct Sandbox<'a> {
+    /// What is judged under.
+    pub context: &'a Context,
+    /// How episodes are run.
+    pub trials: &'a Trials,
+    /// What becomes known.
+    pub record: &'a mut Record,
+    /// The evidence.
+    pub dossiers: &'a mut Dossiers,
+    /// Who is restricted by a monitor.
+    pub monitors: &'a Monitors,
+}
+
+/// How a slice ended.
+pub struct Step {
+    /// The run, where it goes on.
+    pub run: Option<Box<SandboxRun>>,
+    /// Episodes worked, beside which the live world works on.
+    pub episodes: u64,
+}
+
+/// Begins the sandbox of a candidate: what was measured before does not count.
+///
+/// # Errors
+/// Where the start cannot be written.
+pub fn begin(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+) -> Result<Box<SandboxRun>, Fault> {
+    record.start_stage(id, Stage::Sandbox, budget(context))?;
+    let candidate = record.capability(id)?;
+    let binding = binding(context, record.ledger(), &candidate);
+    let dossier = dossiers.edit(id);
+    if dossier.kappas.is_none() {
+        // Taken up again after a restart before the sandbox: the static part is computed anew.
+        let kappas = validation::assess(context, record.ledger(), &candidate);
+        dossier.conditions = kappas.conditions();
+        dossier.kappas = Some(kappas);
+    }
+    dossier.pairs.clear();
+    dossier.hard_stops.clear();
+    dossier.modes.clear();
+    dossier.sequences.clear();
+    dossier.twins.clear();
+    dossier.drills = Some((Drills::default(), Drills::default()));
+    dossier.bindings = vec![binding];
+    let phase = Phase::Alone(Alone::Canonical, Vec::new());
+    Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
+}
+
+fn budget(context: &Context) -> u64 {
+    2 * MODE_EPISODES + Plan::sandbox(&context.profile).budget()
+}
+
+impl Sandbox<'_> {
+    /// One slice of a run.
+    ///
+    /// # Errors
+    /// Where a worker fails, or the end of the stage cannot be written.
+    pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<Step, Fault> {
+        let id = run.id.clone();
+        let candidate = self.record.capability(&id)?;
+        let over = Step { run: None, episodes: 0 };
+        let Some(active) = self.record.active_of(&id.family) else {
+            let why = "the family has no active version to compare with";
+            abort_stage(self.record, self.dossiers, &id, why)?;
+            return Ok(over);
+        };
+        if binding(self.context, self.record.ledger(), &candidate) != run.binding {
+            let why = "the active version or the profile changed meanwhile";
+            abort_stage(self.record, self.dossiers, &id, why)?;
+            return Ok(over);
+        }
+        let mut episodes = 0;
+        run.phase = match run.phase {
+            Phase::Alone(mode, mut records) => {
+                if self.mode_episodes(&candidate, mode, &mut records)? {
+                    let seen = self.dossiers.edit(&id).hard_stops.clone();
+                    match mode {
+                        Alone::Canonical if seen.is_empty() => Phase::Alone(Alone::Adversarial, Vec::new()),
+                        Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
+                    }
+                } else {
+                    Phase::Alone(mode, records)
+                }
+            }
+            Phase::Compare(mut comparison) => {
+                if comparison.evaluation.ended().is_some() {
+                    self.decide(&id, &comparison)?;
+                    return Ok(over);
+                }
+                let ledger = self.record.ledger();
+                let party = |version| party(self.context, ledger, self.dossiers, self.monitors, version);
+                let (new, old) = (party(&candidate), party(&active));
+                let lab = self.trials.lab(&self.context.cell, ledger.store());
+                let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
+                if let Some(slice) = step {
+                    episodes = slice.worked;
+                    self.note_slice(&id, &mut comparison, slice)?;
+                }
+                Phase::Compare(comparison)
+            }
+        };
+        Ok(Step { run: Some(run), episodes })
+    }
+
+    fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> Phase {
+        let evaluation = Evaluation::new(Plan::sandbox(&self.context.profile), binding, seen);
+        Phase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
+    }
+
+    /// Keeps what a slice gave.
+    fn note_slice(
+        &mut self,
+        id: &CapabilityId,
+        comparison: &mut Comparison,
+        slice: Slice,
+    ) -> Result<(), Fault> {
+        let evaluation = &comparison.evaluation;
+        let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
+        let dossier = self.dossiers.edit(id);
+        dossier.pairs = paired.pairs;
+        dossier.hard_stops = paired.hard_stops;
+        dossier.drills = Some((rehearsed.candidate, rehearsed.active));
+        let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
+        if !new.is_empty() {
+            self.keep_trace(id, "perturbation", Conditions::Sandbox, &new)?;
+        }
+        comparison.records.0.extend(new);
+        comparison.records.1.extend(old);
+        let done = (2 * MODE_EPISODES + slice.done, budget(self.context));
+        progress(self.record, self.dossiers, id, Stage::Sandbox, &slice.what, done);
+        Ok(())
+    }
+
+    fn keep_trace(
+        &self,
+        id: &CapabilityId,
+        mode: &str,
+        conditions: Conditions,
+        records: &[TaskRecord],
+    ) -> Result<(), Fault> {
+        let (store, now_ms) = (self.record.ledger().store(), self.record.now_ms());
+        keep_trace(store, &self.context.cell, id, mode, conditions, records, now_ms)
+    }
+
+    /// The episodes of a mode in which the candidate runs alone. Tells whether all were worked.
+    fn mode_episodes(
+        &mut self,
+        candidate: &Capability,
+        mode: Alone,
+        records: &mut Vec<TaskRecord>,
+    ) -> Result<bool, Fault> {
+        let id = candidate.id();
+        let terms = terms_of(self.context, self.dossiers, self.monitors, candidate);
+        let (name, terms, conditions, purpose) = match mode {
+            Alone::Canonical => ("canonical", terms, Conditions::Canonical, Purpose::Canonical),
+            Alone::Adversarial => {
+                ("adversarial", terms.tightened(ADVERSARIAL_SHARE), Conditions::Sandbox, Purpose::Adversarial)
+            }
+        };
+        let from = records.len() as u64;
+        let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
+        let lab = self.trials.lab(&self.context.cell, self.record.ledger().store());
+        records.extend(lab.episodes(candidate, &terms, conditions, purpose, from..to)?);
+        if to < MODE_EPISODES {
+            return Ok(false);
+        }
+        self.keep_trace(&id, name, conditions, records)?;
+        let dossier = self.dossiers.edit(&id);
+        dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
+        dossier.modes.extend(ModeMetrics::of(name, &*records));
+        let done = if mode == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
+        progress(self.record, self.dossiers, &id, Stage::Sandbox, name, (done, budget(self.context)));
+        Ok(true)
+    }
+
+    /// Psi over measured behaviour and rehearsed recovery.
+    fn decide(&mut self, id: &CapabilityId, comparison: &Comparison) -> Result<(), Fault> {
+        let candidate = self.record.capability(id)?;
+        let profile = &self.context.profile;
+        let (evaluation, records) = (&comparison.evaluation, &comparison.records);
+        let (measured, rehearsed) = evaluation.assess(profile);
+        let dossier = self.dossiers.edit(id);
+        dossier.modes.extend(ModeMetrics::of("perturbation", &records.0));
+        dossier.modes.extend(ModeMetrics::of("perturbation, active version", &records.1));
+        let Some(before) = dossier.kappas.take() else {
+            return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
+        };
+        let kappas = Kappas {
+            behavior: measured.assessment.clone(),
+            recovery: rehearsed.assessment.clone(),
+            ..before
+        };
+        dossier.conditions = kappas.conditions();
+        dossier.behavior = Some(measured);
+        dossier.recovery = Some(rehearsed);
+        dossier.kappas = Some(kappas.clone());
+        let digest = dossier.digest()?;
+        let under = made_under(self.context, self.record.ledger(), &candidate, digest);
+        let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
+        dossier.reasons = decision.reasons().to_vec();
+        decided(self.context, self.record, dossier, id, Stage::Sandbox, &decision);
+        let (version, _, _) = self.record.ledger().version(id)?;
+        let mut note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
+        note.before.extend(self.record.ledger().store().seal_telemetry()?);
+        match decision.outcome() {
+            // The stage that Psi names has been completed on current evidence: a measured
+            // incompatibility is final, what the budget could not decide is held back.
+            Recommendation::Sandbox if is_undecided(&kappas) => {
+                self.record.transition(&id.family, Event::Demote { version }, note)?;
+                Ok(())
+            }
+            Recommendation::Reject | Recommendation::Sandbox => {
+                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                rejected(self.context, self.record, id)
+            }
+            Recommendation::Shadow | Recommendation::Activate | Recommendation::RollbackReview => {
+                let event = Event::Pass { version, stage: Stage::Sandbox };
+                self.record.transition(&id.family, event, note)?;
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Whether behaviour or recovery lack the evidence for a verdict, and neither is a measured failure.
+fn is_undecided(kappas: &Kappas) -> bool {
+    let failed = kappas.behavior.outcome == BehaviorOutcome::Incompatible
+        || kappas.recovery.outcome == RecoveryOutcome::Incompatible
+        || kappas.behavior.reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorHardStop);
+    let open = matches!(kappas.behavior.outcome, BehaviorOutcome::Inconclusive | BehaviorOutcome::NoData)
+        || kappas.recovery.outcome == RecoveryOutcome::NoData;
+    open && !failed
+}

@@ -1,0 +1,217 @@
+//! Stage 4: shadow. The candidate beside the live work, at two depths; no actuator handle.
+
+use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::evidence::{Binding, ShadowEvidence};
+use holdpoint_governance::gate::assess_shadow;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::outcome::Check;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{Batch, Store};
+use holdpoint_sim::world::World;
+
+use super::closing::{abort_stage, progress, rejected, stage_note};
+use super::confirmation::has_open_doubt;
+use crate::binding::{binding, made_under, terms_of};
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::word;
+use crate::world::shadow::{Shadow, ShadowTrace};
+
+/// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
+const ATTEMPTS_FACTOR: u32 = 6;
+
+/// Shadowed sequences in one telemetry batch: far below its size limit with every path kept.
+const TRACES_A_BATCH: usize = 20;
+
+/// A shadow deployment under way.
+pub struct ShadowRun {
+    id: CapabilityId,
+    binding: Binding,
+    fork: Option<World>,
+    tried: u32,
+    budget: u32,
+    traces: Vec<ShadowTrace>,
+}
+
+impl ShadowRun {
+    /// Whose it is.
+    #[must_use]
+    pub const fn id(&self) -> &CapabilityId {
+        &self.id
+    }
+}
+
+/// Begins the shadow of a candidate. A version in doubt is looked at as long as the profile allows.
+///
+/// # Errors
+/// Where the start cannot be written, or the twin's world not be built.
+pub fn begin(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+) -> Result<Box<ShadowRun>, Fault> {
+    let settings = &context.profile.evaluation;
+    let budget = if has_open_doubt(dossiers.of(id)) {
+        settings.shadow_sequences_max
+    } else {
+        settings.shadow_sequences
+    };
+    record.start_stage(id, Stage::Shadow, u64::from(budget))?;
+    let candidate = record.capability(id)?;
+    let binding = binding(context, record.ledger(), &candidate);
+    let dossier = dossiers.edit(id);
+    dossier.sequences.clear();
+    dossier.twins.clear();
+    dossier.bindings.push(binding);
+    let fork = Some(context.cell.world()?);
+    Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))
+}
+
+/// What goes along with the next sequence; `None` where the stage cannot go on and was aborted.
+///
+/// # Errors
+/// Where the twin's world cannot be built, or the abort not be written.
+pub fn take_along(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    monitors: &Monitors,
+    run: &mut ShadowRun,
+) -> Result<Option<Shadow>, Fault> {
+    let candidate = record.capability(&run.id)?;
+    if binding(context, record.ledger(), &candidate) != run.binding {
+        abort_stage(record, dossiers, &run.id, "the active version or the profile changed meanwhile")?;
+        return Ok(None);
+    }
+    let fork = match run.fork.take() {
+        Some(fork) => fork,
+        None => context.cell.world()?,
+    };
+    let terms = terms_of(context, dossiers, monitors, &candidate);
+    Ok(Some(Shadow::new(candidate, terms, fork)))
+}
+
+/// Takes in what the candidate did in one sequence; gives the run back where it goes on.
+///
+/// # Errors
+/// Where the end of the stage cannot be written.
+pub fn take_in(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    mut run: Box<ShadowRun>,
+    trace: Option<ShadowTrace>,
+    fork: Option<World>,
+) -> Result<Option<Box<ShadowRun>>, Fault> {
+    let id = run.id.clone();
+    run.fork = fork;
+    run.tried += 1;
+    let dossier = dossiers.edit(&id);
+    if let Some(trace) = trace {
+        dossier.sequences.push(trace.values);
+        dossier.twins.extend(trace.twin.values());
+        dossier.hard_stops.extend(trace.twin.hard_stop);
+        run.traces.push(trace);
+    }
+    let stopped = !dossier.hard_stops.is_empty();
+    let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);
+    let part = (u64::from(done), u64::from(run.budget));
+    progress(record, dossiers, &id, Stage::Shadow, "shadow sequences", part);
+    if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
+        return Ok(Some(run));
+    }
+    decide(context, record, dossiers, run)
+}
+
+fn decide(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    mut run: Box<ShadowRun>,
+) -> Result<Option<Box<ShadowRun>>, Fault> {
+    let id = run.id.clone();
+    let profile = &context.profile;
+    let dossier = dossiers.edit(&id);
+    let evidence = ShadowEvidence {
+        binding: run.binding,
+        sequences: dossier.sequences.clone(),
+        hard_stops: dossier.hard_stops.clone(),
+    };
+    let result = assess_shadow(&evidence, &run.binding, profile);
+    let longest = profile.evaluation.shadow_sequences_max;
+    let lengthened = run.budget >= longest;
+    if result.check == Check::Inconclusive
+        && !lengthened
+        && evidence.sequences.len() as u64 >= u64::from(run.budget)
+    {
+        // Output or envelope divergence decide nothing by themselves: they make shadow longer.
+        run.budget = longest;
+        return Ok(Some(run));
+    }
+    let candidate = record.capability(&id)?;
+    dossier.shadow = Some(result.clone());
+    let Some(kappas) = dossier.kappas.clone() else {
+        return Err(Fault::Impossible(format!("{id} reached shadow without an assessment")));
+    };
+    let digest = dossier.digest()?;
+    let under = made_under(context, record.ledger(), &candidate, digest);
+    let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
+    dossier.reasons.clone_from(&result.reasons);
+    dossier.progress = None;
+    let outcome = word(&result.check);
+    record.tell(EventKind::Decided {
+        version: id.clone(),
+        stage: Stage::Shadow,
+        outcome: if outcome == "unknown" { "pass-restricted".to_owned() } else { outcome },
+        dimensions: dossier.dimensions(profile),
+        composite: dossier.composite(profile),
+        reasons: result.reasons.clone(),
+        conditions: dossier.conditions.clone(),
+    });
+    let reason = result
+        .reasons
+        .first()
+        .map_or_else(|| "shadow is passed".to_owned(), |reason| format!("{}: {}", reason.code, reason.text));
+    let mut note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
+    let store = record.ledger().store();
+    keep_traces(store, &id, &run.traces, record.now_ms())?;
+    note.before.extend(store.seal_telemetry()?);
+    let (version, _, _) = record.ledger().version(&id)?;
+    match result.check {
+        Check::Pass | Check::PassRestricted(_) => {
+            record.transition(&id.family, Event::Pass { version, stage: Stage::Shadow }, note)?;
+        }
+        Check::Fail => {
+            record.transition(&id.family, Event::Reject { version }, note)?;
+            rejected(context, record, &id)?;
+        }
+        Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
+            record.transition(&id.family, Event::Demote { version }, note)?;
+        }
+    }
+    Ok(None)
+}
+
+/// Keeps every shadowed sequence with both outputs, the comparison and its context (paper appendix F.2). The
+/// paths stay with the sequences in which the two worlds did not agree.
+fn keep_traces(store: &Store, id: &CapabilityId, traces: &[ShadowTrace], at_ms: u64) -> Result<(), Fault> {
+    for some in traces.chunks(TRACES_A_BATCH) {
+        let rows: Vec<ShadowTrace> = some.iter().cloned().map(ShadowTrace::without_equal_paths).collect();
+        let batch = Batch {
+            version: id.clone(),
+            stream: Stage::Shadow.name().to_owned(),
+            from_ms: at_ms,
+            to_ms: at_ms,
+            rows: rows.len() as u64,
+            body: serde_json::to_vec(&rows)?,
+        };
+        store.append_telemetry(&batch)?;
+    }
+    Ok(())
+}

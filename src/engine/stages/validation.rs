@@ -1,0 +1,124 @@
+//! Stage 2: static compatibility. Interface, policy and the static part of recovery; behaviour as a
+//! flagged estimate. Stops at the first incompatible of interface and policy.
+
+use std::collections::BTreeSet;
+
+use holdpoint_body::FailureSignal;
+use holdpoint_governance::behavior;
+use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::lifecycle::{Event, Stage, State};
+use holdpoint_governance::outcome::Recommendation;
+use holdpoint_governance::policy::{self, PolicyInput};
+use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_runtime::capability::Capability;
+
+use super::closing::{decided, first_reason, rejected, stage_note};
+use crate::binding::made_under;
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::ledger::Ledger;
+use crate::record::Record;
+
+/// Stage 2 of a candidate, whole: it takes well under a millisecond.
+///
+/// # Errors
+/// Where its end cannot be written.
+pub fn run(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+) -> Result<(), Fault> {
+    record.start_stage(id, Stage::Validation, 1)?;
+    let candidate = record.capability(id)?;
+    let kappas = assess(context, record.ledger(), &candidate);
+    let under = made_under(context, record.ledger(), &candidate, candidate.digest());
+    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    let dossier = dossiers.edit(id);
+    dossier.conditions = kappas.conditions();
+    dossier.reasons = decision.reasons().to_vec();
+    dossier.kappas = Some(kappas);
+    decided(context, record, dossier, id, Stage::Validation, &decision);
+    let (version, _, _) = record.ledger().version(id)?;
+    let note = stage_note(dossier, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
+    if *decision.outcome() == Recommendation::Reject {
+        record.transition(&id.family, Event::Reject { version }, note)?;
+        return rejected(context, record, id);
+    }
+    record.transition(&id.family, Event::Pass { version, stage: Stage::Validation }, note)?;
+    Ok(())
+}
+
+/// The four assessments as far as they go without running anything.
+#[must_use]
+pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kappas {
+    let entry = ledger.family(&candidate.id().family).ok();
+    let active = entry.and_then(|entry| entry.active()).map(|member| &member.capability);
+    let exports = candidate.bundle.interface();
+    let registered = registered(ledger);
+    let interface = interface::assess(
+        &InterfaceInput {
+            candidate: &candidate.manifest,
+            exports: Some(&exports),
+            active: active.map(|active| &*active.manifest),
+            registered: &registered,
+        },
+        &context.profile.thresholds,
+    );
+    let policy = policy::assess(
+        &PolicyInput {
+            permissions: &candidate.manifest.permissions,
+            environments: &candidate.manifest.deployment.environments,
+            exports: Some(&exports),
+            active: active.map(|active| &active.manifest.permissions),
+        },
+        &context.table,
+        &context.profile,
+    );
+    let declared = candidate.submission.declared_traces.as_ref();
+    let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
+    let behavior = match (declared, parent) {
+        (Some(candidate), Some(active)) => behavior::estimate(candidate, active, &context.profile),
+        _ => behavior::nothing("not measured yet: the sandbox is to come"),
+    };
+    let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
+    // The active version was loaded from the store, its digest compared with the recorded one.
+    let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let recovery = recovery::static_part(&StaticInput {
+        manifest: &candidate.manifest,
+        exports: Some(&exports),
+        predecessor_loads: Some(active.is_some()),
+        predecessor_digest_true: Some(active.is_some()),
+        fallback_resolves: fallback
+            .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
+        watcher_knows: &watched,
+    });
+    Kappas {
+        interface: interface.assessment,
+        policy: policy.assessment,
+        behavior: behavior.assessment,
+        recovery,
+    }
+}
+
+/// Versions a dependency may resolve to: neither rejected nor rolled back.
+fn registered(ledger: &Ledger) -> Vec<Registered> {
+    let mut known = Vec::new();
+    for (_, entry) in ledger.families() {
+        for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+            if version.state.is_terminal() {
+                continue;
+            }
+            known.push(Registered {
+                id: member.capability.id(),
+                active: version.state == State::Active,
+                dependencies: member.capability.manifest.deployment.dependencies.clone(),
+            });
+        }
+    }
+    known
+}

@@ -1,0 +1,290 @@
+//! Recovery drills: rehearsals in the sandbox, at random points of the work.
+//!
+//! Passes are read from joint speeds, contacts and poses, never from what a hook returns. What is
+//! injected is the simulator's own kind of fault; what the watcher names is the runtime's: the two
+//! share no type. Sources: paper section 4.4, `rho = g(rollback, fallback, abort, detect)`; design
+//! rule 3.5.
+
+use holdpoint_body::{Command, GuardVerdict, RATE_HZ, Telemetry};
+use holdpoint_sim::SimError;
+use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::fault::Fault;
+use holdpoint_sim::rng::{Purpose as StreamOf, Stream};
+use holdpoint_sim::world::World;
+use serde::{Deserialize, Serialize};
+
+use super::episodes::Worker;
+use crate::cell::{Cell, Conditions};
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_runtime::agent::dispatcher::admit;
+use holdpoint_runtime::arm::{ActuatorHandle, Arm};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::guard::Guard;
+use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
+use holdpoint_runtime::skill::{Hook, Skill};
+use holdpoint_runtime::task::{self, Supervision};
+use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
+
+/// How a drill ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DrillResult {
+    /// As it should.
+    Passed,
+    /// Not as it should.
+    Failed,
+    /// It could not be set up; says nothing.
+    Infeasible,
+}
+
+/// Who takes part in a drill.
+#[derive(Clone, Copy)]
+pub struct Cast<'a> {
+    /// The version that is drilled.
+    pub version: &'a Capability,
+    /// The version it would be rolled back to; for the active version, itself.
+    pub predecessor: &'a Capability,
+    /// What its manifest binds as a fallback, where that is in the registry.
+    pub fallback: Option<&'a Capability>,
+}
+
+/// Earliest and latest point of a drill, ticks: after the first decision, before most work is done.
+const POINT_TICKS: (u64, u64) = (48, 480);
+
+/// Longest time a rollback hook may take, ticks.
+const HANDOVER_TICKS: u64 = 3 * RATE_HZ as u64;
+
+/// Tries to find a point at which the version still works.
+const POINT_TRIES: u32 = 4;
+
+/// Runs one drill. Equal seeds give equal episodes and equal points for every version.
+#[must_use]
+pub fn drill(
+    worker: &mut Worker,
+    cell: &Cell,
+    terms: &Terms,
+    cast: &Cast<'_>,
+    kind: DrillKind,
+    seed: u64,
+) -> DrillResult {
+    let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
+    let (from, to) = POINT_TICKS;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    let mut point = stream.uniform(from as f64, to as f64) as u64;
+    for _ in 0..POINT_TRIES {
+        match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
+            Ok(Some(true)) => return DrillResult::Passed,
+            Ok(Some(false)) => return DrillResult::Failed,
+            // The work was over before the point: an earlier one is tried.
+            Ok(None) => point = (point / 2).max(12),
+            Err(_) => return DrillResult::Infeasible,
+        }
+    }
+    DrillResult::Infeasible
+}
+
+#[allow(clippy::too_many_arguments, reason = "one call site, all of them needed")]
+fn attempt(
+    worker: &mut Worker,
+    cell: &Cell,
+    terms: &Terms,
+    cast: &Cast<'_>,
+    kind: DrillKind,
+    seed: u64,
+    point: u64,
+    stream: &mut Stream,
+) -> Result<Option<bool>, SimError> {
+    let version = cast.version;
+    let task = version.bundle.task();
+    let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(Conditions::Canonical), seed);
+    let arm = worker.arm(cell, &setup)?;
+    let mut guard = terms.guard(version.manifest.permissions.authority);
+    let mut skill = version.bundle.start(seed);
+    let mut reached = false;
+    let task_terms = terms.task(task, seed, version.abort_secs());
+    task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, passed| {
+        reached = passed.tick >= point && !matches!(passed.command, Command::Done | Command::Fail { .. });
+        if reached { Supervision::Release } else { Supervision::Continue }
+    })?;
+    if !reached {
+        return Ok(None);
+    }
+    let mut rehearsal = Rehearsal { arm, guard, terms, cast, seed };
+    match kind {
+        DrillKind::Abort => rehearsal.abort(skill.as_mut()),
+        DrillKind::Rollback => rehearsal.rollback(skill.as_mut()),
+        DrillKind::Fallback => rehearsal.fallback(skill.as_mut()),
+        DrillKind::Detect => rehearsal.detect(skill.as_mut(), stream),
+    }
+    .map(Some)
+}
+
+/// A drill from the chosen point on.
+struct Rehearsal<'a, 'b> {
+    arm: &'a mut Arm<World>,
+    guard: Guard,
+    terms: &'a Terms,
+    cast: &'a Cast<'b>,
+    seed: u64,
+}
+
+impl Rehearsal<'_, '_> {
+    /// Standstill in a safe pose within the declared time, without a violation, by the hook alone.
+    fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+        let held = holds_object(&self.arm.body().telemetry());
+        let task = self.cast.version.bundle.task();
+        let mut watcher = Watcher::new(task, *self.terms.watch());
+        let report = recovery::abort(
+            &mut self.arm.handle(),
+            skill,
+            &mut self.guard,
+            &mut watcher,
+            self.cast.version.abort_secs(),
+        )?;
+        let after = self.arm.body().telemetry();
+        Ok(report.stopped_by == StoppedBy::Hook
+            && report.violation.is_none()
+            && !watcher.has(WatcherSignal::UnexpectedContact)
+            && safe_pose(held, &after))
+    }
+
+    /// The hook hands over, the predecessor is admitted and goes on from there to its end.
+    fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+        let held = holds_object(&self.arm.body().telemetry());
+        if !self.hand_over(skill)? || !safe_pose(held, &self.arm.body().telemetry()) {
+            return Ok(false);
+        }
+        self.take_over(self.cast.predecessor, true)
+    }
+
+    /// The safe-abort hook stops the arm, the bound fallback takes over and ends safely.
+    fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+        let Some(fallback) = self.cast.fallback else { return Ok(false) };
+        let held = holds_object(&self.arm.body().telemetry());
+        let mut watcher = Watcher::new(self.cast.version.bundle.task(), *self.terms.watch());
+        let secs = self.cast.version.abort_secs();
+        let report = recovery::abort(&mut self.arm.handle(), skill, &mut self.guard, &mut watcher, secs)?;
+        self.arm.body_mut().interrupt(holdpoint_body::Interrupt::Release);
+        let stopped = report.stopped_by != StoppedBy::Nothing && report.violation.is_none();
+        Ok(stopped && self.take_over(fallback, false)? && safe_pose(held, &self.arm.body().telemetry()))
+    }
+
+    /// A fault is injected; the watcher, or the skill by a declared signal, names it in time.
+    fn detect(&mut self, skill: &mut dyn Skill, stream: &mut Stream) -> Result<bool, SimError> {
+        let held = holds_object(&self.arm.body().telemetry());
+        let (fault, named_by) = choose_fault(held, stream);
+        self.arm.body_mut().inject(fault);
+        let task = self.cast.version.bundle.task();
+        let mut watcher = Watcher::new(task, *self.terms.watch());
+        let declared = &self.cast.version.manifest.recovery.failure_signals;
+        let mut verdict = GuardVerdict::Allowed;
+        let mut handle = self.arm.handle();
+        let mut seen = handle.telemetry();
+        for _ in 0..self.terms.detect_ticks {
+            let observation = handle.observe(verdict);
+            let asked = skill.tick(&observation);
+            if let Command::Fail { signal } = &asked {
+                return Ok(declared.contains(signal));
+            }
+            let checked = self.guard.check(&asked, &seen);
+            verdict = checked.verdict;
+            watcher.note_command(&checked.command, &seen);
+            handle.step(&checked.command)?;
+            seen = handle.telemetry();
+            if watcher.observe(&seen).iter().any(|signal| named_by.contains(signal)) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Lets the rollback hook work until it says it is done and the arm stands.
+    fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+        if self.cast.version.manifest.recovery.rollback_hook.is_none() {
+            return Ok(false);
+        }
+        skill.enter(Hook::Rollback);
+        let mut verdict = GuardVerdict::Allowed;
+        let mut handle = self.arm.handle();
+        let mut seen = handle.telemetry();
+        for _ in 0..HANDOVER_TICKS {
+            let observation = handle.observe(verdict);
+            let asked = skill.tick(&observation);
+            let checked = self.guard.check(&asked, &seen);
+            verdict = checked.verdict;
+            handle.step(&checked.command)?;
+            seen = handle.telemetry();
+            if self.guard.measure(&seen).is_some() {
+                return Ok(false);
+            }
+            if matches!(asked, Command::Done) {
+                return settle(&mut handle);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Another version takes the arm over where it stands. `succeed` asks for the work to be done,
+    /// otherwise a safe end is enough.
+    fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, SimError> {
+        self.arm.body_mut().begin_task(self.cast.version.bundle.task());
+        if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {
+            return Ok(false);
+        }
+        let mut guard = self.terms.guard(next.manifest.permissions.authority);
+        let mut skill = next.bundle.start(self.seed);
+        let terms = self.terms.task(self.cast.version.bundle.task(), self.seed, next.abort_secs());
+        let record = task::run(&mut self.arm.handle(), skill.as_mut(), &mut guard, &terms, &mut |_, _| {
+            Supervision::Continue
+        })?;
+        let safe = !record.violation && record.hard_stop.is_none();
+        Ok(safe && if succeed { record.success } else { !record.recovery })
+    }
+}
+
+/// Stops the arm (a redundant arm may go on turning about a tool that stands) and waits up to half
+/// a second for a standstill.
+fn settle(handle: &mut ActuatorHandle<'_, World>) -> Result<bool, SimError> {
+    handle.step(&Command::Stop)?;
+    let mut standstill = Standstill::default();
+    for _ in 0..RATE_HZ / 2 {
+        handle.step(&Command::Hold)?;
+        if standstill.observe(&handle.telemetry()) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn holds_object(seen: &Telemetry) -> bool {
+    seen.contacts.pad_object && seen.gripper_force_n > 1.0
+}
+
+/// Nothing is touched that should not be, and what was in the hand was not let fall.
+fn safe_pose(held_before: bool, seen: &Telemetry) -> bool {
+    let contacts = &seen.contacts;
+    let touches = contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
+    // An object may be let go where it stands on something.
+    let dropped = held_before && !holds_object(seen) && !contacts.object_fixture;
+    let thrown = held_before && !holds_object(seen) && seen.tool.position[2] > 0.06;
+    !touches && !dropped && !thrown
+}
+
+/// Picks a fault that can be noticed in the present state, and the signals that name it.
+fn choose_fault(held: bool, stream: &mut Stream) -> (Fault, &'static [WatcherSignal]) {
+    let pick = stream.uniform(0.0, 1.0);
+    if held {
+        if pick < 0.5 {
+            (Fault::GripLost, &[WatcherSignal::ObjectLost, WatcherSignal::ObjectSlip])
+        } else {
+            (Fault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
+        }
+    } else if pick < 0.34 {
+        (Fault::CameraLost, &[WatcherSignal::StaleInput])
+    } else if pick < 0.67 {
+        (Fault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
+    } else {
+        (Fault::ToolDead, &[WatcherSignal::ToolLost, WatcherSignal::GripFault])
+    }
+}

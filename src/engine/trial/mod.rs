@@ -1,0 +1,82 @@
+//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached where they can be.
+//!
+//! Runs what it is told and judges nothing; the stages ask and the rules in governance judge.
+
+pub mod cache;
+pub mod drills;
+pub mod episodes;
+pub mod evaluation;
+pub mod lab;
+pub mod measures;
+pub mod seeds;
+pub mod trace;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use holdpoint_registry::Store;
+
+use self::cache::EpisodeCache;
+use self::lab::Lab;
+use crate::cell::Cell;
+
+/// How evaluations of one engine are run.
+pub struct Trials {
+    seed: u64,
+    jobs: usize,
+    /// The most pairs or drills of one slice.
+    part: usize,
+    cancel: Arc<AtomicBool>,
+    cache: EpisodeCache,
+}
+
+impl Trials {
+    /// With a run's seed and so many workers; whole slices until [`Trials::work_in_small_parts`].
+    #[must_use]
+    pub fn new(seed: u64, jobs: usize, cache: EpisodeCache) -> Self {
+        Self { seed, jobs, part: usize::MAX, cancel: Arc::new(AtomicBool::new(false)), cache }
+    }
+
+    /// Seed of the run.
+    #[must_use]
+    pub const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The most episodes, pairs or drills of one slice.
+    #[must_use]
+    pub const fn part(&self) -> usize {
+        self.part
+    }
+
+    /// From now on a slice is small, so that who asks is answered soon.
+    pub fn work_in_small_parts(&mut self) {
+        self.part = self.jobs.max(1);
+    }
+
+    /// Set to interrupt running evaluations between episodes.
+    #[must_use]
+    pub fn cancel(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.cancel)
+    }
+
+    /// Whether evaluations are being interrupted on purpose.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// What an evaluation is run with.
+    #[must_use]
+    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> Lab<'a> {
+        Lab {
+            seed: self.seed,
+            jobs: self.jobs,
+            part: self.part,
+            cancel: &self.cancel,
+            cell,
+            cache: &self.cache,
+            store,
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! The trace record that every evaluation run leaves: what ran, on which inputs, and what came of it.
+//!
+//! Kept in the telemetry file, a batch a slice; the batches' digests enter the audit chain. The path of the
+//! tool is left out: the same seed under the same environment gives it again. Source: paper section 6.3 and
+//! appendix F.1; design rule 5.3.
+
+use holdpoint_sim::episode::EpisodeSetup;
+use serde::{Deserialize, Serialize};
+
+use crate::cell::{Cell, Conditions};
+use crate::fault::Fault;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_registry::{Batch, Store};
+use holdpoint_runtime::task::TaskRecord;
+
+/// The runs of one slice of an evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TraceBatch {
+    /// The version that ran.
+    pub version: CapabilityId,
+    /// `canonical`, `perturbation`, `adversarial` or `confirmation`.
+    pub mode: String,
+    /// Digest of robot, scene, distributions and episode semantics.
+    pub environment: Digest,
+    /// The engine that ran it.
+    pub engine_build: String,
+    /// One a run, in seed order.
+    pub runs: Vec<Trace>,
+}
+
+/// One run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trace {
+    /// Everything that was drawn for the episode.
+    pub inputs: EpisodeSetup,
+    /// What came of it: success, duration, retries, anomalies, policy hits, recovery.
+    pub outputs: TaskRecord,
+}
+
+impl TraceBatch {
+    /// The records of runs drawn from `conditions`.
+    #[must_use]
+    pub fn new(
+        version: CapabilityId,
+        mode: &str,
+        cell: &Cell,
+        conditions: Conditions,
+        records: &[TaskRecord],
+    ) -> Self {
+        let run = |record: &TaskRecord| Trace {
+            inputs: EpisodeSetup::sample(
+                record.task,
+                &cell.scene,
+                cell.distribution(conditions),
+                record.seed,
+            ),
+            outputs: TaskRecord { path: Vec::new(), ..record.clone() },
+        };
+        Self {
+            version,
+            mode: mode.to_owned(),
+            environment: cell.digest(),
+            engine_build: env!("CARGO_PKG_VERSION").to_owned(),
+            runs: records.iter().map(run).collect(),
+        }
+    }
+
+    /// As a telemetry batch of one stage, at one moment.
+    ///
+    /// # Errors
+    /// Never for records that were measured: they are finite.
+    pub fn batch(&self, stage: Stage, at_ms: u64) -> Result<Batch, serde_json::Error> {
+        Ok(Batch {
+            version: self.version.clone(),
+            stream: stage.name().to_owned(),
+            from_ms: at_ms,
+            to_ms: at_ms,
+            rows: self.runs.len().max(1) as u64,
+            body: serde_json::to_vec(self)?,
+        })
+    }
+}
+
+/// Keeps the trace records of a slice; their digests enter the audit chain with the stage's decision.
+///
+/// # Errors
+/// Where the store does not take them.
+pub fn keep_trace(
+    store: &Store,
+    cell: &Cell,
+    id: &CapabilityId,
+    mode: &str,
+    conditions: Conditions,
+    records: &[TaskRecord],
+    now_ms: u64,
+) -> Result<(), Fault> {
+    let batch = TraceBatch::new(id.clone(), mode, cell, conditions, records);
+    store.append_telemetry(&batch.batch(Stage::Sandbox, now_ms)?)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_body::TaskKind;
+
+    #[test]
+    fn a_trace_holds_its_inputs_and_no_path() {
+        let cell = Cell::builtin().unwrap();
+        let record = TaskRecord { success: true, ..TaskRecord::invalid(TaskKind::Align, 1_000_007) };
+        let id = "align@1.1.0".parse::<CapabilityId>().unwrap();
+        let batch = TraceBatch::new(id, "perturbation", &cell, Conditions::Sandbox, &[record]);
+        assert_eq!(batch.runs[0].inputs.seed, 1_000_007);
+        assert_eq!(batch.runs[0].inputs.distribution, "sandbox");
+        let kept = batch.batch(Stage::Sandbox, 5).unwrap();
+        assert_eq!((kept.rows, kept.stream.as_str()), (1, "sandbox"));
+        assert_eq!(serde_json::from_slice::<TraceBatch>(&kept.body).unwrap(), batch);
+    }
+}

@@ -1,0 +1,218 @@
+//! A candidate's evidence as rows: paired comparison, sandbox modes, drills, shadow.
+//!
+//! Puts measured values beside their limits; what was not measured is left out, never filled in.
+
+use crate::dossier::Dossier;
+use crate::trial::measures::{Metric, ModeMetrics};
+use crate::word;
+use holdpoint_governance::behavior::{self, ComponentName};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
+use holdpoint_governance::profile::Evaluation;
+use holdpoint_governance::stats::wilson;
+use holdpoint_protocol::detail::{DrillView, Measure, ModeView};
+use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
+
+/// The most disagreements that are told.
+const DISAGREEMENTS_MAX: usize = 50;
+
+/// How a mode of the version compared with is named after the mode.
+const ACTIVE_SUFFIX: &str = ", active version";
+
+/// The components of the behavioural comparison: worsening against what is tolerated.
+pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
+    let Some(behavior) = &dossier.behavior else { return Vec::new() };
+    let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
+    behavior
+        .components
+        .iter()
+        .map(|component| Measure {
+            name: word(&component.name),
+            candidate: of(&behavior.candidate, component.name),
+            active: of(&behavior.active, component.name),
+            interval: component.upper.map(|upper| [component.lower, upper]),
+            limit: Some(component.tolerance),
+            n: u64::from(behavior.pairs),
+        })
+        .collect()
+}
+
+const fn mean(means: &Signature, name: ComponentName) -> f64 {
+    match name {
+        ComponentName::Success => means.success,
+        ComponentName::Time => means.time_s,
+        ComponentName::Retry => means.retry,
+        ComponentName::Violation => means.violation,
+        ComponentName::Anomaly => means.anomaly,
+        ComponentName::Recovery => means.recovery,
+    }
+}
+
+/// The sandbox, mode by mode, with the active version's values where it worked the same mode.
+pub(super) fn modes(dossier: &Dossier) -> Vec<ModeView> {
+    let own = dossier.modes.iter().filter(|mode| !mode.mode.ends_with(ACTIVE_SUFFIX));
+    own.map(|mode| {
+        let name = format!("{}{ACTIVE_SUFFIX}", mode.mode);
+        let active = dossier.modes.iter().find(|other| other.mode == name);
+        ModeView { mode: mode.mode.clone(), measures: measures(mode, active) }
+    })
+    .collect()
+}
+
+fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<Measure> {
+    let n = u64::from(mode.episodes);
+    let found = |metrics: &[Metric], name: &str| {
+        metrics.iter().find(|metric| metric.name == name).map(|metric| metric.value)
+    };
+    let metrics = mode.metrics.iter().map(|metric| Measure {
+        name: metric.name.clone(),
+        candidate: Some(metric.value),
+        active: active.and_then(|active| found(&active.metrics, &metric.name)),
+        interval: metric.interval.map(|interval| [interval.lower, interval.upper]),
+        limit: None,
+        n,
+    });
+    let tails = mode.tails.iter().map(|tail| Measure {
+        name: format!("{}, 95th percentile", tail.name),
+        candidate: Some(tail.p95),
+        active: active
+            .and_then(|active| active.tails.iter().find(|other| other.name == tail.name))
+            .map(|other| other.p95),
+        interval: None,
+        limit: None,
+        n,
+    });
+    metrics.chain(tails).collect()
+}
+
+/// Drills, kind by kind.
+pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
+    let Some((candidate, active)) = &dossier.drills else { return Vec::new() };
+    let counts = |tally: &DrillTally| [u64::from(tally.passed), u64::from(tally.feasible())];
+    DrillKind::ALL
+        .into_iter()
+        .map(|kind| DrillView {
+            kind: kind.name().to_owned(),
+            candidate: counts(candidate.of(kind)),
+            active: counts(active.of(kind)),
+        })
+        .collect()
+}
+
+/// Paired episodes so far.
+pub(super) fn pairs(dossier: &Dossier) -> Option<PairsView> {
+    let n = dossier.pairs.len() as u64;
+    let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
+    let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
+    let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
+    let succeeded = |of: fn(&holdpoint_governance::evidence::Pair) -> bool| {
+        dossier.pairs.iter().filter(|pair| of(pair)).count()
+    };
+    Some(PairsView {
+        n,
+        active,
+        candidate,
+        candidate_success: interval(succeeded(|pair| pair.candidate.success))?,
+        active_success: interval(succeeded(|pair| pair.active.success))?,
+    })
+}
+
+/// Shadow so far.
+#[allow(clippy::cast_precision_loss, reason = "sequences are few")]
+pub(super) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowView> {
+    let sequences = &dossier.sequences;
+    let n = sequences.len() as f64;
+    if sequences.is_empty() {
+        return None;
+    }
+    let mean = |of: &dyn Fn(&ShadowSequence) -> f64| sequences.iter().map(of).sum::<f64>() / n;
+    // Charts are drawn; a seventh digit is not seen.
+    #[allow(clippy::cast_possible_truncation, reason = "drawn only")]
+    let series = sequences
+        .iter()
+        .map(|s| [s.output_divergence as f32, governance(s) as f32, s.envelope_divergence as f32])
+        .collect();
+    Some(ShadowView {
+        n: sequences.len() as u64,
+        output: mean(&|s| s.output_divergence),
+        governance: mean(&governance),
+        envelope: mean(&|s| s.envelope_divergence),
+        // The governance signals are judged by their paired bound, which no single number stands for.
+        limits: [Some(limits.output_divergence_max), None, Some(limits.envelope_divergence_max)],
+        series,
+        disagreements: disagreements(sequences),
+    })
+}
+
+/// 1 where only the twin raised a signal, -1 where only the live world did.
+fn governance(s: &ShadowSequence) -> f64 {
+    let flag = |on: bool| if on { 1.0 } else { 0.0 };
+    flag(s.twin_policy_hit || s.twin_watcher_event) - flag(s.live_policy_hit || s.live_watcher_event)
+}
+
+fn disagreements(sequences: &[ShadowSequence]) -> Vec<Disagreement> {
+    let mut found = Vec::new();
+    for (index, s) in sequences.iter().enumerate().rev() {
+        let pairs = [
+            ("success", s.twin_success, s.live_success),
+            ("a policy hit", s.twin_policy_hit, s.live_policy_hit),
+            ("a watcher event", s.twin_watcher_event, s.live_watcher_event),
+        ];
+        let side = |which: &dyn Fn(bool, bool) -> bool| {
+            let names = pairs.iter().filter(|(_, twin, live)| which(*twin, *live)).map(|(name, _, _)| *name);
+            names.collect::<Vec<_>>().join(" and ")
+        };
+        let twin = side(&|twin, live| twin && !live);
+        let live = side(&|twin, live| live && !twin);
+        let text = match (twin.is_empty(), live.is_empty()) {
+            (true, true) => continue,
+            (false, true) => format!("the twin alone had {twin}"),
+            (true, false) => format!("the live world alone had {live}"),
+            (false, false) => format!("the twin alone had {twin}; the live world alone had {live}"),
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "shown only")]
+        let output = s.output_divergence as f32;
+        found.push(Disagreement { index: index as u64, seed: s.seed, text, output });
+        if found.len() >= DISAGREEMENTS_MAX {
+            break;
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sequence(twin: [bool; 3], live: [bool; 3]) -> ShadowSequence {
+        ShadowSequence {
+            seed: 7,
+            live_success: live[0],
+            twin_success: twin[0],
+            live_policy_hit: live[1],
+            twin_policy_hit: twin[1],
+            live_watcher_event: live[2],
+            twin_watcher_event: twin[2],
+            output_divergence: 0.25,
+            envelope_divergence: 0.5,
+        }
+    }
+
+    #[test]
+    fn disagreements_name_both_sides_newest_first() {
+        let sequences = [
+            sequence([true, false, false], [true, false, false]),
+            sequence([false, true, true], [true, false, false]),
+            sequence([true, false, false], [false, false, false]),
+        ];
+        let found = disagreements(&sequences);
+        let told: Vec<(u64, &str)> = found.iter().map(|d| (d.index, d.text.as_str())).collect();
+        assert_eq!(
+            told,
+            [
+                (2, "the twin alone had success"),
+                (1, "the twin alone had a policy hit and a watcher event; the live world alone had success"),
+            ]
+        );
+        assert!((governance(&sequences[1]) - 1.0).abs() < 1e-12);
+    }
+}

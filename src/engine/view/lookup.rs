@@ -1,0 +1,308 @@
+//! Answers to questions: one version in full, pages of the registry and of the audit log, the chain checked.
+//!
+//! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
+
+use super::evidence::{behavior, drills, modes};
+use crate::dossier::Dossier;
+use crate::explain::{self, Explained, difference::differences};
+use crate::fault::Fault;
+use crate::pipeline::Pipeline;
+use holdpoint_approvals::keyfile;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::detail::{
+    AuditPage, AuditRow, Detail, DifferenceView, ExplainedLine, ExplainedView, Group, PAGE_MAX, RegistryPage,
+    RegistryRow, Verified,
+};
+use holdpoint_registry::{
+    AuditFilter, AuditRecord, EvidenceEntry, VersionFilter, VersionGroup, VersionSummary,
+};
+use holdpoint_runtime::capability::Capability;
+
+/// The most bytes of record bodies in one answer; a page that would be longer ends there.
+const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
+
+/// The longest part of a record's body in a version's trail, bytes; the whole body is in the audit log.
+const TRAIL_BODY_BYTES_MAX: usize = 4 * 1024;
+
+/// The most records of a version's trail.
+const TRAIL_MAX: usize = 500;
+
+/// The longest text that is looked for, bytes.
+const TEXT_BYTES_MAX: usize = 256;
+
+impl Pipeline {
+    /// A page of the registry.
+    pub(crate) fn registry_page(
+        &self,
+        group: Group,
+        text: &str,
+        offset: u64,
+        limit: u64,
+    ) -> Result<Reply, Fault> {
+        if let Some(refused) = too_long("text", text) {
+            return Ok(refused);
+        }
+        let filter = VersionFilter {
+            group: match group {
+                Group::All => VersionGroup::All,
+                Group::Active => VersionGroup::Active,
+                Group::Candidate => VersionGroup::Candidate,
+                Group::History => VersionGroup::History,
+            },
+            text: (!text.is_empty()).then(|| text.to_owned()),
+            offset: usize::try_from(offset).unwrap_or(usize::MAX),
+            limit: rows(limit),
+            ..VersionFilter::default()
+        };
+        let (found, total) = self.record.ledger().store().views()?.versions(&filter)?;
+        let page = RegistryPage {
+            rows: found.into_iter().map(registry_row).collect(),
+            total: total as u64,
+            thresholds: self.context.thresholds(),
+        };
+        Ok(Reply::Registry { page })
+    }
+
+    /// A page of the audit log, the newest first.
+    pub(crate) fn audit_page(&self, before: Option<u64>, subject: &str, limit: u64) -> Result<Reply, Fault> {
+        if let Some(refused) = too_long("subject", subject) {
+            return Ok(refused);
+        }
+        let views = self.record.ledger().store().views()?;
+        let filter = AuditFilter {
+            before_seq: before,
+            subject: (!subject.is_empty()).then(|| subject.to_owned()),
+            limit: rows(limit),
+            newest_first: true,
+            ..AuditFilter::default()
+        };
+        let rows = bounded(views.audit(&filter)?);
+        let head = views.head()?.seq;
+        Ok(Reply::Audit { page: AuditPage { rows, head } })
+    }
+
+    /// Checks the whole chain, the registry against it, and what is sealed into it.
+    pub(crate) fn verify_audit(&self) -> Result<Reply, Fault> {
+        let layout = self.record.ledger().store().layout();
+        let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
+        let head = self.record.ledger().store().views()?.head()?.seq;
+        let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
+            Ok(report) => Verified {
+                holds: true,
+                records: report.records,
+                text: format!(
+                    "every record follows from the one before; {} checkpoints{}, {} approvals and {} batches match",
+                    report.checkpoints,
+                    if report.key_given { "" } else { " (signatures not checked: no public key)" },
+                    report.approvals,
+                    report.batches
+                ),
+            },
+            Err(error) => Verified { holds: false, records: head, text: error.to_string() },
+        };
+        Ok(Reply::Verified { verified })
+    }
+
+    /// Everything about one version.
+    pub(crate) fn detail(&self, id: &CapabilityId) -> Result<Reply, Fault> {
+        let views = self.record.ledger().store().views()?;
+        let Some(stored) = views.version(id)? else {
+            return Ok(Reply::Refused {
+                code: Refusal::NotFound,
+                text: format!("there is no version {id} in the registry"),
+                hint: Some("see `holdpoint registry list`".to_owned()),
+            });
+        };
+        let dossier = self.dossiers.of(id).cloned().or_else(|| newest_dossier(&stored.evidence));
+        let dossier = dossier.unwrap_or_default();
+        let (_, _, member) = self.record.ledger().version(id)?;
+        let capability = &member.capability;
+        let against = self.against(id);
+        let explained = explain::explain(&views, id)?;
+        let filter = AuditFilter {
+            subject: Some(id.to_string()),
+            limit: TRAIL_MAX,
+            newest_first: true,
+            ..AuditFilter::default()
+        };
+        let mut audit = bounded(views.audit(&filter)?);
+        audit.iter_mut().for_each(shorten);
+        let assessed = dossier.kappas.is_some();
+        let detail = Detail {
+            version: id.clone(),
+            against: against.as_ref().map(Capability::id),
+            parent: stored.parent.as_ref().map(ToString::to_string),
+            digest: stored.candidate_digest,
+            summary: capability.submission.summary.clone(),
+            author: stored.summary.author.clone(),
+            provenance: stored.summary.provenance.clone(),
+            risk: stored.summary.risk.clone(),
+            registered_ms: stored.registered_ms,
+            dimensions: dossier.dimensions(&self.context.profile),
+            composite: dossier.composite(&self.context.profile),
+            reasons: reasons(&dossier),
+            conditions: dossier.conditions.clone(),
+            differences: against.map_or_else(Vec::new, |active| difference_views(&active, capability)),
+            behavior: behavior(&dossier),
+            modes: modes(&dossier),
+            drills: drills(&dossier),
+            decisions: explained
+                .map_or_else(Vec::new, |all| all.decisions.into_iter().map(explained_view).collect()),
+            audit,
+            evidence: if assessed { Some(dossier.digest()?) } else { None },
+            untested: if assessed { crate::people::approvals::untested(&dossier) } else { Vec::new() },
+        };
+        Ok(Reply::Detail { detail: Box::new(detail) })
+    }
+
+    /// What a version would replace, or has replaced.
+    fn against(&self, id: &CapabilityId) -> Option<Capability> {
+        let entry = self.record.ledger().family(&id.family).ok()?;
+        let (_, standing, _) = entry.find(id)?;
+        let other = match standing.state {
+            State::Active | State::Superseded | State::RolledBack => standing.predecessor,
+            State::Registered
+            | State::Validated
+            | State::Sandboxed
+            | State::Shadowed
+            | State::Demoted
+            | State::Rejected => entry.state.active(),
+        };
+        let member = entry.members.get(usize::from(other?.0))?;
+        Some(member.capability.clone()).filter(|other| other.id() != *id)
+    }
+}
+
+/// Rows of a page: at least one, at most [`PAGE_MAX`].
+fn rows(limit: u64) -> usize {
+    usize::try_from(limit).unwrap_or(usize::MAX).clamp(1, PAGE_MAX)
+}
+
+fn too_long(what: &str, text: &str) -> Option<Reply> {
+    (text.len() > TEXT_BYTES_MAX).then(|| Reply::Refused {
+        code: Refusal::BadInput,
+        text: format!("the {what} has {} bytes; at most {TEXT_BYTES_MAX} are allowed", text.len()),
+        hint: None,
+    })
+}
+
+fn registry_row(row: VersionSummary) -> RegistryRow {
+    RegistryRow {
+        version: row.id,
+        state: row.state.into(),
+        flags: row.flags,
+        kappas: row.kappas,
+        baseline: row.baseline,
+        author: row.author,
+        provenance: row.provenance,
+        risk: row.risk,
+        changed_ms: row.changed_ms,
+    }
+}
+
+/// Rows until their bodies are more than one answer carries; the first one always.
+fn bounded(records: Vec<AuditRecord>) -> Vec<AuditRow> {
+    let mut bytes = 0_usize;
+    let mut rows = Vec::new();
+    for record in records {
+        bytes = bytes.saturating_add(record.body.len());
+        if bytes > BODIES_BYTES_MAX && !rows.is_empty() {
+            break;
+        }
+        rows.push(AuditRow {
+            seq: record.seq,
+            at_ms: record.at_ms,
+            kind: record.kind,
+            subject: record.subject,
+            body: record.body,
+            hash: record.hash,
+        });
+    }
+    rows
+}
+
+/// The beginning of a body, and how long it is.
+fn shorten(row: &mut AuditRow) {
+    if row.body.len() > TRAIL_BODY_BYTES_MAX {
+        let whole = row.body.len();
+        let start: String = row.body.chars().take(TRAIL_BODY_BYTES_MAX / 4).collect();
+        row.body = serde_json::json!({ "bytes": whole, "start": start }).to_string();
+    }
+}
+
+fn newest_dossier(evidence: &[EvidenceEntry]) -> Option<Dossier> {
+    use holdpoint_registry::names::EvidenceKind as Kind;
+    let stages = |entry: &&EvidenceEntry| matches!(entry.kind, Kind::Compat | Kind::Sandbox | Kind::Shadow);
+    let newest = evidence.iter().rev().find(stages)?;
+    serde_json::from_str(&newest.json).ok()
+}
+
+/// The reasons of the last decision first, then those of the dimensions that are not among them.
+fn reasons(dossier: &Dossier) -> Vec<Reason> {
+    let mut all = dossier.reasons.clone();
+    if let Some(kappas) = &dossier.kappas {
+        let dimensions = [
+            &kappas.interface.reasons,
+            &kappas.policy.reasons,
+            &kappas.behavior.reasons,
+            &kappas.recovery.reasons,
+        ];
+        for reason in dimensions.into_iter().flatten() {
+            if !all.contains(reason) {
+                all.push(reason.clone());
+            }
+        }
+    }
+    all
+}
+
+/// Manifest and parameters, field by field.
+fn difference_views(active: &Capability, candidate: &Capability) -> Vec<DifferenceView> {
+    let value = |version: &Capability| {
+        let manifest = serde_json::to_value(&*version.manifest).unwrap_or_default();
+        // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
+        let params: Option<toml::Table> = toml::from_str(&version.package.params).ok();
+        let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
+        serde_json::json!({ "manifest": manifest, "params": params })
+    };
+    let text = |value: serde_json::Value| match value {
+        serde_json::Value::String(text) => text,
+        other => other.to_string(),
+    };
+    differences(&value(active), &value(candidate))
+        .into_iter()
+        .map(|found| DifferenceView {
+            field: found.field,
+            active: found.old.map(text),
+            candidate: found.new.map(text),
+        })
+        .collect()
+}
+
+fn explained_view(decision: Explained) -> ExplainedView {
+    ExplainedView {
+        record: decision.record,
+        at_ms: decision.at_ms,
+        stage: decision.stage,
+        outcome: decision.outcome,
+        rule: [decision.rule.name.to_owned(), decision.rule.source.to_owned()],
+        reasons: decision
+            .reasons
+            .into_iter()
+            .map(|reason| ExplainedLine {
+                code: reason.code,
+                dimension: reason.dimension,
+                in_favour: reason.in_favour,
+                text: reason.text,
+                evidence: reason.evidence,
+                limit: reason.limit,
+                measured: reason.measured,
+            })
+            .collect(),
+        change: decision.change,
+        then: decision.then,
+    }
+}

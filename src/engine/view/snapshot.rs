@@ -1,0 +1,135 @@
+//! The snapshot: how things stand.
+
+use super::evidence::{pairs, shadow};
+use crate::dossier::Dossier;
+use crate::ledger::Entry;
+use crate::pipeline::Pipeline;
+use crate::world;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
+
+impl Pipeline {
+    /// How things stand.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let mut candidates = Vec::new();
+        let mut families = Vec::new();
+        for (family, entry) in self.record.ledger().families() {
+            families.push(self.family_view(family, entry));
+            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
+                let id = member.capability.id();
+                let baseline = member.capability.submission.parent.is_none();
+                if baseline && matches!(version.state, State::Active | State::Superseded) {
+                    continue;
+                }
+                let empty = Dossier::default();
+                let dossier = self.dossiers.of(&id).unwrap_or(&empty);
+                let submission = &member.capability.submission;
+                candidates.push(CandidateView {
+                    version: id,
+                    digest: member.capability.digest(),
+                    state: version.state,
+                    flags: version.flags,
+                    row_version: member.row_version,
+                    author: submission.author.clone(),
+                    provenance: submission.provenance.name().to_owned(),
+                    risk: submission.estimated_risk.name().to_owned(),
+                    progress: dossier.progress.clone(),
+                    dimensions: dossier.dimensions(&self.context.profile),
+                    composite: dossier.composite(&self.context.profile),
+                    pairs: pairs(dossier),
+                    drills: dossier.drills,
+                    shadow: shadow(dossier, &self.context.profile.evaluation),
+                    reasons: dossier.reasons.clone(),
+                    conditions: dossier.conditions.clone(),
+                });
+            }
+        }
+        Snapshot {
+            at_ms: self.record.now_ms(),
+            profile: self.context.profile.name.name().to_owned(),
+            robot: self.context.cell.model.name.clone(),
+            seed: self.trials.seed(),
+            policy: self.context.digest,
+            agent: self.world.cell.agent_hash(),
+            holding: self.record.holding().map(ToOwned::to_owned),
+            families,
+            candidates,
+            prompts: self.approvals.views(&self.context, &self.record, &self.dossiers),
+            alarms: self.alarm_views(),
+            live: self.live_view(),
+            questions: self.monitors.questions(),
+            alarm_summary: self.record.alarms.summary(),
+            scenery: world::scenery(&self.context.cell),
+            thresholds: self.context.thresholds(),
+        }
+    }
+
+    fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &Entry) -> FamilyView {
+        let active = entry.state.active();
+        let version = active.and_then(|active| entry.state.get(active));
+        let pinned = version.and_then(|version| version.predecessor);
+        let name = |version: holdpoint_governance::lifecycle::VersionRef| {
+            entry.members.get(usize::from(version.0)).map(|member| member.capability.id())
+        };
+        let needed = self.context.profile.activation.provisional_episodes;
+        FamilyView {
+            family: family.clone(),
+            active: active.and_then(name),
+            pinned: pinned.and_then(name),
+            safe_stopped: entry.state.safe_stopped,
+            flags: version.map(|version| version.flags),
+            provisional: self.monitors.window(family).map(|episodes| (episodes, needed)),
+        }
+    }
+
+    fn alarm_views(&self) -> Vec<AlarmView> {
+        let now_ms = self.record.now_ms();
+        self.record
+            .alarms
+            .open()
+            .into_iter()
+            .map(|alarm| AlarmView {
+                alarm: alarm.key.clone(),
+                subject: alarm.group.clone(),
+                state: crate::word(&alarm.state()),
+                priority: crate::word(&alarm.priority),
+                text: alarm.text.line().into_string(),
+                since_ms: alarm.first_ms,
+                state_below: crate::word(&alarm.state_below()),
+                latching: alarm.latching,
+                acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
+                shelf: alarm
+                    .shelf
+                    .as_ref()
+                    .map(|shelf| (shelf.by.clone(), shelf.reason.line().into_string(), shelf.until_ms)),
+                raises: alarm.raises,
+                chattering: alarm.is_chattering(now_ms),
+            })
+            .collect()
+    }
+
+    fn live_view(&self) -> LiveView {
+        let (recent, last) = (self.world.recent(), self.world.last_tasks());
+        let n = recent.len();
+        #[allow(clippy::cast_precision_loss, reason = "at most fifty")]
+        let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
+        let needed = self.context.profile.activation.provisional_episodes;
+        let drift = self
+            .world
+            .cell
+            .drift()
+            .map(|drift| format!("{} {}", crate::word(&drift.kind), crate::word(&drift.magnitude)));
+        LiveView {
+            sequences: self.world.cell.sequences(),
+            recent_success: share,
+            recent: n as u64,
+            last: last.to_vec(),
+            drift,
+            fault: self.world.cell.fault().map(|fault| fault.name().to_owned()),
+            pace: self.world.pace(),
+            outcomes: recent,
+            monitors: self.monitors.views(needed),
+        }
+    }
+}

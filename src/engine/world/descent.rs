@@ -1,0 +1,228 @@
+//! The rungs of the ladder that move the arm, and the one that looks whether the predecessor is ready.
+//!
+//! Whether a rung held is read from joints, contacts and pose, never from what a hook returns. Decides
+//! nothing about the versions; the first rung that fails ends the descent, and the arm stays stopped.
+
+use holdpoint_body::{Command, GuardVerdict, Interrupt, RATE_HZ};
+use holdpoint_sim::SimError;
+
+use super::instrumented::InstrumentedWorld;
+use super::live::Rig;
+use super::supervisor::Trip;
+use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
+use holdpoint_runtime::arm::ActuatorHandle;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::guard::{Guard, PolicyHit};
+use holdpoint_runtime::recovery::{self, RecoveryReport, Standstill, StoppedBy};
+use holdpoint_runtime::skill::Skill;
+use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::watcher::Watcher;
+
+/// How long the interrupt may take to bring every joint to a stand, ticks.
+const HOLD_TICKS: u64 = RATE_HZ as u64;
+
+/// How long the retreat may take, ticks.
+const RETREAT_TICKS: u64 = 4 * RATE_HZ as u64;
+
+/// How long a predecessor may take to its first command, ticks.
+const READY_TICKS: u64 = RATE_HZ as u64;
+
+/// Height to which the tool is raised, m: above everything that stands in the cell.
+const RETREAT_HEIGHT_M: f64 = 0.2;
+
+/// The lowest height that counts as clear, m.
+const CLEAR_HEIGHT_M: f64 = 0.15;
+
+/// Speed of the retreat, m/s.
+const RETREAT_SPEED_M_S: f64 = 0.2;
+
+/// What the arm did on the ladder.
+#[derive(Clone, Debug)]
+pub(crate) struct Descent {
+    /// The rungs that were tried.
+    pub(crate) rungs: Vec<RungRecord>,
+    /// From the trigger until every joint stood, ticks.
+    pub(crate) safe_ticks: Option<u64>,
+    /// From the trigger to the end of the last rung, ticks.
+    pub(crate) ticks: u64,
+    /// Ticks of the live world that passed here; the rest passed in the task.
+    pub(crate) ticks_here: u64,
+    /// Motion after the trigger, beyond what braking takes, ticks.
+    pub(crate) motion_ticks: u64,
+}
+
+impl Descent {
+    /// Whether the ladder goes on.
+    pub(crate) fn held(&self) -> bool {
+        self.rungs.iter().all(RungRecord::goes_on)
+    }
+}
+
+impl Rig {
+    /// The physical rungs: the version's own safe-abort hook, the interrupt that no version can refuse, and the
+    /// retreat. A task that was stopped in flight has had its hook already; the descent then goes on from there,
+    /// and time counts from the tick that stopped it.
+    pub(crate) fn descend(
+        &mut self,
+        leaving: &Capability,
+        terms: &Terms,
+        trip: Option<&Trip>,
+    ) -> Result<Descent, SimError> {
+        let now = self.world().tick();
+        let started = trip.map_or(now, |trip| trip.world_tick.min(now));
+        self.arm_mut().body_mut().verdict();
+        let mut handle = self.arm_mut().handle();
+        let mut guard = terms.guard(leaving.manifest.permissions.authority);
+        let report = match trip.and_then(|trip| trip.stopped) {
+            Some(report) => report,
+            None => {
+                let mut skill = leaving.bundle.start(0);
+                let mut watcher = Watcher::new(leaving.bundle.task(), *terms.watch());
+                recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, leaving.abort_secs())?
+            }
+        };
+        let mut descent = Descent {
+            rungs: vec![safe_abort(&report)],
+            safe_ticks: None,
+            ticks: 0,
+            ticks_here: 0,
+            motion_ticks: report.motion_ticks,
+        };
+        let (hold, stood_at) = hold(&mut handle)?;
+        let reached = hold.failure.is_none();
+        descent.rungs.push(hold);
+        if reached {
+            // The standstill of the abort counts where the arm has stood ever since.
+            let stood = report.stopped_by != StoppedBy::Nothing && stood_at == 0;
+            let before = self.world().tick().saturating_sub(started);
+            let held_for = descent.rungs.last().map_or(0, |rung| rung.ticks);
+            descent.safe_ticks = Some(if stood {
+                report.ticks_to_standstill
+            } else {
+                before.saturating_sub(held_for) + stood_at
+            });
+            let rung = retract(&mut self.arm_mut().handle(), &guard)?;
+            descent.rungs.push(rung);
+        }
+        let ended = self.world().tick();
+        descent.ticks = ended.saturating_sub(started);
+        descent.ticks_here = ended.saturating_sub(now);
+        Ok(descent)
+    }
+
+    /// Whether the predecessor is ready: beside the standing arm it sees what the arm sees, and has to give a
+    /// command that its own guard passes. None of its commands reaches the arm here.
+    pub(crate) fn ready(&mut self, predecessor: &Capability, terms: &Terms) -> Result<RungRecord, SimError> {
+        let task = predecessor.bundle.task();
+        self.arm_mut().body_mut().world_mut().begin_task(task);
+        let guard = terms.guard(predecessor.manifest.permissions.authority);
+        let mut skill = predecessor.bundle.start(0);
+        ready(&mut self.arm_mut().handle(), &guard, skill.as_mut())
+    }
+}
+
+fn safe_abort(report: &RecoveryReport) -> RungRecord {
+    let (failure, text) = match report.stopped_by {
+        StoppedBy::Hook => (None, "the hook brought the arm to a standstill"),
+        StoppedBy::Interrupt | StoppedBy::Nothing => {
+            (Some(RungFailure::HookFailed), "the hook did not stop the arm; the interrupt takes over")
+        }
+    };
+    RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, text)
+}
+
+/// Interrupts and waits until every joint stands. Also returns the tick of this rung since which they do.
+fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecord, u64), SimError> {
+    handle.interrupt(Interrupt::Stop);
+    let mut standstill = Standstill::default();
+    for tick in 1..=HOLD_TICKS {
+        handle.step(&Command::Hold)?;
+        if standstill.observe(&handle.telemetry()) {
+            let since = tick.saturating_sub(Standstill::TICKS as u64);
+            return Ok((RungRecord::new(Rung::Hold, None, tick, "every joint stands"), since));
+        }
+    }
+    let failure = Some(RungFailure::NoStandstill);
+    let text = "a joint still moves after the interrupt";
+    Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, text), HOLD_TICKS))
+}
+
+/// Raises the tool clear of everything, under the guard of the version that leaves.
+fn retract(
+    handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
+    guard: &Guard,
+) -> Result<RungRecord, SimError> {
+    handle.interrupt(Interrupt::Release);
+    let mut seen = handle.telemetry();
+    let mut up = seen.tool;
+    up.position[2] = up.position[2].max(RETREAT_HEIGHT_M);
+    let retreat = Command::ToolPose { pose: up, max_speed_m_s: RETREAT_SPEED_M_S };
+    let checked = guard.check(&retreat, &seen);
+    handle.step(&checked.command)?;
+    let mut standstill = Standstill::default();
+    let mut ticks = 1;
+    let mut stands = false;
+    while ticks < RETREAT_TICKS {
+        handle.step(&Command::Hold)?;
+        ticks += 1;
+        seen = handle.telemetry();
+        stands = standstill.observe(&seen);
+        if stands && seen.tool.distance_m(&up) < 0.01 {
+            break;
+        }
+    }
+    let contacts = &seen.contacts;
+    let touches = contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
+    let clear = stands && !touches && seen.tool.position[2] > CLEAR_HEIGHT_M;
+    if clear {
+        return Ok(RungRecord::new(Rung::Retract, None, ticks, "the tool stands clear of everything"));
+    }
+    // What cannot retreat is not left to try on.
+    handle.interrupt(Interrupt::Stop);
+    let why = match checked.verdict {
+        GuardVerdict::Denied => "the guard refused the way up",
+        _ if touches => "the arm still touches something",
+        _ if !stands => "the arm did not come to a stand",
+        _ => "the tool did not rise",
+    };
+    let text = format!("{why}, at {:.3} m", seen.tool.position[2]);
+    Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, text))
+}
+
+fn ready(
+    handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
+    guard: &Guard,
+    skill: &mut dyn Skill,
+) -> Result<RungRecord, SimError> {
+    let mut verdict = GuardVerdict::Allowed;
+    let mut denied = None;
+    for tick in 1..=READY_TICKS {
+        let observation = handle.observe(verdict);
+        let seen = handle.telemetry();
+        let asked = skill.tick(&observation);
+        handle.step(&Command::Hold)?;
+        if asked == Command::Hold {
+            continue;
+        }
+        let checked = guard.check(&asked, &seen);
+        verdict = checked.verdict;
+        match checked.hit {
+            Some(hit @ (PolicyHit::NotFinite | PolicyHit::ModeForbidden)) => {
+                let text = format!("its command is refused: {hit:?}");
+                let failure = Some(RungFailure::PredecessorFailed);
+                return Ok(RungRecord::new(Rung::ReadyPredecessor, failure, tick, text));
+            }
+            Some(hit) if checked.verdict == GuardVerdict::Denied => denied = Some(hit),
+            _ => {
+                let text = "the predecessor gives a command that its guard passes";
+                return Ok(RungRecord::new(Rung::ReadyPredecessor, None, tick, text));
+            }
+        }
+    }
+    let text = denied.map_or_else(
+        || "the predecessor gives no command".to_owned(),
+        |hit| format!("every command of the predecessor is refused: {hit:?}"),
+    );
+    let failure = Some(RungFailure::PredecessorFailed);
+    Ok(RungRecord::new(Rung::ReadyPredecessor, failure, READY_TICKS, text))
+}

@@ -1,0 +1,358 @@
+//! The live world: the cell that works on under the active versions while candidates are judged.
+//!
+//! It differs from the sandbox by design (held-out seeds, asynchronous observations, longer latency,
+//! correlated noise, clutter, whole sequences). Shadow and monitoring both listen here.
+
+use std::sync::Arc;
+
+use holdpoint_body::TaskKind;
+use holdpoint_sim::SimError;
+use holdpoint_sim::distribution::{Distribution, Drift};
+use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::fault::Fault as SimFault;
+use holdpoint_sim::referee::{RefereeLimits, RefereeReport};
+use holdpoint_sim::scene::Scene;
+use holdpoint_sim::world::World;
+use serde::{Deserialize, Serialize};
+
+use super::instrumented::InstrumentedWorld;
+use super::supervisor::Supervisor;
+use crate::cell::Cell;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
+use holdpoint_runtime::agent::{ActiveView, Agent, Goal};
+use holdpoint_runtime::arm::{ActuatorHandle, Arm};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::{Supervision, Tick};
+use holdpoint_runtime::terms::Terms;
+
+/// Ground truth of a task: its sequence, the version at work, what the referee saw.
+pub type Verdict = (u64, CapabilityId, RefereeReport);
+
+/// The most verdicts kept for somebody to take.
+const VERDICTS_MAX: usize = 100_000;
+
+/// One sequence of the live world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SequenceReport {
+    /// The seed.
+    pub seed: u64,
+    /// The tasks that were worked, in order; a failed one ends the sequence.
+    pub tasks: Vec<Dispatched>,
+    /// Why a task was not started.
+    pub refused: Option<Refused>,
+    /// The simulator failed; what came before still counts.
+    pub failed: bool,
+    /// Simulated time, ms.
+    pub duration_ms: u64,
+}
+
+impl SequenceReport {
+    /// Of a sequence that has not begun.
+    const fn empty(seed: u64) -> Self {
+        Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 }
+    }
+
+    /// The record of a primitive, where it was worked.
+    #[must_use]
+    pub fn task(&self, task: TaskKind) -> Option<&Dispatched> {
+        self.tasks.iter().find(|dispatched| dispatched.record.task == task)
+    }
+
+    /// Whether the whole sequence was done.
+    #[must_use]
+    pub fn succeeded(&self) -> bool {
+        self.tasks.len() == TaskKind::SEQUENCE.len() && self.tasks.iter().all(|done| done.record.success)
+    }
+}
+
+/// What is broken in the live world, from the next sequence on until it is mended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LiveFault {
+    /// The link to the monitors is down: nothing of the arm reaches them. Guard and watcher, which sit at the
+    /// arm, still see it.
+    TelemetryLost,
+    /// Every picture is lost.
+    CameraLost,
+}
+
+impl LiveFault {
+    /// Every fault.
+    pub const ALL: [Self; 2] = [Self::TelemetryLost, Self::CameraLost];
+
+    /// The name in commands, scenarios and records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TelemetryLost => "telemetry-lost",
+            Self::CameraLost => "camera-lost",
+        }
+    }
+}
+
+/// Called around the live tasks.
+pub trait Listener {
+    /// A task is about to start on this world.
+    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64);
+    /// One tick of it passed.
+    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
+}
+
+/// Listens to nothing.
+pub struct Nobody;
+
+impl Listener for Nobody {
+    fn before_task(&mut self, _: &World, _: TaskKind, _: u64) {}
+    fn tick(&mut self, _: &World, _: TaskKind, _: &Tick<'_>) -> Supervision {
+        Supervision::Continue
+    }
+}
+
+/// The arm with its body and the agent: what works a sequence. There is one, and it is either at home in its
+/// [`LiveCell`] or out on an [`Outing`].
+pub(crate) struct Rig {
+    arm: Arm<InstrumentedWorld>,
+    agent: Agent,
+    verdicts: Vec<Verdict>,
+}
+
+impl Rig {
+    /// The body, for the ladder between tasks.
+    pub(crate) const fn arm_mut(&mut self) -> &mut Arm<InstrumentedWorld> {
+        &mut self.arm
+    }
+
+    /// The body, to look at.
+    pub(crate) const fn world(&self) -> &World {
+        self.arm.body().world()
+    }
+}
+
+/// The live cell with its arm and its agent.
+pub struct LiveCell {
+    cell: Cell,
+    rig: Option<Box<Rig>>,
+    agent: Digest,
+    distribution: Arc<Distribution>,
+    drift: Option<Drift>,
+    fault: Option<LiveFault>,
+    sequences: u64,
+}
+
+/// A sequence about to be worked, with all it takes; it may be worked on another thread.
+pub(crate) struct Outing {
+    rig: Box<Rig>,
+    scene: Arc<Scene>,
+    distribution: Arc<Distribution>,
+    fault: Option<LiveFault>,
+    sequence: u64,
+}
+
+impl LiveCell {
+    /// A live cell at rest.
+    ///
+    /// # Errors
+    /// Where the world cannot be built.
+    pub fn new(cell: Cell) -> Result<Self, SimError> {
+        let arm = Arm::new(InstrumentedWorld::new(cell.world()?));
+        let distribution = Arc::clone(&cell.live);
+        let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
+        Ok(Self {
+            cell,
+            agent: rig.agent.identity_hash(),
+            rig: Some(Box::new(rig)),
+            distribution,
+            drift: None,
+            fault: None,
+            sequences: 0,
+        })
+    }
+
+    /// Breaks something, or mends it.
+    pub const fn set_fault(&mut self, fault: Option<LiveFault>) {
+        self.fault = fault;
+    }
+
+    /// What is broken.
+    #[must_use]
+    pub const fn fault(&self) -> Option<LiveFault> {
+        self.fault
+    }
+
+    /// Whether the arm's telemetry reaches the monitors.
+    #[must_use]
+    pub fn link_is_up(&self) -> bool {
+        self.fault != Some(LiveFault::TelemetryLost)
+    }
+
+    /// From now on a referee looks on, for a report.
+    pub fn call_referee(&mut self, limits: RefereeLimits) {
+        if let Some(rig) = &mut self.rig {
+            rig.arm.body_mut().call_referee(limits);
+        }
+    }
+
+    /// Ground truth since the last call, task by task; empty where no referee looks on.
+    pub fn take_verdicts(&mut self) -> Vec<Verdict> {
+        self.rig.as_mut().map(|rig| std::mem::take(&mut rig.verdicts)).unwrap_or_default()
+    }
+
+    /// Goes on with another sequence number, so that a copy of a store meets episodes of its own.
+    pub const fn skip_to(&mut self, sequence: u64) {
+        self.sequences = sequence;
+    }
+
+    /// Sets in a drift, or ends it, from the next sequence on.
+    ///
+    /// # Errors
+    /// Where the drifted distribution is not valid.
+    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
+        self.distribution = match &drift {
+            None => Arc::clone(&self.cell.live),
+            Some(drift) => Arc::new(self.cell.live.with_drift(drift)?),
+        };
+        self.drift = drift;
+        Ok(())
+    }
+
+    /// The drift that has set in.
+    #[must_use]
+    pub const fn drift(&self) -> Option<&Drift> {
+        self.drift.as_ref()
+    }
+
+    /// Hash of the agent's identity, which never changes.
+    #[must_use]
+    pub const fn agent_hash(&self) -> Digest {
+        self.agent
+    }
+
+    /// Sequences begun so far.
+    #[must_use]
+    pub const fn sequences(&self) -> u64 {
+        self.sequences
+    }
+
+    /// Arm and agent; absent while they are out.
+    pub(crate) fn rig_mut(&mut self) -> Option<&mut Rig> {
+        self.rig.as_deref_mut()
+    }
+
+    /// Lets arm and agent out for one sequence; `None` where they are out already.
+    pub(crate) fn let_out(&mut self) -> Option<Outing> {
+        let rig = self.rig.take()?;
+        let sequence = self.sequences;
+        self.sequences += 1;
+        Some(Outing {
+            rig,
+            scene: Arc::clone(&self.cell.scene),
+            distribution: Arc::clone(&self.distribution),
+            fault: self.fault,
+            sequence,
+        })
+    }
+
+    /// Takes arm and agent back.
+    pub(crate) fn take_back(&mut self, outing: Outing) {
+        self.rig = Some(outing.rig);
+    }
+
+    /// Works one pick-align-place sequence, under the monitors where a supervisor stands for them.
+    pub fn run_sequence<V: ActiveView>(
+        &mut self,
+        view: &V,
+        terms: &dyn Fn(&Capability) -> Terms,
+        seed: u64,
+        listener: &mut dyn Listener,
+        supervisor: Option<&mut Supervisor>,
+    ) -> SequenceReport {
+        let Some(mut outing) = self.let_out() else {
+            return SequenceReport { failed: true, ..SequenceReport::empty(seed) };
+        };
+        let report = outing.run(view, terms, seed, listener, supervisor);
+        self.take_back(outing);
+        report
+    }
+}
+
+impl Outing {
+    /// Works the sequence.
+    pub(crate) fn run<V: ActiveView>(
+        &mut self,
+        view: &V,
+        terms: &dyn Fn(&Capability) -> Terms,
+        seed: u64,
+        listener: &mut dyn Listener,
+        mut supervisor: Option<&mut Supervisor>,
+    ) -> SequenceReport {
+        let mut report = SequenceReport::empty(seed);
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.scene, &self.distribution, seed);
+        let Rig { arm, agent, verdicts } = &mut *self.rig;
+        let world = arm.body_mut().world_mut();
+        if world.reset(&setup).is_err() {
+            report.failed = true;
+            return report;
+        }
+        if self.fault == Some(LiveFault::CameraLost) {
+            world.inject(SimFault::CameraLost);
+        }
+        arm.body_mut().verdict();
+        for task in Goal::PickAlignPlace.plan() {
+            arm.body_mut().world_mut().begin_task(task);
+            let world = arm.body().world();
+            listener.before_task(world, task, seed);
+            let started = world.tick();
+            let at_work = view.active(&Agent::select(task)).map(Capability::id);
+            let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>, passed: &Tick<'_>| {
+                let asked = listener.tick(handle.body().world(), task, passed);
+                let watched = match (&mut supervisor, &at_work) {
+                    (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
+                    _ => Supervision::Continue,
+                };
+                if watched == Supervision::Abort { watched } else { asked }
+            };
+            let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
+            let verdict = arm.body_mut().verdict();
+            match worked {
+                Ok(dispatched) => {
+                    if let Some(supervisor) = &mut supervisor {
+                        supervisor.ended(&dispatched.id, &dispatched.record);
+                    }
+                    if verdicts.len() < VERDICTS_MAX {
+                        let kept = verdict.map(|verdict| (self.sequence, dispatched.id.clone(), verdict));
+                        verdicts.extend(kept);
+                    }
+                    let done = dispatched.record.success;
+                    report.tasks.push(dispatched);
+                    if !done {
+                        break;
+                    }
+                }
+                Err(DispatchError::Refused(refused)) => {
+                    report.refused = Some(refused);
+                    break;
+                }
+                Err(DispatchError::Body(_)) => {
+                    report.failed = true;
+                    break;
+                }
+            }
+        }
+        // Simulated seconds of one sequence are far below the range of the conversion.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let duration_ms = (self.world().sim_secs() * 1000.0) as u64;
+        report.duration_ms = duration_ms;
+        report
+    }
+
+    /// The body, to look at.
+    pub(crate) const fn world(&self) -> &World {
+        self.rig.world()
+    }
+
+    /// Which sequence.
+    pub(crate) const fn sequence(&self) -> u64 {
+        self.sequence
+    }
+}

@@ -1,0 +1,167 @@
+//! The live cell: the world that works on under the active versions while candidates are judged.
+//!
+//! Owns the arm with its agent, how a sequence is worked (in one slice, or on a thread of its own at the pace of a
+//! clock), what is drawn of it, and the descent to a safe pose. Decides nothing about versions.
+
+pub mod descent;
+pub mod instrumented;
+pub mod live;
+pub mod pacing;
+pub mod painter;
+pub mod portrait;
+pub mod sequence;
+pub mod shadow;
+pub mod supervisor;
+pub mod thread;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use holdpoint_protocol::event::TaskSummary;
+use holdpoint_protocol::picture::Scenery;
+use holdpoint_protocol::sink::Pictures;
+use holdpoint_sim::SimError;
+
+use self::live::LiveCell;
+use self::pacing::Switch;
+use self::sequence::Stopped;
+use self::thread::LiveThread;
+use crate::cell::Cell;
+
+/// Sequences whose success is kept for display.
+const RECENT: usize = 50;
+
+/// The live cell with its pace, its pictures and what it worked last.
+pub struct LiveWorld {
+    /// The cell itself.
+    pub cell: LiveCell,
+    /// Sequences that fall due beside an evaluation.
+    due: f64,
+    pace: Option<f64>,
+    /// The thread it works on; absent where it works in step with the engine.
+    pub(crate) thread: Option<LiveThread>,
+    /// Where pictures go.
+    pub(crate) pictures: Option<Pictures>,
+    /// How the last sequence was stopped, where it was.
+    pub(crate) stopped: Option<Stopped>,
+    recent: VecDeque<bool>,
+    last_tasks: Vec<TaskSummary>,
+}
+
+impl LiveWorld {
+    /// A live world at rest, which works in step with the engine.
+    ///
+    /// # Errors
+    /// Where the world cannot be built.
+    pub fn new(cell: Cell) -> Result<Self, SimError> {
+        Ok(Self {
+            cell: LiveCell::new(cell)?,
+            due: 0.0,
+            pace: None,
+            thread: None,
+            pictures: None,
+            stopped: None,
+            recent: VecDeque::new(),
+            last_tasks: Vec::new(),
+        })
+    }
+
+    /// From now on it works on a thread of its own: `times` simulated seconds in a second (absent: as fast as it
+    /// computes).
+    pub fn work_on_a_thread(&mut self, times: Option<f64>) {
+        self.pace = times;
+        self.thread = Some(LiveThread::new(times));
+    }
+
+    /// How fast it works from now on. Tells whether it has a pace at all.
+    pub fn set_pace(&mut self, times: Option<f64>) -> bool {
+        let Some(thread) = &self.thread else { return false };
+        thread.set_pace(times);
+        self.pace = times;
+        true
+    }
+
+    /// Simulated seconds in a second; absent for as fast as it computes.
+    #[must_use]
+    pub const fn pace(&self) -> Option<f64> {
+        self.pace
+    }
+
+    /// Whether it works on a thread of its own.
+    #[must_use]
+    pub const fn is_paced(&self) -> bool {
+        self.thread.is_some()
+    }
+
+    /// Whether a sequence is being worked on its thread.
+    #[must_use]
+    pub fn is_out(&self) -> bool {
+        self.thread.as_ref().is_some_and(LiveThread::is_out)
+    }
+
+    /// Whether the arm is being stopped.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.thread.as_ref().is_some_and(LiveThread::is_stopping)
+    }
+
+    /// Stops the arm in the tick that runs. The sequence is over soon after.
+    pub fn stop(&self) {
+        if let Some(thread) = &self.thread {
+            thread.switch().stop();
+        }
+    }
+
+    /// Stops the arm where it works now, from any thread; absent where it works in step.
+    #[must_use]
+    pub fn switch(&self) -> Option<Arc<Switch>> {
+        self.thread.as_ref().map(LiveThread::switch)
+    }
+
+    /// So many sequences fall due, in fractions.
+    pub fn fall_due(&mut self, sequences: f64) {
+        self.due += sequences;
+    }
+
+    /// Whether a whole sequence is due; it is taken then.
+    pub fn take_due(&mut self) -> bool {
+        let due = self.due >= 1.0;
+        if due {
+            self.due -= 1.0;
+        }
+        due
+    }
+
+    /// Keeps what a sequence came to, for display. Work that a person stopped is neither done nor failed.
+    pub fn note(&mut self, done: Option<bool>, tasks: &[TaskSummary]) {
+        self.recent.extend(done);
+        if self.recent.len() > RECENT {
+            self.recent.pop_front();
+        }
+        self.last_tasks = tasks.to_vec();
+    }
+
+    /// Success of the last sequences, oldest first.
+    #[must_use]
+    pub fn recent(&self) -> Vec<bool> {
+        self.recent.iter().copied().collect()
+    }
+
+    /// Whether the last sequence was done.
+    #[must_use]
+    pub fn works(&self) -> bool {
+        self.recent.back() == Some(&true)
+    }
+
+    /// The tasks of the last sequence.
+    #[must_use]
+    pub fn last_tasks(&self) -> &[TaskSummary] {
+        &self.last_tasks
+    }
+}
+
+/// What stands round the robot.
+#[must_use]
+pub fn scenery(cell: &Cell) -> Scenery {
+    portrait::scenery(&cell.scene)
+}

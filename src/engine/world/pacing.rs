@@ -1,0 +1,214 @@
+//! Keeps simulated time to real time.
+//!
+//! Goes along while a sequence is worked on a thread of its own: waits between ticks, has it drawn, carries a
+//! candidate in shadow along, and stops the arm in the tick in which somebody asks for it. Decides nothing.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use holdpoint_body::{TICK_SECS, TaskKind};
+use holdpoint_sim::world::World;
+
+use super::live::{Listener, SequenceReport};
+use super::painter::Painter;
+use super::sequence::{Shadowed, Stopped};
+use super::shadow::Shadow;
+use holdpoint_protocol::clock::{Clock, tick_of};
+use holdpoint_runtime::task::{Supervision, Tick};
+
+/// Shorter waits are left to the next tick.
+const WAIT_LEAST: Duration = Duration::from_millis(6);
+
+/// Who is further behind does not hurry to catch up.
+const LATE_MAX: Duration = Duration::from_millis(250);
+
+/// How somebody outside stops the arm: in the tick in which it is read.
+#[derive(Debug, Default)]
+pub struct Switch {
+    working: AtomicU64,
+    stop: AtomicU64,
+}
+
+impl Switch {
+    /// Stops the arm where it works now. A sequence that begins later is not meant.
+    pub fn stop(&self) {
+        self.stop.store(self.working.load(Ordering::Acquire), Ordering::Release);
+    }
+
+    /// A sequence begins; numbers count from 1.
+    pub(crate) fn begin(&self, number: u64) {
+        self.working.store(number, Ordering::Release);
+    }
+
+    /// The sequence is over.
+    pub(crate) fn end(&self) {
+        self.working.store(0, Ordering::Release);
+    }
+
+    /// Whether this sequence is to stop.
+    pub(crate) fn stops(&self, number: u64) -> bool {
+        self.stop.load(Ordering::Acquire) == number
+    }
+}
+
+/// A pace that several threads see.
+#[derive(Debug, Default)]
+pub(crate) struct Pace(AtomicU64);
+
+impl Pace {
+    pub(crate) fn set(&self, times: Option<f64>) {
+        self.0.store(times.unwrap_or(0.0).to_bits(), Ordering::Release);
+    }
+
+    fn get(&self) -> Option<f64> {
+        Some(f64::from_bits(self.0.load(Ordering::Acquire))).filter(|times| *times > 0.0)
+    }
+}
+
+/// Waits until it is time for a tick.
+struct Pacer {
+    pace: Arc<Pace>,
+    times: Option<f64>,
+    from: Instant,
+    from_tick: u64,
+}
+
+impl Pacer {
+    fn new(pace: Arc<Pace>) -> Self {
+        Self { times: pace.get(), pace, from: Instant::now(), from_tick: 0 }
+    }
+
+    fn rebase(&mut self, tick: u64) {
+        self.times = self.pace.get();
+        self.from = Instant::now();
+        self.from_tick = tick;
+    }
+
+    fn wait(&mut self, tick: u64) {
+        if self.pace.get() != self.times || tick < self.from_tick {
+            self.rebase(tick);
+        }
+        let Some(times) = self.times else { return };
+        #[allow(clippy::cast_precision_loss, reason = "ticks of one sequence")]
+        let due_secs = (tick - self.from_tick) as f64 * TICK_SECS / times;
+        let due = Duration::from_secs_f64(due_secs.clamp(0.0, 3600.0));
+        let passed = self.from.elapsed();
+        if due > passed + WAIT_LEAST {
+            std::thread::sleep(due.saturating_sub(passed));
+        } else if passed > due + LATE_MAX {
+            self.rebase(tick);
+        }
+    }
+}
+
+/// Goes along with a sequence: waits, draws, shadows, and stops the arm where somebody asks for it.
+pub(crate) struct Escort {
+    painter: Painter,
+    number: u64,
+    shadow: Option<Shadow>,
+    switch: Arc<Switch>,
+    clock: Clock,
+    pacer: Pacer,
+    started: u64,
+    stopped: Option<Stopped>,
+}
+
+impl Escort {
+    pub(crate) fn new(
+        painter: Painter,
+        number: u64,
+        shadow: Option<Shadow>,
+        (switch, pace): (Arc<Switch>, Arc<Pace>),
+        clock: Clock,
+    ) -> Self {
+        Self { painter, number, shadow, switch, clock, pacer: Pacer::new(pace), started: 0, stopped: None }
+    }
+
+    /// After the sequence: the arm at rest, how it was stopped, and what shadow came to.
+    pub(crate) fn conclude(
+        mut self,
+        world: &World,
+        report: &SequenceReport,
+    ) -> (Option<Stopped>, Option<Shadowed>) {
+        self.painter.rest(world, self.stopped.is_some());
+        let shadowed = self.shadow.take().map(|shadow| {
+            let id = shadow.id();
+            let live = report.tasks.iter().map(|done| &done.record).find(|done| done.task == shadow.task());
+            // A live task that somebody stopped says nothing about the candidate beside it.
+            let live = live.filter(|_| self.stopped.is_none());
+            let (trace, fork) = shadow.conclude(live, report.seed);
+            Shadowed { id, trace, fork }
+        });
+        let stopped = self.stopped.take().map(|stopped| {
+            let last = report.tasks.last().filter(|done| Some(&done.id) == stopped.id.as_ref());
+            Stopped { report: last.and_then(|done| done.record.recovered), ..stopped }
+        });
+        (stopped, shadowed)
+    }
+}
+
+impl Listener for Escort {
+    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+        self.started = world.tick();
+        self.painter.before_task(world, task, seed, self.shadow.as_mut());
+        if self.shadow.is_some() {
+            self.pacer.rebase(world.tick());
+        }
+    }
+
+    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+        if self.stopped.is_none() && self.switch.stops(self.number) {
+            self.stopped = Some(Stopped {
+                id: self.painter.at_work(task),
+                world_tick: self.started + passed.tick,
+                tick: tick_of(self.clock.now_ms()),
+                report: None,
+            });
+        }
+        let asked =
+            self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
+        self.painter.tick(world, task, passed, self.shadow.as_ref(), self.stopped.is_some());
+        if self.stopped.is_some() {
+            return Supervision::Abort;
+        }
+        self.pacer.wait(world.tick());
+        asked
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use holdpoint_body::RATE_HZ;
+
+    use super::*;
+
+    #[test]
+    fn the_switch_stops_the_sequence_at_work_alone() {
+        let switch = Switch::default();
+        switch.stop();
+        assert!(!switch.stops(1));
+        switch.begin(1);
+        assert!(!switch.stops(1));
+        switch.stop();
+        assert!(switch.stops(1));
+        switch.end();
+        switch.begin(2);
+        assert!(!switch.stops(2), "a later sequence is not meant");
+    }
+
+    #[test]
+    fn ticks_keep_to_the_clock() {
+        let pace = Arc::new(Pace::default());
+        pace.set(Some(10.0));
+        let mut pacer = Pacer::new(Arc::clone(&pace));
+        let begun = Instant::now();
+        // 240 ticks are a simulated second, a tenth of a real one at this pace.
+        (1..=u64::from(RATE_HZ)).for_each(|tick| pacer.wait(tick));
+        assert!(begun.elapsed() >= Duration::from_millis(90), "{:?}", begun.elapsed());
+        pace.set(None);
+        let begun = Instant::now();
+        (1..=100 * u64::from(RATE_HZ)).for_each(|tick| pacer.wait(tick));
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    }
+}

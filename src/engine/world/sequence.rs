@@ -1,0 +1,156 @@
+//! One sequence of the live world in three steps: begun with all it takes, worked, ended.
+//!
+//! Begun and ended on the engine's thread; worked there in one slice, or on a thread of its own at the pace of a
+//! clock. What is worked owns its arm, its agent, its monitors and its view of the active versions, so that nothing
+//! the engine does meanwhile reaches into it.
+
+use std::collections::BTreeMap;
+
+use holdpoint_body::TaskKind;
+use holdpoint_sim::world::World;
+
+use super::live::{Listener, LiveCell, Outing, SequenceReport};
+use super::portrait;
+use super::shadow::ShadowTrace;
+use super::supervisor::{Questions, Supervisor};
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_protocol::picture::Envelope;
+use holdpoint_runtime::agent::ActiveView;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::recovery::RecoveryReport;
+use holdpoint_runtime::terms::Terms;
+
+use crate::context::Context;
+use crate::fault::Fault;
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::trial::seeds::{Purpose, episode_seed};
+
+/// The versions that were active when the sequence began.
+pub(crate) struct Actives(BTreeMap<Family, Capability>);
+
+impl ActiveView for Actives {
+    fn active(&self, family: &Family) -> Option<&Capability> {
+        self.0.get(family)
+    }
+}
+
+impl Actives {
+    /// Who works a task.
+    pub(crate) fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
+        self.0.get(&Family::from(task)).map(Capability::id)
+    }
+}
+
+/// A sequence that is about to be worked.
+pub(crate) struct Begun {
+    index: u64,
+    seed: u64,
+    outing: Outing,
+    actives: Actives,
+    terms: Vec<(CapabilityId, Terms)>,
+    spare: Terms,
+    supervisor: Supervisor,
+    link_up: bool,
+}
+
+/// A sequence that was worked.
+pub(crate) struct Worked {
+    pub(crate) index: u64,
+    pub(crate) outing: Outing,
+    pub(crate) report: SequenceReport,
+    pub(crate) supervisor: Supervisor,
+    pub(crate) link_up: bool,
+    /// The arm was stopped from outside.
+    pub(crate) stopped: Option<Stopped>,
+    /// What shadow came to, where a candidate was in shadow.
+    pub(crate) shadow: Option<Shadowed>,
+}
+
+/// A task that somebody stopped in flight.
+#[derive(Clone, Debug)]
+pub(crate) struct Stopped {
+    /// Who was at work.
+    pub(crate) id: Option<CapabilityId>,
+    /// When, ticks of the live world.
+    pub(crate) world_tick: u64,
+    /// When, virtual ticks of the engine.
+    pub(crate) tick: u64,
+    /// What was done to stop the arm.
+    pub(crate) report: Option<RecoveryReport>,
+}
+
+/// What a candidate in shadow gave in one sequence.
+pub(crate) struct Shadowed {
+    pub(crate) id: CapabilityId,
+    pub(crate) trace: Option<ShadowTrace>,
+    pub(crate) fork: Option<World>,
+}
+
+impl Begun {
+    /// Which sequence.
+    pub(crate) const fn index(&self) -> u64 {
+        self.index
+    }
+
+    /// Who works what in it, and the envelope that holds them.
+    pub(crate) fn workers(&self) -> Vec<(TaskKind, CapabilityId, Envelope)> {
+        let worker = |task: TaskKind| {
+            let id = self.actives.at_work(task)?;
+            let terms =
+                self.terms.iter().find(|(known, _)| *known == id).map_or(&self.spare, |(_, terms)| terms);
+            Some((task, id, portrait::envelope(terms.envelope())))
+        };
+        TaskKind::SEQUENCE.into_iter().filter_map(worker).collect()
+    }
+
+    /// Questions of its monitors are told while it runs.
+    pub(crate) fn tell_at_once(&mut self, questions: Questions) {
+        self.supervisor.tell_at_once(questions);
+    }
+
+    /// Works it.
+    pub(crate) fn work(self, listener: &mut dyn Listener) -> Worked {
+        let Self { index, seed, mut outing, actives, terms, spare, mut supervisor, link_up } = self;
+        let choose = |capability: &Capability| {
+            let id = capability.id();
+            let known = terms.iter().find(|(known, _)| *known == id);
+            known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
+        };
+        let report = outing.run(&actives, &choose, seed, listener, Some(&mut supervisor));
+        Worked { index, outing, report, supervisor, link_up, stopped: None, shadow: None }
+    }
+}
+
+/// Lets arm, agent and monitors out for one sequence. `terms_of` says what a version runs under.
+///
+/// # Errors
+/// Where they are out already.
+pub(crate) fn begin(
+    context: &Context,
+    record: &Record,
+    monitors: &Monitors,
+    cell: &mut LiveCell,
+    seed: u64,
+    terms_of: &dyn Fn(&Capability) -> Terms,
+) -> Result<Begun, Fault> {
+    let actives: BTreeMap<Family, Capability> = record
+        .ledger()
+        .families()
+        .filter_map(|(family, entry)| Some((family.clone(), entry.active()?.capability.clone())))
+        .collect();
+    let terms = TaskKind::SEQUENCE
+        .into_iter()
+        .filter_map(|task| actives.get(&Family::from(task)))
+        .map(|active| (active.id(), terms_of(active)))
+        .collect();
+    let spare = context.terms();
+    let link_up = cell.link_is_up();
+    // The engine's own copy is looked at meanwhile and changed by nobody.
+    let supervisor = Supervisor::new(monitors.clone(), record.clock().clone(), link_up);
+    let outing =
+        cell.let_out().ok_or_else(|| Fault::Impossible("the live world is at work already".to_owned()))?;
+    let index = outing.sequence();
+    let seed = episode_seed(seed, Purpose::Live, index);
+    Ok(Begun { index, seed, outing, actives: Actives(actives), terms, spare, supervisor, link_up })
+}

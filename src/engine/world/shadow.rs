@@ -1,0 +1,323 @@
+//! Shadow: the candidate beside the active version, at two depths, with no right to the arm.
+//!
+//! Same observations: the candidate decides tick by tick on what the active version sees; its
+//! commands go to a [`Recorder`]. Twin: at the start of the family's task the live world is forked;
+//! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
+//! and 6.7; design rule 5.4.
+
+use holdpoint_body::{Command, GuardVerdict, Pose, TaskKind};
+use holdpoint_sim::world::World;
+use serde::{Deserialize, Serialize};
+
+use super::live::Listener;
+use holdpoint_governance::evidence::ShadowSequence;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_runtime::arm::{Arm, Recorder};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::skill::Skill;
+use holdpoint_runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
+use holdpoint_runtime::terms::Terms;
+
+/// Distance of two arm setpoints that counts as a full divergence, m.
+const FULL_DIVERGENCE_M: f64 = 0.2;
+
+/// Difference of two pad distances that counts as a full divergence, m.
+const FULL_DIVERGENCE_WIDTH_M: f64 = 0.08;
+
+/// Radius of the tube round the active version's path, m.
+pub const TUBE_RADIUS_M: f32 = 0.03;
+
+/// Setpoints in force on the two channels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Setpoints {
+    pose: Option<Pose>,
+    width_m: Option<f64>,
+}
+
+impl Setpoints {
+    fn note(&mut self, command: &Command) {
+        match command {
+            Command::ToolPose { pose, .. } => self.pose = Some(*pose),
+            Command::Gripper { width_m, .. } => self.width_m = Some(*width_m),
+            Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {
+            }
+        }
+    }
+
+    /// Distance of two setpoints in [0, 1]: the larger of the two channels'.
+    fn divergence(&self, other: &Self) -> f64 {
+        let arm = match (&self.pose, &other.pose) {
+            (Some(a), Some(b)) => (a.distance_m(b) / FULL_DIVERGENCE_M).min(1.0),
+            (None, None) => 0.0,
+            // One has not decided yet: a difference in time, which the mean over ticks measures.
+            _ => 0.5,
+        };
+        let gripper = match (self.width_m, other.width_m) {
+            (Some(a), Some(b)) => ((a - b).abs() / FULL_DIVERGENCE_WIDTH_M).min(1.0),
+            (None, None) => 0.0,
+            _ => 0.5,
+        };
+        arm.max(gripper)
+    }
+}
+
+/// The most commands of one side that a [`ShadowTrace`] keeps; a task gives some dozen.
+const COMMANDS_KEPT: usize = 256;
+
+/// The record of one shadowed sequence (paper appendix F.2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShadowTrace {
+    /// The version in shadow.
+    pub version: CapabilityId,
+    /// The family's task within the sequence.
+    pub task: TaskKind,
+    /// The seed both worlds shared.
+    pub seed: u64,
+    /// Commands of the active version, with the tick of the task; the first ones.
+    pub live_commands: Vec<(u64, Command)>,
+    /// Commands the candidate would have given on the same observations.
+    pub proposed_commands: Vec<(u64, Command)>,
+    /// What the active version did in the live world.
+    pub live: TaskRecord,
+    /// What the candidate did in the twin.
+    pub twin: TaskRecord,
+    /// The values the rules use.
+    pub values: ShadowSequence,
+}
+
+impl ShadowTrace {
+    /// The record without the paths where both worlds ended alike: the seed gives them again.
+    #[must_use]
+    pub fn without_equal_paths(mut self) -> Self {
+        let values = &self.values;
+        let alike = values.live_success == values.twin_success
+            && values.live_policy_hit == values.twin_policy_hit
+            && values.live_watcher_event == values.twin_watcher_event;
+        if alike {
+            self.live.path = Vec::new();
+            self.twin.path = Vec::new();
+        }
+        self
+    }
+}
+
+/// Listens to a live sequence on behalf of one candidate.
+pub struct Shadow {
+    candidate: Capability,
+    terms: Terms,
+    fork: Option<World>,
+    skill: Option<Box<dyn Skill>>,
+    recorder: Recorder,
+    live_recorder: Recorder,
+    live: Setpoints,
+    proposed: Setpoints,
+    divergence_sum: f64,
+    ticks: u32,
+    twin: Option<Ran>,
+}
+
+/// A twin that has run.
+struct Ran {
+    /// The world, for the next sequence; absent where it failed.
+    world: Option<World>,
+    record: Option<TaskRecord>,
+}
+
+impl Shadow {
+    /// A shadow for a candidate. `fork` is the world the twin will run in.
+    #[must_use]
+    pub fn new(candidate: Capability, terms: Terms, fork: World) -> Self {
+        Self {
+            candidate,
+            terms,
+            fork: Some(fork),
+            skill: None,
+            recorder: Recorder::default(),
+            live_recorder: Recorder::default(),
+            live: Setpoints::default(),
+            proposed: Setpoints::default(),
+            divergence_sum: 0.0,
+            ticks: 0,
+            twin: None,
+        }
+    }
+
+    /// The candidate.
+    pub(crate) fn id(&self) -> CapabilityId {
+        self.candidate.id()
+    }
+
+    /// Its task.
+    pub(crate) fn task(&self) -> TaskKind {
+        self.candidate.bundle.task()
+    }
+
+    /// Runs the twin in its fork, where the task was reached. `look` sees every tick of it.
+    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
+        let Some(fork) = self.fork.take() else { return };
+        let mut twin_arm = Arm::new(fork);
+        let mut guard = self.terms.guard(self.candidate.manifest.permissions.authority);
+        let mut skill = self.candidate.bundle.start(seed);
+        let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
+        let ran = task::run(
+            &mut twin_arm.handle(),
+            skill.as_mut(),
+            &mut guard,
+            &task_terms,
+            &mut |handle, passed| {
+                look(handle.body(), passed);
+                Supervision::Continue
+            },
+        );
+        let world = twin_arm.into_body();
+        self.twin = Some(match ran {
+            Ok(record) => Ran { world: Some(world), record: Some(record) },
+            // A world that diverged is not used again.
+            Err(_) => Ran { world: None, record: None },
+        });
+    }
+
+    /// Runs the twin before the live task, so that a screen can draw both side by side. The result is the same: the
+    /// twin starts where the live world stands now.
+    pub(crate) fn run_twin_ahead(
+        &mut self,
+        task: TaskKind,
+        seed: u64,
+        look: &mut dyn FnMut(&World, &Tick<'_>),
+    ) {
+        if task == self.task() && self.skill.is_some() && self.twin.is_none() {
+            self.run_twin(seed, look);
+        }
+    }
+
+    /// After the live task: runs the twin, where it has not run yet, and compares. Absent where the task was not
+    /// reached or a world failed. The world comes back for the next sequence.
+    pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
+        let (Some(live), true) = (live, self.skill.is_some()) else {
+            let ran = self.twin.take().and_then(|ran| ran.world);
+            return (None, self.fork.take().or(ran));
+        };
+        if self.twin.is_none() {
+            self.run_twin(seed, &mut |_, _| {});
+        }
+        let Some(Ran { world, record: Some(twin) }) = self.twin.take() else { return (None, None) };
+        if live.invalid {
+            return (None, world);
+        }
+        let values = ShadowSequence {
+            seed,
+            live_success: live.success,
+            twin_success: twin.success,
+            live_policy_hit: live.violation,
+            twin_policy_hit: twin.violation,
+            live_watcher_event: live.anomaly,
+            twin_watcher_event: twin.anomaly,
+            output_divergence: self.divergence_sum / f64::from(self.ticks.max(1)),
+            envelope_divergence: outside_tube(&live.path, &twin.path),
+        };
+        let first = |recorder: &Recorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
+        let trace = ShadowTrace {
+            version: self.candidate.id(),
+            task: self.task(),
+            seed,
+            live_commands: first(&self.live_recorder),
+            proposed_commands: first(&self.recorder),
+            live: live.clone(),
+            twin,
+            values,
+        };
+        (Some(trace), world)
+    }
+}
+
+impl Listener for Shadow {
+    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+        if task != self.task() {
+            return;
+        }
+        let forked = world.snapshot().ok().and_then(|snapshot| self.fork.as_mut()?.restore(&snapshot).ok());
+        if forked.is_some() {
+            self.skill = Some(self.candidate.bundle.start(seed));
+        }
+    }
+
+    fn tick(&mut self, _: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+        if task == self.task()
+            && let Some(skill) = &mut self.skill
+        {
+            let mut seen = passed.observation.clone();
+            seen.guard = GuardVerdict::Allowed;
+            let proposal = skill.tick(&seen);
+            self.live.note(passed.command);
+            self.proposed.note(&proposal);
+            self.recorder.record(passed.tick, proposal);
+            self.live_recorder.record(passed.tick, passed.command.clone());
+            self.divergence_sum += self.live.divergence(&self.proposed);
+            self.ticks += 1;
+        }
+        Supervision::Continue
+    }
+}
+
+/// Share of the twin's points that lie outside the tube round the live path, in [0, 1].
+#[must_use]
+pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint]) -> f64 {
+    if twin.is_empty() {
+        return 0.0;
+    }
+    let radius2 = TUBE_RADIUS_M * TUBE_RADIUS_M;
+    let near = |point: &PathPoint| {
+        live.iter().any(|other| {
+            let d: f32 =
+                (0..3).map(|i| (point.tool[i] - other.tool[i]) * (point.tool[i] - other.tool[i])).sum();
+            d <= radius2
+        })
+    };
+    let outside = twin.iter().filter(|point| !near(point)).count();
+    #[allow(clippy::cast_precision_loss, reason = "paths have some hundred points")]
+    let share = outside as f64 / twin.len() as f64;
+    share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(heights: &[f32]) -> Vec<PathPoint> {
+        let point = |(i, z): (usize, &f32)| PathPoint {
+            tick: u32::try_from(i).unwrap(),
+            tool: [0.5, 0.0, *z],
+            width: 0.0,
+            force: 0.0,
+        };
+        heights.iter().enumerate().map(point).collect()
+    }
+
+    #[test]
+    fn tube_shares() {
+        let live = path(&[0.1, 0.12, 0.14]);
+        for (twin, expected) in [
+            (path(&[0.1, 0.11, 0.15]), 0.0),
+            (path(&[0.1, 0.3]), 0.5),
+            (path(&[0.5, 0.6]), 1.0),
+            (path(&[]), 0.0),
+        ] {
+            assert!((outside_tube(&live, &twin) - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn setpoints_diverge_by_the_larger_channel() {
+        let mut a = Setpoints::default();
+        let mut b = Setpoints::default();
+        assert!(a.divergence(&b).abs() < 1e-12);
+        a.note(&Command::Gripper { width_m: 0.08, speed_m_s: 0.1, force_n: 1.0 });
+        b.note(&Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: 1.0 });
+        assert!((a.divergence(&b) - 0.5).abs() < 1e-12);
+        let far = Pose { position: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
+        a.note(&Command::ToolPose { pose: Pose::IDENTITY, max_speed_m_s: 0.1 });
+        b.note(&Command::ToolPose { pose: far, max_speed_m_s: 0.1 });
+        assert!((a.divergence(&b) - 1.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,177 @@
+//! The monitor's place inside a live task: a safety event of a watched version acts in the tick it happens.
+//!
+//! It feeds the monitors tick by tick and stops a task where one of them asks for more than a question. It
+//! decides nothing (the rules do, in `governance::monitor`) and writes nothing: what was decided is acted on
+//! after the task, when the arm stands.
+
+use std::sync::{Arc, Mutex};
+
+use crate::monitors::{Monitors, Watched};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
+use holdpoint_protocol::clock::{Clock, tick_of};
+use holdpoint_runtime::guard::PolicyHit;
+use holdpoint_runtime::recovery::RecoveryReport;
+use holdpoint_runtime::task::{Supervision, TaskRecord, Tick};
+use holdpoint_runtime::watcher::WatcherSignal;
+
+/// A task that was stopped in flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trip {
+    /// The safety event; absent where it was for something else.
+    pub event: Option<SafetyEvent>,
+    /// When, ticks of the live world.
+    pub world_tick: u64,
+    /// When, virtual ticks of the engine.
+    pub tick: u64,
+    /// What was done to stop the arm.
+    pub stopped: Option<RecoveryReport>,
+}
+
+/// What a monitor decided during a sequence.
+#[derive(Clone, Debug)]
+pub struct Raised {
+    /// About which version.
+    pub id: CapabilityId,
+    /// What.
+    pub decision: MonitorDecision,
+    /// The task it stopped, where it did.
+    pub trip: Option<Trip>,
+}
+
+/// Questions of monitors that are told while the sequence still runs, each with its monitor.
+pub(crate) type Questions = Arc<Mutex<Vec<(Watched, MonitorDecision)>>>;
+
+/// Supervises one sequence for every monitor there is.
+pub struct Supervisor {
+    monitors: Monitors,
+    clock: Clock,
+    from_tick: u64,
+    link_up: bool,
+    raised: Vec<Raised>,
+    questions: Option<Questions>,
+}
+
+impl Supervisor {
+    /// A supervisor for a sequence that begins now. `link_up`: telemetry arrives.
+    pub(crate) fn new(mut monitors: Monitors, clock: Clock, link_up: bool) -> Self {
+        let from_tick = tick_of(clock.now_ms());
+        if link_up {
+            // The arm at rest has been read before it sets out.
+            for watched in monitors.iter_mut() {
+                watched.monitor.telemetry(from_tick);
+            }
+        }
+        Self { monitors, clock, from_tick, link_up, raised: Vec::new(), questions: None }
+    }
+
+    /// Questions are told at once: people must not wait for the end of a sequence to learn of a deadline.
+    pub(crate) fn tell_at_once(&mut self, questions: Questions) {
+        self.questions = Some(questions);
+    }
+
+    /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
+    pub fn tick(&mut self, id: &CapabilityId, world_tick: u64, passed: &Tick<'_>) -> Supervision {
+        let now = self.now_tick(world_tick);
+        let Some(watched) = self.monitors.of_mut(id) else {
+            return Supervision::Continue;
+        };
+        // Where the link is down nothing of the task reaches the monitor, its safety events neither.
+        let event = if self.link_up { safety_event(passed) } else { None };
+        if self.link_up {
+            watched.monitor.telemetry(now);
+        }
+        let decision = match event {
+            Some(event) => watched.monitor.safety(event, now),
+            None => watched.monitor.tick(now),
+        };
+        if decision.action <= watched.told {
+            return Supervision::Continue;
+        }
+        watched.told = decision.action;
+        if decision.action == MonitorAction::Escalate
+            && let Some(Ok(mut told)) = self.questions.as_ref().map(|questions| questions.lock())
+        {
+            told.push((watched.clone(), decision));
+            return Supervision::Continue;
+        }
+        let stops = decision.action >= MonitorAction::Restrict;
+        let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
+        self.raised.push(Raised { id: id.clone(), decision, trip });
+        if stops { Supervision::Abort } else { Supervision::Continue }
+    }
+
+    /// Virtual ticks now. A script's clock stands still while a sequence is worked, so there the world's ticks
+    /// count; a clock that follows real time says it itself, however fast the world is worked.
+    fn now_tick(&self, world_tick: u64) -> u64 {
+        if self.clock.is_scripted() {
+            self.from_tick.saturating_add(world_tick)
+        } else {
+            tick_of(self.clock.now_ms())
+        }
+    }
+
+    /// After a task of `id`: how the arm was stopped belongs to the trip that stopped it.
+    pub fn ended(&mut self, id: &CapabilityId, record: &TaskRecord) {
+        let last = self.raised.last_mut().filter(|raised| raised.id == *id);
+        if let Some(trip) = last.and_then(|raised| raised.trip.as_mut())
+            && trip.stopped.is_none()
+        {
+            trip.stopped = record.recovered;
+        }
+    }
+
+    /// The monitors as they are now, and what was decided, in order.
+    #[must_use]
+    pub(crate) fn stand_down(self) -> (Monitors, Vec<Raised>) {
+        (self.monitors, self.raised)
+    }
+}
+
+/// The safety event in a tick, the gravest source first.
+fn safety_event(passed: &Tick<'_>) -> Option<SafetyEvent> {
+    passed
+        .measured
+        .and_then(of_hit)
+        .or_else(|| passed.checked.and_then(of_hit))
+        .or_else(|| passed.raised.iter().find_map(|signal| of_signal(*signal)))
+}
+
+/// The safety events of a finished task.
+#[must_use]
+pub fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
+    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(*hit));
+    let signals = record.signals.iter().filter_map(|raised| of_signal(raised.signal));
+    hits.chain(signals).collect()
+}
+
+const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {
+    match hit {
+        PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
+        PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),
+        PolicyHit::KeepOut => Some(SafetyEvent::KeepOut),
+        PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
+        PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
+        PolicyHit::ModeUncovered | PolicyHit::ModeForbidden | PolicyHit::ModeUnreviewed => {
+            Some(SafetyEvent::PermissionBreach)
+        }
+        PolicyHit::OutsideWorkspace
+        | PolicyHit::RetriesExceeded
+        | PolicyHit::SpeedClamped
+        | PolicyHit::ForceClamped => None,
+    }
+}
+
+const fn of_signal(signal: WatcherSignal) -> Option<SafetyEvent> {
+    match signal {
+        WatcherSignal::UnexpectedContact => Some(SafetyEvent::Collision),
+        WatcherSignal::TelemetryInvalid => Some(SafetyEvent::NotANumber),
+        WatcherSignal::ObjectSlip
+        | WatcherSignal::ObjectLost
+        | WatcherSignal::TrackingError
+        | WatcherSignal::StaleInput
+        | WatcherSignal::ToolLost
+        | WatcherSignal::GripFault
+        | WatcherSignal::Overrun => None,
+    }
+}

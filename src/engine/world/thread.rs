@@ -1,0 +1,127 @@
+//! The live world on a thread of its own, at the pace of a clock, while the engine's thread evaluates and answers.
+//!
+//! Owns the thread and what it shares with the engine's. An engine that is not paced (a script, an experiment) works
+//! whole sequences in one slice and never comes here.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use holdpoint_governance::monitor::MonitorDecision;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::sink::Pictures;
+
+use super::pacing::{Escort, Pace, Switch};
+use super::painter::Painter;
+use super::sequence::{Begun, Worked};
+use super::shadow::Shadow;
+use super::supervisor::Questions;
+use crate::fault::Fault;
+use crate::monitors::Watched;
+
+/// Pause after a sequence in which nothing was worked: no version is active, or the world failed.
+const NOTHING_PAUSE: Duration = Duration::from_secs(2);
+
+/// The live world's thread and what it shares with the engine's.
+pub struct LiveThread {
+    switch: Arc<Switch>,
+    pace: Arc<Pace>,
+    questions: Questions,
+    number: u64,
+    running: Option<JoinHandle<Worked>>,
+    not_before: Option<Instant>,
+}
+
+impl LiveThread {
+    /// A thread that waits for its first sequence.
+    #[must_use]
+    pub(crate) fn new(times: Option<f64>) -> Self {
+        let pace = Arc::new(Pace::default());
+        pace.set(times);
+        Self {
+            switch: Arc::new(Switch::default()),
+            pace,
+            questions: Questions::default(),
+            number: 0,
+            running: None,
+            not_before: None,
+        }
+    }
+
+    /// Stops the arm where it works now, from any thread.
+    #[must_use]
+    pub fn switch(&self) -> Arc<Switch> {
+        Arc::clone(&self.switch)
+    }
+
+    /// Whether a sequence is being worked.
+    #[must_use]
+    pub const fn is_out(&self) -> bool {
+        self.running.is_some()
+    }
+
+    /// Whether the arm is being stopped.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.running.is_some() && self.switch.stops(self.number)
+    }
+
+    /// Whether it rests after a sequence in which nothing was worked.
+    pub(crate) fn rests(&self) -> bool {
+        self.not_before.is_some_and(|not_before| Instant::now() < not_before)
+    }
+
+    /// After a sequence: where nothing was worked, the next one waits.
+    pub(crate) fn rest_if(&mut self, nothing: bool) {
+        self.not_before = nothing.then(|| Instant::now() + NOTHING_PAUSE);
+    }
+
+    /// What monitors asked while their sequence ran.
+    pub(crate) fn take_questions(&self) -> Vec<(Watched, MonitorDecision)> {
+        self.questions.lock().map_or_else(|_| Vec::new(), |mut waiting| std::mem::take(&mut *waiting))
+    }
+
+    /// How fast it works from now on.
+    pub fn set_pace(&self, times: Option<f64>) {
+        self.pace.set(times);
+    }
+
+    /// Lets a sequence out.
+    ///
+    /// # Errors
+    /// Where no thread starts.
+    pub(crate) fn set_off(
+        &mut self,
+        mut begun: Begun,
+        shadow: Option<Shadow>,
+        pictures: Pictures,
+        clock: Clock,
+    ) -> Result<(), Fault> {
+        self.number += 1;
+        begun.tell_at_once(Arc::clone(&self.questions));
+        let painter = Painter::new(pictures, clock.clone(), begun.index(), begun.workers());
+        let shared = (Arc::clone(&self.switch), Arc::clone(&self.pace));
+        let mut escort = Escort::new(painter, self.number, shadow, shared, clock);
+        self.switch.begin(self.number);
+        let work = move || {
+            let mut worked = begun.work(&mut escort);
+            let (stopped, shadow) = escort.conclude(worked.outing.world(), &worked.report);
+            worked.stopped = stopped;
+            worked.shadow = shadow;
+            worked
+        };
+        let thread = std::thread::Builder::new().name("live-world".to_owned()).spawn(work);
+        let thread = thread
+            .map_err(|error| Fault::Impossible(format!("the live world's thread does not start: {error}")))?;
+        self.running = Some(thread);
+        Ok(())
+    }
+
+    /// The sequence that is over; `None` while one runs, and where none does.
+    pub(crate) fn landed(&mut self, wait: bool) -> Option<Result<Worked, Fault>> {
+        let thread = self.running.take_if(|thread| wait || thread.is_finished())?;
+        self.switch.end();
+        let failed = |_| Fault::Impossible("the live world's thread failed".to_owned());
+        Some(thread.join().map_err(failed))
+    }
+}
