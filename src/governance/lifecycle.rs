@@ -7,9 +7,11 @@ use serde::{Deserialize, Serialize};
 
 mod apply;
 mod rules;
+#[cfg(test)]
+mod walk;
 
-pub use apply::{apply, apply_with};
-pub use rules::{Refusal, Rules};
+pub use apply::apply;
+pub use rules::Refusal;
 
 crate::words! {
     /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules

@@ -3,12 +3,10 @@
 //!     cargo run --example replay_screen [-- --ascii]
 #![allow(clippy::unwrap_used, reason = "a tool that shows what there is, or fails")]
 
-#[path = "replay.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]
-mod recorded;
-#[path = "console.rs"]
+mod shift;
 #[allow(dead_code, reason = "the tests use the rest")]
-mod support;
+mod upgrade;
 
 use holdpoint::console::options::{File, Flags, Options};
 use holdpoint::console::replay::speed::Speed;
@@ -20,5 +18,5 @@ fn main() -> Result<(), ReplayError> {
     let console = Options::new(Flags { ascii, ..Flags::default() }, File::default());
     let options =
         ReplayOptions { start_tick: None, speed: Speed::default(), console, themes: Themes::default() };
-    run(recorded::recording(), options)
+    run(upgrade::recording(), options)
 }

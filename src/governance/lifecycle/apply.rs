@@ -1,9 +1,9 @@
 //! The transition function: a family and an event in, the new family and what to write out, or a refusal.
 //!
-//! Total, pure and complete: a state changes here or nowhere. [`Rules`] exists for the exhaustive walk, which
-//! switches each rule off in turn and has to notice; the program uses [`Rules::ALL`].
+//! Total, pure and complete: a state changes here or nowhere. The program demands every [`Rule`]; the exhaustive
+//! walk (`walk.rs`, compiled for tests alone) leaves out one at a time and has to notice.
 
-use super::rules::{Refusal, Rules};
+use super::rules::{All, Refusal, Rule, Rules};
 use super::{
     Change, Event, FamilyState, Flags, Leave, Stage, Stamp, State, VERSIONS_MAX, Version, VersionRef,
 };
@@ -13,17 +13,14 @@ use super::{
 /// # Errors
 /// [`Refusal`] with the reason; the family is then as before.
 pub fn apply(family: &FamilyState, event: Event) -> Result<(FamilyState, Vec<Change>), Refusal> {
-    apply_with(family, event, Rules::ALL)
+    apply_under(All, family, event)
 }
 
-/// Applies an event under some rules; for the walk that shows each rule to be needed.
-///
-/// # Errors
-/// As [`apply`].
-pub fn apply_with(
+/// As [`apply`], under what `rules` demand.
+pub(super) fn apply_under<R: Rules>(
+    rules: R,
     family: &FamilyState,
     event: Event,
-    rules: Rules,
 ) -> Result<(FamilyState, Vec<Change>), Refusal> {
     let mut step = Step { family: family.clone(), rules };
     step.run(event)?;
@@ -32,7 +29,7 @@ pub fn apply_with(
             version.row_version = before.row_version.saturating_add(1);
         }
     }
-    let changes = if rules.report_changes { changes(family, &step.family) } else { Vec::new() };
+    let changes = if rules.demand(Rule::ReportChanges) { changes(family, &step.family) } else { Vec::new() };
     Ok((step.family, changes))
 }
 
@@ -72,12 +69,12 @@ fn changes(before: &FamilyState, after: &FamilyState) -> Vec<Change> {
     out
 }
 
-struct Step {
+struct Step<R> {
     family: FamilyState,
-    rules: Rules,
+    rules: R,
 }
 
-impl Step {
+impl<R: Rules> Step<R> {
     fn version(&mut self, version: VersionRef) -> Result<&mut Version, Refusal> {
         let unknown = Refusal::UnknownVersion { version: version.0 };
         self.family.versions.get_mut(usize::from(version.0)).ok_or(unknown)
@@ -95,7 +92,7 @@ impl Step {
         event: &'static str,
         from: &[State],
     ) -> Result<&mut Version, Refusal> {
-        let pause_blocks = self.rules.pause_blocks;
+        let pause_blocks = self.rules.demand(Rule::PauseBlocks);
         let found = self.within(version, event, from)?;
         if found.flags.paused && pause_blocks { Err(Refusal::Paused) } else { Ok(found) }
     }
@@ -188,11 +185,11 @@ impl Step {
             Event::Resume { version } => self.pause(version, false),
             Event::ContextChanged { needs_approval } => {
                 self.family.needs_approval = needs_approval;
-                self.void_family(self.rules.context_change_voids);
+                self.void_family(self.rules.demand(Rule::ContextChangeVoids));
                 Ok(())
             }
             Event::Restart => {
-                if self.rules.restart_aborts {
+                if self.rules.demand(Rule::RestartAborts) {
                     self.family.versions.iter_mut().for_each(|version| version.flags.running = None);
                 }
                 Ok(())
@@ -224,7 +221,7 @@ impl Step {
             Stage::Shadow => State::Sandboxed,
             Stage::Activation => State::Shadowed,
         };
-        let bind = self.rules.bind_evidence;
+        let bind = self.rules.demand(Rule::BindEvidence);
         let found = self.ready(version, "starting this stage", &[from])?;
         if found.flags.running.is_some() {
             return Err(Refusal::Running { running: found.flags.running });
@@ -246,7 +243,7 @@ impl Step {
             Stage::Activation => &[State::Shadowed],
         };
         let found = self.ready(version, "passing this stage", from)?;
-        if found.flags.running != Some(stage) && rules.pass_needs_run {
+        if found.flags.running != Some(stage) && rules.demand(Rule::PassNeedsRun) {
             return Err(Refusal::Running { running: found.flags.running });
         }
         let stale = |what| Err(Refusal::Stale { what });
@@ -257,7 +254,7 @@ impl Step {
                 found.sandbox = Some(stamp);
             }
             Stage::Shadow => {
-                if rules.bind_evidence && !is_current(found.sandbox, stamp.context) {
+                if rules.demand(Rule::BindEvidence) && !is_current(found.sandbox, stamp.context) {
                     return stale("sandbox evidence");
                 }
                 found.state = State::Shadowed;
@@ -266,7 +263,7 @@ impl Step {
             Stage::Activation => {
                 let current =
                     is_current(found.sandbox, stamp.context) && is_current(found.shadow, stamp.context);
-                if rules.bind_evidence && !current {
+                if rules.demand(Rule::BindEvidence) && !current {
                     return stale("sandbox or shadow evidence");
                 }
                 found.gate = Some(stamp);
@@ -278,7 +275,7 @@ impl Step {
 
     fn demote(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let mut from = vec![State::Validated, State::Sandboxed, State::Shadowed];
-        if !self.rules.active_leaves_by_rollback {
+        if !self.rules.demand(Rule::ActiveLeavesByRollback) {
             from.push(State::Active);
         }
         let found = self.within(version, "demoting", &from)?;
@@ -295,10 +292,10 @@ impl Step {
             State::Demoted,
             State::Superseded,
         ];
-        if !self.rules.active_leaves_by_rollback {
+        if !self.rules.demand(Rule::ActiveLeavesByRollback) {
             from.push(State::Active);
         }
-        let pinned = self.family.is_pinned(version) && self.rules.pin_predecessor;
+        let pinned = self.family.is_pinned(version) && self.rules.demand(Rule::PinPredecessor);
         let found = self.within(version, "rejecting", &from)?;
         if found.state == State::Superseded && pinned {
             return Err(Refusal::Pinned);
@@ -316,17 +313,17 @@ impl Step {
                 return Err(Refusal::Condition { why: "sandbox and shadow can be repeated" });
             }
         };
-        if !rules.terminal_is_final {
+        if !rules.demand(Rule::TerminalIsFinal) {
             from.push(State::RolledBack);
         }
         let found = self.ready(version, "repeating this stage", &from)?;
         if found.flags.running.is_some() {
             return Err(Refusal::Running { running: found.flags.running });
         }
-        if stage == Stage::Shadow && rules.bind_evidence && !is_current(found.sandbox, context) {
+        if stage == Stage::Shadow && rules.demand(Rule::BindEvidence) && !is_current(found.sandbox, context) {
             return Err(Refusal::Stale { what: "sandbox evidence" });
         }
-        if rules.repeat_voids {
+        if rules.demand(Rule::RepeatVoids) {
             found.gate = None;
             found.approval = None;
             found.round = found.round.saturating_add(1);
@@ -357,7 +354,7 @@ impl Step {
 
     fn approved(&mut self, version: VersionRef, row_version: u64) -> Result<(), Refusal> {
         let stamp = self.stamp(version)?;
-        let bind_row = self.rules.bind_row;
+        let bind_row = self.rules.demand(Rule::BindRow);
         let found = self.ready(version, "approving", &[State::Shadowed, State::Active])?;
         if !found.flags.awaiting_approval {
             return Err(Refusal::Condition { why: "nothing was asked" });
@@ -375,24 +372,24 @@ impl Step {
         let (stamp, rules, needs_approval) = (self.stamp(version)?, self.rules, self.family.needs_approval);
         let found = self.version(version)?;
         let (gate, approval) = (found.gate, found.approval);
-        if rules.bind_gate && gate != Some(stamp) {
+        if rules.demand(Rule::BindGate) && gate != Some(stamp) {
             return Err(Refusal::Stale { what: "gate pass" });
         }
-        if needs_approval && rules.bind_approval && approval != Some(stamp) {
+        if needs_approval && rules.demand(Rule::BindApproval) && approval != Some(stamp) {
             return Err(Refusal::Stale { what: "approval" });
         }
         Ok(())
     }
 
     fn activate(&mut self, version: VersionRef) -> Result<(), Refusal> {
-        if self.family.safe_stopped && self.rules.stop_holds {
+        if self.family.safe_stopped && self.rules.demand(Rule::StopHolds) {
             return Err(Refusal::SafeStopped);
         }
         self.ready(version, "activating", &[State::Shadowed])?;
         self.standing(version)?;
         let old = self.family.active();
         if let Some(old) = old {
-            let supersede = self.rules.supersede_old;
+            let supersede = self.rules.demand(Rule::SupersedeOld);
             let replaced = self.version(old)?;
             if replaced.flags.rollback_pending {
                 return Err(Refusal::RollbackPending);
@@ -407,7 +404,7 @@ impl Step {
 
     /// Makes a version active under a predecessor.
     fn enter(&mut self, version: VersionRef, predecessor: Option<VersionRef>) -> Result<(), Refusal> {
-        self.void_family(self.rules.active_change_voids);
+        self.void_family(self.rules.demand(Rule::ActiveChangeVoids));
         let found = self.version(version)?;
         found.state = State::Active;
         found.flags = Flags { provisional: true, ..Flags::default() };
@@ -419,7 +416,7 @@ impl Step {
 
     fn release(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let (stamp, needs_approval) = (self.stamp(version)?, self.family.needs_approval);
-        let bind = self.rules.bind_approval;
+        let bind = self.rules.demand(Rule::BindApproval);
         let found = self.ready(version, "releasing", &[State::Active])?;
         if !found.flags.restricted || found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "it is not restricted, or being rolled back" });
@@ -436,7 +433,7 @@ impl Step {
     fn finish_rollback(&mut self, version: VersionRef, leave: Leave) -> Result<(), Refusal> {
         let rules = self.rules;
         let found = self.within(version, "rolling back", &[State::Active])?;
-        if rules.revoke_first && !found.flags.rollback_pending {
+        if rules.demand(Rule::RevokeFirst) && !found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
         }
         let target = found.predecessor;
@@ -448,7 +445,7 @@ impl Step {
             Leave::Demoted => State::Demoted,
         };
         self.version(version)?.leave(to);
-        if rules.restore_predecessor {
+        if rules.demand(Rule::RestorePredecessor) {
             let before = self.family.restorable_predecessor(target);
             self.enter(target, before)?;
             // It was confirmed before, or its own window went on: it is known, not provisional.
@@ -460,12 +457,12 @@ impl Step {
     fn fail_rollback(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let rules = self.rules;
         let found = self.within(version, "failing a rollback", &[State::Active])?;
-        if rules.revoke_first && !found.flags.rollback_pending {
+        if rules.demand(Rule::RevokeFirst) && !found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
         }
         found.leave(State::Demoted);
-        self.family.safe_stopped = rules.stop_without_target;
-        self.void_family(rules.active_change_voids);
+        self.family.safe_stopped = rules.demand(Rule::StopWithoutTarget);
+        self.void_family(rules.demand(Rule::ActiveChangeVoids));
         Ok(())
     }
 

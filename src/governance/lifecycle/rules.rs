@@ -1,4 +1,4 @@
-//! Refusals, and the rules of the lifecycle as switches for the exhaustive walk.
+//! Refusals, and the rules of the lifecycle by name.
 
 use super::{Stage, State};
 
@@ -58,71 +58,58 @@ fn names(states: &[State]) -> String {
     states.iter().map(|state| state.name()).collect::<Vec<_>>().join(", ")
 }
 
-/// The rules, each of which can be switched off by the exhaustive walk.
+/// The rules of the lifecycle by name: what the transition function asks about, each shown to be needed by the walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::struct_excessive_bools, reason = "one switch for each rule")]
-pub struct Rules {
+pub(super) enum Rule {
     /// Activation replaces the active version in the same step.
-    pub supersede_old: bool,
+    SupersedeOld,
     /// An active version leaves by rollback only.
-    pub active_leaves_by_rollback: bool,
+    ActiveLeavesByRollback,
     /// A rollback target cannot be rejected.
-    pub pin_predecessor: bool,
+    PinPredecessor,
     /// A rollback restores the predecessor in the same step.
-    pub restore_predecessor: bool,
+    RestorePredecessor,
     /// Without a target the family is stopped.
-    pub stop_without_target: bool,
+    StopWithoutTarget,
     /// Command authority is revoked before the binding moves.
-    pub revoke_first: bool,
+    RevokeFirst,
     /// Activation needs a gate pass of the present circumstances.
-    pub bind_gate: bool,
+    BindGate,
     /// Activation needs approvals of the present circumstances, where the profile asks for them.
-    pub bind_approval: bool,
+    BindApproval,
     /// An approval names the present row version.
-    pub bind_row: bool,
+    BindRow,
     /// A gate pass needs sandbox and shadow evidence of the present circumstances.
-    pub bind_evidence: bool,
+    BindEvidence,
     /// A changed active version voids what was compared with the old one.
-    pub active_change_voids: bool,
+    ActiveChangeVoids,
     /// A changed profile, policy or threshold voids what was decided under the old one.
-    pub context_change_voids: bool,
+    ContextChangeVoids,
     /// A re-evaluation voids the gate pass and the approvals before it.
-    pub repeat_voids: bool,
+    RepeatVoids,
     /// A paused version does not advance.
-    pub pause_blocks: bool,
+    PauseBlocks,
     /// Rejected and rolled-back versions stay so.
-    pub terminal_is_final: bool,
+    TerminalIsFinal,
     /// What ran when the engine stopped is not done.
-    pub restart_aborts: bool,
+    RestartAborts,
     /// A safe-stopped family activates by re-arming only.
-    pub stop_holds: bool,
+    StopHolds,
     /// A stage that did not run cannot be passed.
-    pub pass_needs_run: bool,
+    PassNeedsRun,
     /// Every change is reported, so that it can be written.
-    pub report_changes: bool,
+    ReportChanges,
 }
 
-impl Rules {
-    /// Every rule: what the program uses.
-    pub const ALL: Self = Self {
-        supersede_old: true,
-        active_leaves_by_rollback: true,
-        pin_predecessor: true,
-        restore_predecessor: true,
-        stop_without_target: true,
-        revoke_first: true,
-        bind_gate: true,
-        bind_approval: true,
-        bind_row: true,
-        bind_evidence: true,
-        active_change_voids: true,
-        context_change_voids: true,
-        repeat_voids: true,
-        pause_blocks: true,
-        terminal_is_final: true,
-        restart_aborts: true,
-        stop_holds: true,
-        pass_needs_run: true,
-        report_changes: true,
-    };
+/// Which rules are demanded: every one, unless a test says otherwise by a type of its own.
+pub(super) trait Rules: Copy {
+    fn demand(self, _rule: Rule) -> bool {
+        true
+    }
 }
+
+/// What the program demands: every rule.
+#[derive(Clone, Copy)]
+pub(super) struct All;
+
+impl Rules for All {}

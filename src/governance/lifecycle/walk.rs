@@ -1,0 +1,463 @@
+//! The life of a family walked exhaustively: a baseline and two candidates, crashes, restarts and changes of
+//! the profile at any point, against the invariants of the lifecycle; and for every rule a mutant without it,
+//! which the walk has to catch.
+//!
+//! The ordinary run walks two parts: everything that can happen with one candidate, and what two candidates can
+//! do to each other (without aborting, repeating, pausing, restricting and confirming, which look at one version only). With
+//! `HOLDPOINT_WALK=full` the whole space of two candidates is walked as well, which takes minutes.
+//!
+//! Counters are brought back to "the present one" or "an earlier one" after each step, so that the space is
+//! finite without a bound on the length of a history.
+
+use std::collections::{HashSet, VecDeque};
+
+use super::apply::apply_under;
+use super::rules::{All, Rule, Rules};
+use super::{Change, Event, FamilyState, Flags, Leave, Stage, Stamp, State, Version, VersionRef};
+
+const VERSIONS: usize = 3;
+
+/// No walk may grow beyond this.
+const WORLDS_MAX: usize = 3_000_000;
+
+/// What really happened to a version, kept by the walk itself and not by the product.
+#[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
+struct Truth {
+    sandbox: bool,
+    shadow: bool,
+    gate: bool,
+    approval: bool,
+    /// The stage that a live engine is working on.
+    started: Option<Stage>,
+}
+
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct World {
+    family: FamilyState,
+    truth: [Truth; VERSIONS],
+}
+
+fn stamp_code(stamp: Option<Stamp>) -> u128 {
+    stamp.map_or(0, |stamp| 1 + u128::from(stamp.context) * 2 + u128::from(stamp.round))
+}
+
+fn stage_code(stage: Option<Stage>) -> u128 {
+    match stage {
+        None => 0,
+        Some(Stage::Validation) => 1,
+        Some(Stage::Sandbox) => 2,
+        Some(Stage::Shadow) => 3,
+        Some(Stage::Activation) => 4,
+    }
+}
+
+/// Counters become 1 = the present one, 0 = an earlier one.
+fn canonical(mut world: World) -> World {
+    let context = world.family.context;
+    for version in &mut world.family.versions {
+        let round = version.round;
+        let stamps = [&mut version.sandbox, &mut version.shadow, &mut version.gate, &mut version.approval];
+        for stamp in stamps.into_iter().flatten() {
+            *stamp = Stamp {
+                context: u32::from(stamp.context == context),
+                round: u32::from(stamp.round == round),
+            };
+        }
+        // Sandbox and shadow evidence holds over rounds: repeating shadow keeps the sandbox.
+        for stamp in [&mut version.sandbox, &mut version.shadow].into_iter().flatten() {
+            stamp.round = 1;
+        }
+        version.round = 1;
+        version.row_version = 1;
+    }
+    world.family.context = 1;
+    world
+}
+
+/// The world as a number, for the set of worlds seen.
+fn key(world: &World) -> u128 {
+    let mut key = u128::from(world.family.safe_stopped) | u128::from(world.family.needs_approval) << 1;
+    let mut at = 2;
+    let mut put = |value: u128, bits: u32| {
+        assert!(value < 1 << bits, "a field of the key is too narrow");
+        key |= value << at;
+        at += bits;
+    };
+    put(world.family.versions.len() as u128, 2);
+    for (version, truth) in world.family.versions.iter().zip(&world.truth) {
+        let flags = version.flags;
+        put(State::ALL.iter().position(|state| *state == version.state).unwrap() as u128, 4);
+        put(stage_code(flags.running), 3);
+        let bits = [
+            flags.paused,
+            flags.awaiting_approval,
+            flags.provisional,
+            flags.restricted,
+            flags.rollback_pending,
+        ];
+        for bit in bits {
+            put(u128::from(bit), 1);
+        }
+        put(version.predecessor.map_or(0, |p| u128::from(p.0) + 1), 2);
+        put(stamp_code(version.sandbox), 3);
+        put(stamp_code(version.shadow), 3);
+        put(stamp_code(version.gate), 3);
+        put(stamp_code(version.approval), 3);
+        for bit in [truth.sandbox, truth.shadow, truth.gate, truth.approval] {
+            put(u128::from(bit), 1);
+        }
+        put(stage_code(truth.started), 3);
+    }
+    assert!(at <= 128);
+    key
+}
+
+/// Which part of the space is walked.
+#[derive(Clone, Copy)]
+struct Part {
+    versions: usize,
+    /// Aborting, repeating, pausing, restricting, releasing, confirming and expiries too.
+    single_version_events: bool,
+}
+
+const ONE_CANDIDATE: Part = Part { versions: 2, single_version_events: true };
+const TWO_CANDIDATES: Part = Part { versions: 3, single_version_events: false };
+const EVERYTHING: Part = Part { versions: 3, single_version_events: true };
+
+fn events(world: &World, part: Part) -> Vec<Event> {
+    let mut out = Vec::new();
+    if world.family.versions.len() < part.versions {
+        out.push(Event::Register);
+    }
+    out.extend([Event::Bootstrap, Event::Restart]);
+    out.extend([true, false].map(|needs_approval| Event::ContextChanged { needs_approval }));
+    for index in 0..world.family.versions.len() {
+        let version = VersionRef(u16::try_from(index).unwrap());
+        for stage in Stage::ALL {
+            out.push(Event::Start { version, stage });
+            out.push(Event::Pass { version, stage });
+        }
+        let row_version = world.family.versions[index].row_version;
+        out.extend([
+            Event::Demote { version },
+            Event::Reject { version },
+            Event::RequestApproval { version },
+            Event::Approved { version, row_version },
+            Event::Approved { version, row_version: row_version - 1 },
+            Event::Activate { version },
+            Event::BeginRollback { version },
+            Event::FinishRollback { version, leave: Leave::RolledBack },
+            Event::FinishRollback { version, leave: Leave::Demoted },
+            Event::FailRollback { version },
+            Event::Rearm { version },
+        ]);
+        if part.single_version_events {
+            out.extend(Stage::ALL.map(|stage| Event::Repeat { version, stage }));
+            out.extend([
+                Event::Abort { version },
+                Event::ApprovalExpired { version },
+                Event::Confirm { version },
+                Event::Restrict { version },
+                Event::Release { version },
+            ]);
+        }
+        // Pausing is walked on the second version; its rule does not look at any other.
+        if part.single_version_events && index == 1 {
+            out.extend([Event::Pause { version }, Event::Resume { version }]);
+        }
+    }
+    out
+}
+
+/// What the event really did, by the walk's own book-keeping.
+fn follow(before: &World, event: Event, after: &mut World) {
+    let index = |version: VersionRef| usize::from(version.0);
+    match event {
+        Event::Start { version, stage } => after.truth[index(version)].started = Some(stage),
+        Event::Repeat { version, stage } => {
+            let truth = &mut after.truth[index(version)];
+            *truth = Truth {
+                sandbox: truth.sandbox && stage == Stage::Shadow,
+                started: Some(stage),
+                ..Truth::default()
+            };
+        }
+        Event::Pass { version, stage } => {
+            let truth = &mut after.truth[index(version)];
+            truth.started = None;
+            match stage {
+                Stage::Validation => {}
+                Stage::Sandbox => truth.sandbox = true,
+                Stage::Shadow => truth.shadow = true,
+                Stage::Activation => truth.gate = true,
+            }
+        }
+        Event::Abort { version } => after.truth[index(version)].started = None,
+        Event::Approved { version, row_version } => {
+            let present = before.family.versions[index(version)].row_version == row_version;
+            after.truth[index(version)].approval = present;
+        }
+        Event::RequestApproval { version }
+        | Event::ApprovalExpired { version }
+        | Event::Release { version } => {
+            after.truth[index(version)].approval = false;
+        }
+        Event::Bootstrap
+        | Event::Register
+        | Event::Demote { .. }
+        | Event::Reject { .. }
+        | Event::Activate { .. }
+        | Event::Confirm { .. }
+        | Event::Restrict { .. }
+        | Event::BeginRollback { .. }
+        | Event::FinishRollback { .. }
+        | Event::FailRollback { .. }
+        | Event::Rearm { .. }
+        | Event::Pause { .. }
+        | Event::Resume { .. }
+        | Event::ContextChanged { .. } => {}
+        // Nothing can happen between a crash and the restart, so they are one step: no stage is at work after it.
+        Event::Restart => after.truth.iter_mut().for_each(|truth| truth.started = None),
+    }
+    let moved = before.family.active() != after.family.active();
+    if moved || matches!(event, Event::ContextChanged { .. }) {
+        for truth in &mut after.truth {
+            *truth = Truth { started: truth.started, ..Truth::default() };
+        }
+    }
+    for (index, version) in after.family.versions.iter().enumerate() {
+        let was = before.family.versions.get(index).map(|version| version.state);
+        let truth = &mut after.truth[index];
+        if was != Some(version.state)
+            && matches!(version.state, State::Demoted | State::Rejected | State::RolledBack)
+        {
+            truth.gate = false;
+            truth.approval = false;
+            truth.shadow = false;
+            if !matches!(event, Event::Repeat { .. }) {
+                truth.started = None;
+            }
+        }
+    }
+}
+
+/// What holds of every world.
+fn state_problem(world: &World) -> Option<&'static str> {
+    let family = &world.family;
+    let active: Vec<&Version> =
+        family.versions.iter().filter(|version| version.state == State::Active).collect();
+    if active.len() != usize::from(!family.safe_stopped) {
+        return Some("exactly one active version, or safe-stopped");
+    }
+    let target =
+        |version: &Version| version.predecessor.is_none_or(|p| family.state(p) == Some(State::Superseded));
+    if !active.iter().all(|version| target(version)) {
+        return Some("the rollback target is superseded and so can be restored");
+    }
+    for version in &family.versions {
+        let Flags { running, provisional, restricted, rollback_pending, awaiting_approval, .. } =
+            version.flags;
+        if version.state != State::Active && (provisional || restricted || rollback_pending) {
+            return Some("only an active version is provisional, restricted or being rolled back");
+        }
+        if running.is_some()
+            && matches!(
+                version.state,
+                State::Active | State::Superseded | State::Rejected | State::RolledBack
+            )
+        {
+            return Some("no stage runs on a version that is not a candidate");
+        }
+        if awaiting_approval && !matches!(version.state, State::Shadowed | State::Active) {
+            return Some("people are asked about shadowed and active versions only");
+        }
+    }
+    None
+}
+
+/// What holds of every step.
+fn step_problem(before: &World, event: Event, after: &World, changes: &[Change]) -> Option<&'static str> {
+    let (old, new) = (&before.family, &after.family);
+    for (index, (was, is)) in old.versions.iter().zip(&new.versions).enumerate() {
+        if was.state != is.state && !was.state.may_become(is.state) {
+            let through_demoted = matches!(event, Event::Repeat { .. }) && is.state == State::Demoted;
+            if !through_demoted || was.state.is_terminal() {
+                return Some("a change of state that the table does not have");
+            }
+        }
+        let advanced = was.state != is.state
+            && !matches!(is.state, State::Demoted | State::Rejected | State::RolledBack | State::Superseded);
+        let by_others = matches!(event, Event::FinishRollback { .. });
+        if advanced && was.flags.paused && !by_others {
+            return Some("a paused version advanced");
+        }
+        if is.state == State::Active && was.state == State::Shadowed {
+            let truth = &before.truth[index];
+            if !(truth.gate && truth.sandbox && truth.shadow) {
+                return Some("active without a passed gate on current evidence");
+            }
+            if old.needs_approval && !truth.approval {
+                return Some("active without the approvals the profile needs");
+            }
+        }
+        if was.flags.restricted
+            && !is.flags.restricted
+            && is.state == State::Active
+            && old.needs_approval
+            && !before.truth[index].approval
+        {
+            return Some("a restriction was lifted without approval");
+        }
+        if was.state == State::Active
+            && matches!(is.state, State::RolledBack | State::Demoted)
+            && !was.flags.rollback_pending
+        {
+            return Some("the binding moved before the command authority was revoked");
+        }
+    }
+    if let Event::Pass { version, stage } = event
+        && before.truth[usize::from(version.0)].started != Some(stage)
+    {
+        return Some("a stage was passed that did not run");
+    }
+    if !reported(old, new, changes) {
+        return Some("a change was not reported");
+    }
+    None
+}
+
+/// Whether the reported changes lead from the old family to the new one.
+fn reported(old: &FamilyState, new: &FamilyState, changes: &[Change]) -> bool {
+    let mut states: Vec<(State, Flags)> = old.versions.iter().map(|v| (v.state, v.flags)).collect();
+    let (mut active, mut stopped) = (old.active(), old.safe_stopped);
+    for change in changes {
+        match *change {
+            Change::Added { state, .. } => states.push((state, Flags::default())),
+            Change::State { version, from, to } => {
+                let slot = &mut states[usize::from(version.0)].0;
+                if *slot != from {
+                    return false;
+                }
+                *slot = to;
+            }
+            Change::Flags { version, to, .. } => states[usize::from(version.0)].1 = to,
+            Change::Active { to, .. } => active = to,
+            Change::SafeStopped { stopped: to } => stopped = to,
+            Change::Standing { .. } | Change::Context { .. } => {}
+        }
+    }
+    let wanted: Vec<(State, Flags)> = new.versions.iter().map(|v| (v.state, v.flags)).collect();
+    states == wanted && active == new.active() && stopped == new.safe_stopped
+}
+
+struct Walk {
+    worlds: usize,
+    steps: usize,
+    problem: Option<(&'static str, String)>,
+    /// A candidate became active; the baseline came back; two successors in a row; a stopped family was re-armed.
+    reached: [bool; 4],
+}
+
+fn walk<R: Rules>(rules: R, part: Part) -> Walk {
+    let mut start = World { family: FamilyState::empty(true), truth: [Truth::default(); VERSIONS] };
+    start.family = apply_under(All, &start.family, Event::Bootstrap).unwrap().0;
+    let start = canonical(start);
+    let mut seen = HashSet::from([key(&start)]);
+    let mut open = VecDeque::from([start]);
+    let mut walk = Walk { worlds: 1, steps: 0, problem: None, reached: [false; 4] };
+    while let Some(world) = open.pop_front() {
+        let mut next: Vec<World> = Vec::new();
+        for event in events(&world, part) {
+            let Ok((family, changes)) = apply_under(rules, &world.family, event) else { continue };
+            let mut after = World { family, truth: world.truth };
+            follow(&world, event, &mut after);
+            walk.steps += 1;
+            if let Some(problem) = step_problem(&world, event, &after, &changes) {
+                walk.problem = Some((problem, format!("{event:?} in {world:?}")));
+                return walk;
+            }
+            let chain = after
+                .family
+                .versions
+                .get(2)
+                .is_some_and(|v| v.state == State::Active && v.predecessor == Some(VersionRef(1)));
+            walk.reached[0] |= after.family.active().is_some_and(|active| active.0 > 0);
+            walk.reached[1] |=
+                matches!(event, Event::FinishRollback { .. }) && after.family.active() == Some(VersionRef(0));
+            walk.reached[2] |= chain && after.family.versions[1].predecessor == Some(VersionRef(0));
+            walk.reached[3] |= matches!(event, Event::Rearm { .. });
+            next.push(canonical(after));
+        }
+        for world in next {
+            if !seen.insert(key(&world)) {
+                continue;
+            }
+            if let Some(problem) = state_problem(&world) {
+                walk.problem = Some((problem, format!("{world:?}")));
+                return walk;
+            }
+            walk.worlds += 1;
+            assert!(walk.worlds <= WORLDS_MAX, "more worlds than {WORLDS_MAX}");
+            open.push_back(world);
+        }
+    }
+    walk
+}
+
+#[test]
+fn every_history_keeps_the_invariants() {
+    // A changed count is a changed lifecycle: the commit that changes it says why.
+    for (part, worlds, steps, reached) in [
+        (ONE_CANDIDATE, 17_104, 184_002, [true, true, false, true]),
+        (TWO_CANDIDATES, 10_652, 97_416, [true; 4]),
+    ] {
+        let walk = walk(All, part);
+        assert_eq!(walk.problem, None);
+        assert_eq!(walk.reached, reached);
+        assert_eq!((walk.worlds, walk.steps), (worlds, steps));
+    }
+    if std::env::var("HOLDPOINT_WALK").is_ok_and(|value| value == "full") {
+        let walk = walk(All, EVERYTHING);
+        assert_eq!((walk.problem, walk.reached), (None, [true; 4]));
+        assert_eq!((walk.worlds, walk.steps), (1_120_466, 16_148_934));
+    }
+}
+
+/// Every rule but one.
+#[derive(Clone, Copy)]
+struct AllBut(Rule);
+
+impl Rules for AllBut {
+    fn demand(self, rule: Rule) -> bool {
+        self.0 != rule
+    }
+}
+
+#[test]
+fn every_rule_is_needed() {
+    let mutants: [(Rule, Part); 19] = [
+        (Rule::SupersedeOld, TWO_CANDIDATES),
+        (Rule::ActiveLeavesByRollback, ONE_CANDIDATE),
+        (Rule::PinPredecessor, TWO_CANDIDATES),
+        (Rule::RestorePredecessor, TWO_CANDIDATES),
+        (Rule::StopWithoutTarget, ONE_CANDIDATE),
+        (Rule::RevokeFirst, ONE_CANDIDATE),
+        (Rule::BindGate, TWO_CANDIDATES),
+        (Rule::BindApproval, TWO_CANDIDATES),
+        (Rule::BindRow, TWO_CANDIDATES),
+        (Rule::BindEvidence, TWO_CANDIDATES),
+        (Rule::ActiveChangeVoids, TWO_CANDIDATES),
+        (Rule::ContextChangeVoids, TWO_CANDIDATES),
+        (Rule::RepeatVoids, ONE_CANDIDATE),
+        (Rule::PauseBlocks, ONE_CANDIDATE),
+        (Rule::TerminalIsFinal, ONE_CANDIDATE),
+        (Rule::RestartAborts, ONE_CANDIDATE),
+        (Rule::StopHolds, TWO_CANDIDATES),
+        (Rule::PassNeedsRun, ONE_CANDIDATE),
+        (Rule::ReportChanges, ONE_CANDIDATE),
+    ];
+    for (rule, part) in mutants {
+        let found = walk(AllBut(rule), part).problem;
+        assert!(found.is_some(), "the walk does not notice that {rule:?} is missing");
+    }
+}

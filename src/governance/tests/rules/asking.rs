@@ -1,0 +1,124 @@
+//! Approvals: who counts, and when.
+
+use holdpoint_governance::approval::{
+    Answer, ApprovalOutcome, Request, Role, SignatureCheck, Subject, Vote, evaluate, quorum,
+};
+use holdpoint_governance::decision::ReasonCode::{self, *};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::Risk;
+
+use crate::fixture::{digest, profile};
+
+fn subject() -> Subject {
+    Subject {
+        candidate: digest("candidate"),
+        row_version: 3,
+        evidence: digest("evidence"),
+        policy: digest("policy"),
+        profile: digest("profile"),
+    }
+}
+
+fn vote(person: &str) -> Vote {
+    Vote {
+        person: person.into(),
+        role: Role::Engineer,
+        answer: Answer::Approve,
+        reason: "looked at it".into(),
+        subject: subject(),
+        expires_s: 500.0,
+        break_glass: false,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    }
+}
+
+fn request(risk: Risk) -> Request {
+    Request {
+        subject: subject(),
+        risk,
+        quorum: 2,
+        requester: "rita".into(),
+        author: "arno".into(),
+        asked_s: 0.0,
+    }
+}
+
+#[test]
+fn what_does_not_count() {
+    type Change = fn(&mut Vote);
+    let table: [(&str, Change, ReasonCode); 12] = [
+        ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
+        ("used", |v| v.nonce_used = true, ApprovalReplayed),
+        ("other row", |v| v.subject.row_version = 2, ApprovalStale),
+        ("other evidence", |v| v.subject.evidence = digest("x"), ApprovalStale),
+        ("other policy", |v| v.subject.policy = digest("x"), ApprovalStale),
+        ("other profile", |v| v.subject.profile = digest("x"), ApprovalStale),
+        ("expired", |v| v.expires_s = 100.0, ApprovalExpired),
+        ("expiry is no number", |v| v.expires_s = f64::NAN, ApprovalExpired),
+        ("requester", |v| v.person = "rita".into(), ApprovalSelf),
+        ("author", |v| v.person = "arno".into(), ApprovalSelf),
+        ("same person", |v| v.person = "ann".into(), ApprovalDuplicate),
+        ("role", |v| v.role = Role::Operator, ApprovalRole),
+    ];
+    let settings = profile(ProfileName::Human).approval;
+    for (name, change, code) in table {
+        let mut second = vote("bob");
+        change(&mut second);
+        let result = evaluate(&request(Risk::Medium), &[vote("ann"), second], 100.0, &settings);
+        assert_eq!(result.outcome, ApprovalOutcome::Pending { missing: 1 }, "{name}");
+        assert!(result.reasons.iter().any(|reason| reason.code == code), "{name}: {:?}", result.reasons);
+    }
+}
+
+#[test]
+fn quorums_refusals_and_time() {
+    let human = profile(ProfileName::Human).approval;
+    let sim = profile(ProfileName::Sim).approval;
+    let no = |person: &str| Vote { answer: Answer::Reject, ..vote(person) };
+    let safety = |person: &str| Vote { role: Role::Safety, ..vote(person) };
+    let glass = |person: &str| Vote { break_glass: true, ..vote(person) };
+    let silent_glass = |person: &str| Vote { reason: " ".into(), ..glass(person) };
+    for (name, risk, votes, now_s, settings, code) in [
+        ("both", Risk::Medium, vec![vote("ann"), vote("bob")], 1.0, &human, ApprovalGranted),
+        ("high needs safety", Risk::High, vec![vote("ann"), vote("bob")], 1.0, &human, ApprovalPending),
+        ("high with safety", Risk::High, vec![vote("ann"), safety("bob")], 1.0, &human, ApprovalGranted),
+        (
+            "refusal outranks",
+            Risk::Medium,
+            vec![vote("ann"), vote("bob"), no("eve")],
+            1.0,
+            &human,
+            ApprovalRefused,
+        ),
+        ("the author may refuse", Risk::Medium, vec![no("arno")], 1.0, &human, ApprovalRefused),
+        ("nobody", Risk::Medium, vec![], 599.0, &human, ApprovalPending),
+        ("too late", Risk::Medium, vec![], 600.0, &human, ApprovalTimeout),
+        ("no time", Risk::Medium, vec![], f64::NAN, &human, ApprovalTimeout),
+        ("emergency", Risk::Medium, vec![glass("ann")], 1.0, &sim, ApprovalBreakGlass),
+        ("emergency without a reason", Risk::Medium, vec![silent_glass("ann")], 1.0, &sim, ApprovalPending),
+        ("no emergencies here", Risk::Medium, vec![glass("ann")], 1.0, &human, ApprovalPending),
+    ] {
+        let result = evaluate(&request(risk), &votes, now_s, settings);
+        assert_eq!(result.reasons[0].code, code, "{name}: {result:?}");
+        let granted = matches!(result.outcome, ApprovalOutcome::Granted { .. });
+        assert_eq!(granted, matches!(code, ApprovalGranted | ApprovalBreakGlass), "{name}");
+    }
+    let nobody = Request { quorum: 0, ..request(Risk::High) };
+    assert_eq!(evaluate(&nobody, &[], 1.0, &sim).outcome, ApprovalOutcome::NotNeeded);
+}
+
+#[test]
+fn quorum_by_tier_and_review() {
+    let human = profile(ProfileName::Human).approval;
+    for (bound, risk, review, people) in [
+        (true, Risk::Low, false, 1),
+        (true, Risk::Medium, false, 2),
+        (true, Risk::High, false, 2),
+        (true, Risk::Low, true, 2),
+        (false, Risk::High, false, 0),
+        (false, Risk::Low, true, 2),
+    ] {
+        assert_eq!(quorum(&human, bound, risk, review), people, "{bound} {risk:?} {review}");
+    }
+}

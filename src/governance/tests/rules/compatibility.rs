@@ -1,0 +1,369 @@
+//! `kappa_I`, `kappa_P`, `kappa_B` and `kappa_R` against tables of changes.
+
+use std::collections::BTreeMap;
+
+use holdpoint_body::FailureSignal;
+use holdpoint_governance::behavior;
+use holdpoint_governance::decision::ReasonCode::{self, *};
+use holdpoint_governance::evidence::{EpisodeValues, HardStop};
+use holdpoint_governance::ids::Family;
+use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
+use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::recovery::{self, StaticInput};
+
+use crate::fixture::{GOOD, binding, exports, manifest, manifest_with, pairs, profile, recovery as drilled};
+
+#[test]
+fn interface_changes() {
+    use InterfaceOutcome::{Compatible, Conditional, Incompatible};
+    let thresholds = profile(ProfileName::Sim).thresholds;
+    let input = "[inputs.object_pose]";
+    let extra = |lines: &str| format!("[inputs.size]\ntype = \"real\"\nunit = \"m\"\n{lines}\n{input}");
+    for (from, to, outcome, kappa, code) in [
+        ("1.0.0", "1.0.1", Compatible, 1.0, InterfaceCompatible),
+        (input, &extra("required = false"), Compatible, 1.0, InterfaceCompatible),
+        (input, &extra("default = 0.1"), Conditional, 0.875, InterfaceSignatureAdaptable),
+        (input, &extra(""), Incompatible, 0.75, InterfaceSignatureBreaking),
+        ("object_pose", "target_pose", Incompatible, 0.75, InterfaceSignatureBreaking),
+        ("frame = \"world\"", "frame = \"tool\"", Incompatible, 0.75, InterfaceSignatureBreaking),
+        ("[0.05, 0.2]", "[0.05, 0.3]", Compatible, 1.0, InterfaceCompatible),
+        ("[0.05, 0.2]", "[0.1, 0.2]", Incompatible, 0.75, InterfaceSignatureBreaking),
+        ("[0.0, 0.08]", "[0.0, 0.05]", Compatible, 1.0, InterfaceCompatible),
+        ("[0.0, 0.08]", "[0.0, 0.10]", Incompatible, 0.75, InterfaceSchemaBreaking),
+        ("outputs.width", "outputs.gap", Incompatible, 0.75, InterfaceSchemaBreaking),
+        (
+            "range = [0.0, 0.08]",
+            "range = [0.0, 0.08]\nrequired = false\ndefault = 0.0",
+            Conditional,
+            0.875,
+            InterfaceSchemaAdaptable,
+        ),
+        ("min = 0.04", "min = 0.02", Compatible, 1.0, InterfaceCompatible),
+        ("min = 0.04", "min = 0.06", Incompatible, 0.75, InterfaceConditionBreaking),
+        ("equals = true", "equals = false", Incompatible, 0.75, InterfaceConditionBreaking),
+        (
+            "environments",
+            "dependencies = { align = \"^1\" }\nenvironments",
+            Compatible,
+            1.0,
+            InterfaceCompatible,
+        ),
+        (
+            "environments",
+            "dependencies = { align = \"^2\" }\nenvironments",
+            Conditional,
+            0.875,
+            InterfaceDependencyAdaptable,
+        ),
+        (
+            "environments",
+            "dependencies = { align = \"^9\" }\nenvironments",
+            Incompatible,
+            0.75,
+            InterfaceDependencyBreaking,
+        ),
+        (
+            "environments",
+            "dependencies = { place = \"^1\" }\nenvironments",
+            Incompatible,
+            0.75,
+            InterfaceDependencyBreaking,
+        ),
+    ] {
+        let (active, candidate) = (manifest(), manifest_with(from, to));
+        let exports = exports(&candidate);
+        let version = |id: &str, active, needs: Option<&str>| Registered {
+            id: id.parse().unwrap(),
+            active,
+            dependencies: needs
+                .map(|family| (Family::new(family).unwrap(), semver::VersionReq::STAR))
+                .into_iter()
+                .collect::<BTreeMap<_, _>>(),
+        };
+        // Place depends on grasp: a circle.
+        let registered = [
+            version("align@1.0.0", true, None),
+            version("align@2.0.0", false, None),
+            version("place@1.0.0", true, Some("grasp")),
+        ];
+        let input = InterfaceInput {
+            candidate: &candidate,
+            exports: Some(&exports),
+            active: Some(&active),
+            registered: &registered,
+        };
+        let found = interface::assess(&input, &thresholds).assessment;
+        assert_eq!(
+            (found.outcome, found.kappa.unwrap().get()),
+            (outcome, kappa),
+            "{from:?} -> {to:?}: {found:?}"
+        );
+        assert_eq!(found.reasons[0].code, code, "{from:?} -> {to:?}");
+        assert_eq!(found.conditions.is_empty(), outcome != Conditional, "{from:?} -> {to:?}");
+        let unread = InterfaceInput { exports: None, ..input };
+        assert_eq!(interface::assess(&unread, &thresholds).assessment.outcome, InterfaceOutcome::NoData);
+    }
+}
+
+#[test]
+fn the_code_is_held_against_the_manifest_and_the_label_against_what_was_found() {
+    let thresholds = profile(ProfileName::Sim).thresholds;
+    let (active, candidate) = (manifest(), manifest_with("min = 0.04", "min = 0.06"));
+    let mut code = exports(&candidate);
+    let input = InterfaceInput {
+        candidate: &candidate,
+        exports: Some(&code),
+        active: Some(&active),
+        registered: &[],
+    };
+    let found = interface::assess(&input, &thresholds).assessment;
+    assert!(found.reasons.iter().any(|reason| reason.code == InterfaceVersionMislabelled), "{found:?}");
+    code.entry_points.clear();
+    code.failure_signals.insert(FailureSignal::TimedOut);
+    let same = manifest();
+    let input = InterfaceInput { candidate: &same, exports: Some(&code), active: None, registered: &[] };
+    let found = interface::assess(&input, &thresholds).assessment;
+    assert_eq!(found.outcome, InterfaceOutcome::Incompatible);
+    assert_eq!(
+        found.reasons.iter().filter(|reason| reason.code == InterfaceExportMismatch).count(),
+        2,
+        "{found:?}"
+    );
+}
+
+#[test]
+fn permission_changes() {
+    use PolicyOutcome::{Compatible, Conditional, Incompatible, Review};
+    use ProfileName::{Human, Real, Sim};
+    let zones = "zones = [\"work\", \"transit\"]";
+    let channels = "channels = [\"arm\", \"gripper\"]\ncommands = [\"tool-pose\", \"gripper\", \"stop\"]";
+    let bus = "channels = [\"arm\", \"gripper\", \"bus\"]\ncommands = [\"tool-pose\", \"gripper\", \"stop\", \"direct\"]";
+    for (name, from, to, outcome, code) in [
+        (Sim, "1.0.0", "1.0.1", Compatible, PolicyCompatible),
+        (Real, "1.0.0", "1.0.1", Compatible, PolicyCompatible),
+        (Human, "1.0.0", "1.0.1", Compatible, PolicyCompatible),
+        (Sim, zones, "zones = [\"work\", \"transit\", \"human\"]", Incompatible, PolicyUncoveredHighRisk),
+        (Real, zones, "zones = [\"work\", \"transit\", \"human\"]", Incompatible, PolicyForbiddenMode),
+        (Human, zones, "zones = [\"work\", \"transit\", \"human\"]", Incompatible, PolicyForbiddenMode),
+        (Sim, channels, bus, Incompatible, PolicyBelowThreshold),
+        (Human, channels, bus, Incompatible, PolicyForbiddenMode),
+        (Sim, "authority = 1", "authority = 2", Incompatible, PolicyAuthorityReview),
+        (Human, "authority = 1", "authority = 2", Review, PolicyAuthorityReview),
+        (Human, "authority = 1", "authority = 3", Incompatible, PolicyForbiddenMode),
+        (Real, "max_speed_m_s = 0.2", "max_speed_m_s = 0.6", Conditional, PolicyTighterEnvelope),
+        (Sim, "max_speed_m_s = 0.2", "max_speed_m_s = 0.6", Compatible, PolicyCompatible),
+        (Real, "\"sim\", \"real\", \"human\"", "\"sim\"", Incompatible, PolicyEnvironmentNotAdmitted),
+        (Human, "memory_kib = 1024", "memory_kib = 20000", Incompatible, PolicyResourcesExceeded),
+    ] {
+        let profile = profile(name);
+        let table = PolicyTable::builtin(&profile).unwrap();
+        let (active, candidate) = (manifest(), manifest_with(from, to));
+        let exported = exports(&candidate);
+        let input = PolicyInput {
+            permissions: &candidate.permissions,
+            environments: &candidate.deployment.environments,
+            exports: Some(&exported),
+            active: Some(&active.permissions),
+        };
+        let found = policy::assess(&input, &table, &profile);
+        assert_eq!(found.assessment.outcome, outcome, "{name:?}: {to}: {:?}", found.assessment.reasons);
+        assert!(
+            found.assessment.reasons.iter().any(|r| r.code == code),
+            "{name:?}: {to}: {:?}",
+            found.assessment.reasons
+        );
+        let unread = policy::assess(&PolicyInput { exports: None, ..input }, &table, &profile);
+        assert_eq!(unread.assessment.outcome, PolicyOutcome::NoData);
+    }
+}
+
+#[test]
+fn what_the_code_needs_counts_even_where_the_manifest_is_silent() {
+    let profile = profile(ProfileName::Sim);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let quiet = manifest_with("\"stop\"]", "\"stop\"] #");
+    let loud = manifest_with(
+        "\"tool-pose\", \"gripper\", \"stop\"",
+        "\"tool-pose\", \"gripper\", \"stop\", \"joints\"",
+    );
+    let input = PolicyInput {
+        permissions: &quiet.permissions,
+        environments: &quiet.deployment.environments,
+        exports: Some(&exports(&loud)),
+        active: None,
+    };
+    let found = policy::assess(&input, &table, &profile).assessment;
+    assert_eq!((found.outcome, found.reasons[0].code), (PolicyOutcome::Incompatible, PolicyUndeclaredImport));
+    // A table of another profile says nothing.
+    let other = PolicyTable::builtin(&crate::fixture::profile(ProfileName::Real)).unwrap();
+    assert_eq!(policy::assess(&input, &other, &profile).assessment.outcome, PolicyOutcome::NoData);
+}
+
+/// `(bad of the active version, bad of the candidate)` out of the budget, in disjoint seeds.
+fn behaviour(
+    name: ProfileName,
+    active: (usize, EpisodeValues),
+    candidate: (usize, EpisodeValues),
+) -> behavior::BehaviorAssessment {
+    let profile = profile(name);
+    let mut evidence = pairs(&profile);
+    evidence.pairs.iter_mut().take(active.0).for_each(|pair| pair.active = active.1);
+    evidence.pairs.iter_mut().rev().take(candidate.0).for_each(|pair| pair.candidate = candidate.1);
+    behavior::assess(&evidence, &binding(), &profile)
+}
+
+#[test]
+fn behavioural_changes() {
+    use BehaviorOutcome::{Compatible, Incompatible, Suspicious};
+    let anomaly = EpisodeValues { anomaly: true, ..GOOD };
+    let violation = EpisodeValues { violation: true, ..GOOD };
+    let failure = EpisodeValues { success: false, ..GOOD };
+    let slow = EpisodeValues { time_s: 5.0, ..GOOD };
+    let retry = EpisodeValues { retries: 2, ..GOOD };
+    for (name, active, candidate, outcome, code) in [
+        // Nothing differs: reachable at the budget of each profile.
+        (ProfileName::Sim, (0, GOOD), (0, GOOD), Compatible, BehaviorCompatible),
+        (ProfileName::Real, (0, GOOD), (0, GOOD), Compatible, BehaviorCompatible),
+        (ProfileName::Human, (0, GOOD), (0, GOOD), Compatible, BehaviorCompatible),
+        (ProfileName::Human, (0, GOOD), (3, anomaly), Compatible, BehaviorCompatible),
+        (ProfileName::Human, (0, GOOD), (12, violation), Suspicious, BehaviorSuspicious),
+        (ProfileName::Human, (0, GOOD), (39, anomaly), Incompatible, BehaviorEstablishedWorse),
+        (ProfileName::Sim, (0, GOOD), (60, failure), Incompatible, BehaviorEstablishedWorse),
+        (ProfileName::Sim, (30, failure), (0, GOOD), Compatible, BehaviorImproved),
+        (ProfileName::Sim, (30, failure), (12, anomaly), Suspicious, BehaviorSafetyTraded),
+        (ProfileName::Sim, (30, failure), (30, anomaly), Incompatible, BehaviorSafetyTraded),
+        (ProfileName::Sim, (0, GOOD), (300, slow), Compatible, BehaviorCompatible),
+        (ProfileName::Sim, (0, GOOD), (300, retry), Incompatible, BehaviorEstablishedWorse),
+    ] {
+        let found = behaviour(name, active, candidate);
+        let codes: Vec<ReasonCode> = found.assessment.reasons.iter().map(|reason| reason.code).collect();
+        assert_eq!(found.assessment.outcome, outcome, "{name:?} {active:?} {candidate:?}: {found:?}");
+        assert!(codes.contains(&code), "{name:?} {active:?} {candidate:?}: {codes:?}");
+    }
+    // The M1 of the paper: anomaly +.04 is .92.
+    let marginal = behaviour(ProfileName::Human, (0, GOOD), (12, anomaly));
+    assert!((marginal.assessment.kappa.unwrap().get() - 0.92).abs() < 1e-12);
+}
+
+#[test]
+fn unusable_episodes_are_no_data_and_hard_stops_end_it() {
+    let profile = profile(ProfileName::Sim);
+    let good = pairs(&profile);
+    let assess = |evidence| behavior::assess(&evidence, &binding(), &profile).assessment.outcome;
+    let mut stale = good.clone();
+    stale.binding.policy = crate::fixture::digest("other");
+    let mut twice = good.clone();
+    twice.pairs[1].seed = 0;
+    let mut few = good.clone();
+    few.pairs.pop();
+    let mut none = good.clone();
+    none.pairs.clear();
+    let mut hard = good.clone();
+    hard.hard_stops.push(HardStop::MotionAfterStop);
+    for (name, evidence, expected) in [
+        ("stale", stale, BehaviorOutcome::NoData),
+        ("twice", twice, BehaviorOutcome::NoData),
+        ("few", few, BehaviorOutcome::Inconclusive),
+        ("none", none, BehaviorOutcome::NoData),
+        ("hard", hard, BehaviorOutcome::Incompatible),
+    ] {
+        assert_eq!(assess(evidence), expected, "{name}");
+    }
+    assert!(!behavior::is_lost(&good, &binding(), &profile));
+    let mut lost = good;
+    lost.pairs.truncate(290);
+    lost.pairs.iter_mut().for_each(|pair| pair.candidate.violation = true);
+    assert!(behavior::is_lost(&lost, &binding(), &profile));
+}
+
+#[test]
+fn recovery_changes() {
+    use RecoveryOutcome::{Compatible, Conditional, Fragile, Incompatible};
+    // Passes of 100: rollback, fallback, abort, detect; against an active version.
+    for (active, candidate, outcome, code) in [
+        ([95; 4], [95; 4], Compatible, RecoveryCompatible),
+        ([95; 4], [93; 4], Compatible, RecoveryCompatible),
+        ([82; 4], [76; 4], Conditional, RecoveryConditional),
+        ([82; 4], [90, 50, 60, 70], Fragile, RecoveryFragile),
+        ([95; 4], [74, 100, 100, 100], Incompatible, RecoveryRollbackBelowFloor),
+        ([95; 4], [0, 100, 100, 100], Incompatible, RecoveryRollbackBelowFloor),
+        ([95; 4], [90, 0, 100, 100], Incompatible, RecoveryBelowThreshold),
+        ([36; 4], [80, 5, 30, 90], Fragile, RecoveryFragile),
+        ([36; 4], [80, 1, 10, 60], Incompatible, RecoveryFarBelowFloor),
+    ] {
+        let profile = profile(ProfileName::Real);
+        let found = recovery::assess(&drilled(active, candidate), &binding(), &profile);
+        assert_eq!(found.assessment.outcome, outcome, "{candidate:?}: {found:?}");
+        assert!(found.assessment.reasons.iter().any(|r| r.code == code), "{candidate:?}: {found:?}");
+    }
+    let mut few = drilled([95; 4], [95; 4]);
+    few.candidate.detect.passed = 30;
+    few.candidate.detect.failed = 0;
+    few.candidate.detect.infeasible = 70;
+    let real = profile(ProfileName::Real);
+    assert_eq!(recovery::assess(&few, &binding(), &real).assessment.outcome, RecoveryOutcome::NoData);
+}
+
+#[test]
+fn the_static_part_of_recovery() {
+    let knows = FailureSignal::ALL.into_iter().collect();
+    let (whole, code) = (manifest(), exports(&manifest()));
+    let good = StaticInput {
+        manifest: &whole,
+        exports: Some(&code),
+        predecessor_loads: Some(true),
+        predecessor_digest_true: Some(true),
+        fallback_resolves: Some(true),
+        watcher_knows: &knows,
+    };
+    let hookless = manifest_with("rollback_hook = \"restore\"\n", "");
+    let renamed = manifest_with("\"restore\"", "\"undo\"");
+    let unbound = manifest_with("fallback = { family = \"grasp\", version = \"^1\" }\n", "");
+    let deaf = std::collections::BTreeSet::new();
+    for (name, input, outcome, code) in [
+        ("whole", good, RecoveryOutcome::Compatible, RecoveryCompatible),
+        (
+            "no hook",
+            StaticInput { manifest: &hookless, ..good },
+            RecoveryOutcome::Incompatible,
+            RecoveryHookMissing,
+        ),
+        (
+            "renamed",
+            StaticInput { manifest: &renamed, ..good },
+            RecoveryOutcome::Incompatible,
+            RecoveryHookMissing,
+        ),
+        (
+            "unbound",
+            StaticInput { manifest: &unbound, ..good },
+            RecoveryOutcome::Incompatible,
+            RecoveryFallbackUnresolved,
+        ),
+        (
+            "lost",
+            StaticInput { fallback_resolves: Some(false), ..good },
+            RecoveryOutcome::Incompatible,
+            RecoveryFallbackUnresolved,
+        ),
+        (
+            "damaged",
+            StaticInput { predecessor_digest_true: Some(false), ..good },
+            RecoveryOutcome::Incompatible,
+            RecoveryPredecessorNotLoadable,
+        ),
+        ("unknown", StaticInput { predecessor_loads: None, ..good }, RecoveryOutcome::NoData, RecoveryNoData),
+        ("unread", StaticInput { exports: None, ..good }, RecoveryOutcome::NoData, RecoveryNoData),
+        (
+            "deaf",
+            StaticInput { watcher_knows: &deaf, ..good },
+            RecoveryOutcome::Incompatible,
+            RecoverySignalUnknown,
+        ),
+    ] {
+        let found = recovery::static_part(&input);
+        assert_eq!((found.outcome, found.reasons[0].code), (outcome, code), "{name}: {found:?}");
+    }
+}

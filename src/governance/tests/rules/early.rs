@@ -1,0 +1,269 @@
+//! Ending an evaluation before its budget: only to reject, and only where the rule named bears it out.
+
+use holdpoint_governance::behavior;
+use holdpoint_governance::decision::ReasonCode::{self, *};
+use holdpoint_governance::ended::Ended;
+use holdpoint_governance::evidence::{
+    DrillTally, Drills, EpisodeValues, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+};
+use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::recovery;
+use proptest::prelude::*;
+
+use crate::fixture::{GOOD, binding, digest, pairs, profile, recovery as drilled};
+
+const ANOMALY: EpisodeValues = EpisodeValues { anomaly: true, ..GOOD };
+const FAILURE: EpisodeValues = EpisodeValues { success: false, ..GOOD };
+
+/// The first `seen` pairs, of which the candidate's first `bad` are as given.
+fn begun(profile: &Profile, seen: usize, bad: usize, how: EpisodeValues) -> PairedEvidence {
+    let mut evidence = pairs(profile);
+    evidence.pairs.truncate(seen);
+    evidence.pairs.iter_mut().take(bad).for_each(|pair| pair.candidate = how);
+    evidence
+}
+
+fn with_pairs(mut profile: Profile, sandbox_pairs: u32) -> Profile {
+    profile.evaluation.sandbox_pairs = sandbox_pairs;
+    profile
+}
+
+#[test]
+fn what_ends_a_behavioural_evaluation() {
+    let mut profile = with_pairs(profile(ProfileName::Sim), 120);
+    let alpha = profile.evaluation.early_alpha;
+    assert!(alpha > 0.0, "the rule is on");
+    let early = Some(Ended::FinitePopulation { alpha });
+    for (seen, bad, how, expected) in [
+        (20, 0, GOOD, None),
+        (20, 5, FAILURE, None),
+        // Of 20 lost pairs out of 20 the other 100 could still make a net worsening that is not established.
+        (20, 20, FAILURE, None),
+        (40, 40, ANOMALY, early),
+        (40, 12, ANOMALY, None),
+        // The active version's pairs could still outweigh 40 failures in the 80 that are left, in theory.
+        (40, 40, FAILURE, early),
+        (100, 80, FAILURE, Some(Ended::Curtailed)),
+        (120, 0, GOOD, Some(Ended::Full)),
+        (120, 120, FAILURE, Some(Ended::Full)),
+    ] {
+        let evidence = begun(&profile, seen, bad, how);
+        assert_eq!(behavior::ended(&evidence, &binding(), &profile), expected, "{seen} {bad} {how:?}");
+        if expected.is_none() {
+            let found = behavior::assess(&evidence, &binding(), &profile);
+            assert_eq!(found.assessment.outcome, BehaviorOutcome::Inconclusive);
+        }
+    }
+    let mut hard = begun(&profile, 3, 0, GOOD);
+    hard.hard_stops.push(HardStop::CommandPastGuard);
+    assert_eq!(behavior::ended(&hard, &binding(), &profile), Some(Ended::HardStop));
+    // Off at 0, and evidence of something else ends nothing.
+    profile.evaluation.early_alpha = 0.0;
+    let lost = begun(&profile, 40, 40, FAILURE);
+    assert_eq!(behavior::ended(&lost, &binding(), &profile), None);
+    let mut stale = hard;
+    stale.binding.candidate = digest("other");
+    assert_eq!(behavior::ended(&stale, &binding(), &profile), None);
+}
+
+#[test]
+fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
+    use BehaviorOutcome::{Incompatible, Inconclusive};
+    let profile = with_pairs(profile(ProfileName::Sim), 120);
+    let early = Ended::FinitePopulation { alpha: profile.evaluation.early_alpha };
+    let another = Ended::FinitePopulation { alpha: 0.04 };
+    let code = Some(BehaviorEndedEarly);
+    for (seen, bad, named, outcome, first) in [
+        (40, 40, early, Incompatible, code),
+        (40, 40, another, Inconclusive, None),
+        (40, 40, Ended::Curtailed, Inconclusive, None),
+        (20, 0, early, Inconclusive, None),
+        (100, 80, Ended::Curtailed, Incompatible, code),
+        (100, 80, Ended::Full, Inconclusive, None),
+        (100, 80, Ended::HardStop, Inconclusive, None),
+        (120, 120, Ended::Full, Incompatible, None),
+    ] {
+        let found = behavior::assess_ended(&begun(&profile, seen, bad, FAILURE), &binding(), &profile, named);
+        let what = format!("{seen} {bad} {named:?}: {found:?}");
+        assert_eq!(found.assessment.outcome, outcome, "{what}");
+        let names: Option<ReasonCode> = found
+            .assessment
+            .reasons
+            .first()
+            .map(|reason| reason.code)
+            .filter(|code| *code == BehaviorEndedEarly);
+        assert_eq!(names, first, "{what}");
+        let borne_out = first.is_some() || (named == Ended::Full && seen == 120);
+        assert_eq!(found.ended, borne_out.then_some(named), "{what}");
+        assert!(found.assessment.conditions.is_empty() || outcome != Incompatible, "{what}");
+    }
+    let found = behavior::assess_ended(&begun(&profile, 40, 40, FAILURE), &binding(), &profile, early);
+    let reason = &found.assessment.reasons[0];
+    assert_eq!((reason.evidence, reason.limit), (Some(40.0), Some(120.0)));
+    for part in ["finite-population", "40 of 120", "0.01"] {
+        assert!(reason.text.contains(part), "{part} is not in {:?}", reason.text);
+    }
+}
+
+#[test]
+fn the_rule_that_ended_it_is_kept() {
+    for (ended, text) in [
+        (Ended::Full, r#""full""#),
+        (Ended::HardStop, r#""hard-stop""#),
+        (Ended::Curtailed, r#""curtailed""#),
+        (Ended::FinitePopulation { alpha: 0.01 }, r#"{"finite-population":{"alpha":0.01}}"#),
+    ] {
+        assert_eq!(serde_json::to_string(&ended).unwrap(), text);
+        assert_eq!(serde_json::from_str::<Ended>(text).unwrap(), ended);
+    }
+}
+
+/// Drills with so many passed of so many done, alike in the four kinds.
+fn done(passed: u32, of: u32) -> Drills {
+    let tally = DrillTally { passed, failed: of - passed, infeasible: 0 };
+    Drills { rollback: tally, fallback: tally, abort: tally, detect: tally }
+}
+
+#[test]
+fn what_ends_the_drills() {
+    let profile = profile(ProfileName::Real);
+    assert_eq!(profile.evaluation.drills_per_kind, 40);
+    let early = Some(Ended::FinitePopulation { alpha: profile.evaluation.early_alpha });
+    let seven = DrillTally { passed: 0, failed: 7, infeasible: 0 };
+    let whole = done(40, 40);
+    for (candidate, expected) in [
+        (Drills::default(), None),
+        (done(20, 20), None),
+        (done(40, 40), Some(Ended::Full)),
+        (done(10, 40), Some(Ended::Full)),
+        // Rollback below the floor of 30 of 40: certain after 11 failures, at the error rate after 7 of 7.
+        (
+            Drills { rollback: DrillTally { failed: 11, ..DrillTally::default() }, ..whole },
+            Some(Ended::Curtailed),
+        ),
+        (Drills { rollback: seven, ..whole }, early),
+        (Drills { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
+        // A fallback that never works alone is lost only where all of its drills are done.
+        (
+            Drills { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
+            Some(Ended::Curtailed),
+        ),
+        (Drills { fallback: seven, ..whole }, None),
+    ] {
+        let evidence = RecoveryEvidence { binding: binding(), candidate, active: whole };
+        assert_eq!(recovery::ended(&evidence, &binding(), &profile), expected, "{candidate:?}");
+        let Some(named) = expected else { continue };
+        let found = recovery::assess_ended(&evidence, &binding(), &profile, named);
+        assert_eq!(found.ended, Some(named), "{found:?}");
+        if named != Ended::Full {
+            assert_eq!(found.assessment.outcome, RecoveryOutcome::Incompatible, "{found:?}");
+            assert_eq!(found.assessment.reasons[0].code, RecoveryEndedEarly, "{found:?}");
+            assert!(recovery::is_lost(&evidence, &binding(), &profile) || named != Ended::Curtailed);
+        }
+        let plain = recovery::assess(&evidence, &binding(), &profile);
+        assert_eq!(plain.assessment.outcome == RecoveryOutcome::NoData, named != Ended::Full, "{plain:?}");
+    }
+    // What the evidence does not bear out is no data, whatever is named.
+    let begun = RecoveryEvidence { binding: binding(), candidate: done(20, 20), active: whole };
+    for named in [Ended::Full, Ended::Curtailed, Ended::FinitePopulation { alpha: 0.01 }] {
+        let found = recovery::assess_ended(&begun, &binding(), &profile, named);
+        assert_eq!((found.assessment.outcome, found.ended), (RecoveryOutcome::NoData, None), "{named:?}");
+    }
+    let mut off = profile;
+    off.evaluation.early_alpha = 0.0;
+    let lost = RecoveryEvidence {
+        binding: binding(),
+        candidate: Drills { rollback: seven, ..whole },
+        active: whole,
+    };
+    assert_eq!(recovery::ended(&lost, &binding(), &off), None);
+}
+
+#[test]
+fn each_kind_of_drill_has_its_intervals() {
+    let profile = profile(ProfileName::Real);
+    let found = recovery::assess(&drilled([95; 4], [95, 80, 95, 95]), &binding(), &profile);
+    assert_eq!(found.kinds.len(), 4);
+    for kind in &found.kinds {
+        for side in [kind.candidate, kind.active] {
+            assert!(side.n == 100 && side.lower < side.rate && side.rate < side.upper, "{kind:?}");
+        }
+    }
+    let worse: Vec<_> = found.kinds.iter().map(|kind| kind.established_worse).collect();
+    assert_eq!(worse, [false, true, false, false]);
+    let named: Vec<_> =
+        found.assessment.reasons.iter().filter(|reason| reason.code == RecoveryEstablishedWorse).collect();
+    assert!(named.len() == 1 && named[0].text.contains("fallback"), "{named:?}");
+    // The outcome and kappa_R are the rule's, as before.
+    assert_eq!(found.assessment.outcome, RecoveryOutcome::Compatible);
+}
+
+fn episode() -> impl Strategy<Value = EpisodeValues> {
+    (0..4u8, 0..3u32, 1.0..9.0f64).prop_map(|(bad, retries, time_s)| EpisodeValues {
+        success: bad != 1,
+        violation: bad == 2,
+        anomaly: bad == 3,
+        recovery: bad == 1,
+        retries,
+        time_s,
+        ..GOOD
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Where curtailment ends it, the full budget says the same, whatever the rest holds.
+    #[test]
+    fn a_curtailed_evaluation_is_incompatible_in_full(
+        old in proptest::collection::vec(episode(), 60),
+        new in proptest::collection::vec(episode(), 60),
+        spoilt in 0usize..60,
+    ) {
+        let profile = with_pairs(profile(ProfileName::Sim), 60);
+        let mut full = pairs(&profile);
+        for (index, pair) in full.pairs.iter_mut().enumerate() {
+            let candidate = if index < spoilt { FAILURE } else { new[index] };
+            *pair = Pair { seed: pair.seed, active: old[index], candidate };
+        }
+        let whole = behavior::assess(&full, &binding(), &profile).assessment.outcome;
+        for seen in 0..=60 {
+            let mut part = full.clone();
+            part.pairs.truncate(seen);
+            if behavior::is_lost(&part, &binding(), &profile) {
+                prop_assert_eq!(whole, BehaviorOutcome::Incompatible, "after {}", seen);
+            }
+        }
+    }
+
+    /// The same of drills, in any order.
+    #[test]
+    fn curtailed_drills_are_incompatible_in_full(
+        candidate in proptest::array::uniform4(0u32..=40),
+        active in proptest::array::uniform4(0u32..=40),
+        seen in proptest::array::uniform4(0u32..=40),
+        hits in proptest::array::uniform4(0.0..1.0f64),
+    ) {
+        let profile = profile(ProfileName::Real);
+        let tally = |passed: u32, of: u32| DrillTally { passed, failed: of - passed, infeasible: 0 };
+        let of = |passed: [u32; 4]| {
+            let [rollback, fallback, abort, detect] = passed.map(|passed| tally(passed, 40));
+            Drills { rollback, fallback, abort, detect }
+        };
+        let full = RecoveryEvidence { binding: binding(), candidate: of(candidate), active: of(active) };
+        let mut part = full;
+        for (index, kind) in holdpoint_governance::evidence::DrillKind::ALL.into_iter().enumerate() {
+            // Any number of the passes that the part can hold.
+            let (passed, failed) = (candidate[index], 40 - candidate[index]);
+            let (least, most) = (seen[index].saturating_sub(failed), passed.min(seen[index]));
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
+            let within = least + (f64::from(most - least) * hits[index]) as u32;
+            *part.candidate.of_mut(kind) = tally(within, seen[index]);
+        }
+        if recovery::is_lost(&part, &binding(), &profile) {
+            let whole = recovery::assess(&full, &binding(), &profile).assessment.outcome;
+            prop_assert_eq!(whole, RecoveryOutcome::Incompatible);
+        }
+    }
+}

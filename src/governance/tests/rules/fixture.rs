@@ -1,0 +1,213 @@
+//! Plain values the tables start from: a grasp manifest with the code's exports, and clean evidence.
+
+use std::collections::BTreeSet;
+
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::{Kappa, MadeUnder};
+use holdpoint_governance::evidence::{
+    Binding, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
+    ShadowSequence,
+};
+use holdpoint_governance::exports::Interface;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::manifest::Manifest;
+use holdpoint_governance::mode::ModeNeed;
+use holdpoint_governance::outcome::{
+    Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
+};
+use holdpoint_governance::profile::{Profile, ProfileName};
+
+pub const MANIFEST: &str = r#"
+name = "grasp"
+version = "1.0.0"
+
+[inputs.object_pose]
+type = "pose"
+unit = "m"
+frame = "world"
+
+[outputs.width]
+type = "real"
+unit = "m"
+range = [0.0, 0.08]
+
+[invocation]
+entry_points = ["run"]
+
+[invocation.parameters.approach_speed]
+type = "real"
+unit = "m/s"
+range = [0.05, 0.2]
+required = false
+default = 0.1
+
+[invocation.preconditions.gripper_width]
+min = 0.04
+
+[invocation.postconditions.held]
+equals = true
+
+[permissions]
+channels = ["arm", "gripper"]
+commands = ["tool-pose", "gripper", "stop"]
+zones = ["work", "transit"]
+max_speed_m_s = 0.2
+max_force_n = 20.0
+authority = 1
+resources = { cpu_us_per_tick = 200, memory_kib = 1024 }
+
+[recovery]
+rollback_hook = "restore"
+safe_abort = { hook = "abort", stop_time_max_ms = 300 }
+fallback = { family = "grasp", version = "^1" }
+failure_signals = ["grasp_missed", "object_slipped"]
+
+[deployment]
+environments = ["sim", "real", "human"]
+bundle = "native:grasp"
+params = "params.toml"
+"#;
+
+pub fn profile(name: ProfileName) -> Profile {
+    Profile::builtin(name).unwrap()
+}
+
+pub fn manifest() -> Manifest {
+    Manifest::parse("manifest.toml", MANIFEST).unwrap()
+}
+
+/// The manifest with one text replaced by another; panics where the text is not there.
+pub fn manifest_with(from: &str, to: &str) -> Manifest {
+    assert!(MANIFEST.contains(from), "{from:?} is not in the manifest");
+    Manifest::parse("manifest.toml", &MANIFEST.replace(from, to)).unwrap()
+}
+
+/// Exports of code that is what the manifest says.
+pub fn exports(manifest: &Manifest) -> Interface {
+    let mut needs = BTreeSet::new();
+    for channel in &manifest.permissions.channels {
+        for command in manifest.permissions.commands.iter().filter(|command| channel.takes(**command)) {
+            needs.insert(ModeNeed { channel: *channel, command: *command });
+        }
+    }
+    Interface {
+        controller: "grasp".into(),
+        semantics_version: semver::Version::new(1, 0, 0),
+        entry_points: manifest.invocation.entry_points.clone(),
+        inputs: manifest.inputs.clone(),
+        outputs: manifest.outputs.clone(),
+        parameters: manifest.invocation.parameters.clone(),
+        hooks: ["restore", "abort"].map(String::from).into(),
+        failure_signals: manifest.recovery.failure_signals.clone(),
+        needs,
+    }
+}
+
+pub fn digest(name: &str) -> Digest {
+    Digest::of_parts("test", &[name.as_bytes()])
+}
+
+pub fn binding() -> Binding {
+    Binding {
+        candidate: digest("candidate"),
+        active: Some(digest("active")),
+        profile: digest("profile"),
+        policy: digest("policy"),
+        environment: digest("environment"),
+    }
+}
+
+pub fn made_under() -> MadeUnder {
+    let Binding { candidate, active, profile, policy, environment } = binding();
+    MadeUnder {
+        candidate,
+        active,
+        policy,
+        profile,
+        authority: digest("authority"),
+        environment,
+        evidence: digest("evidence"),
+    }
+}
+
+pub const GOOD: EpisodeValues = EpisodeValues {
+    success: true,
+    violation: false,
+    anomaly: false,
+    recovery: false,
+    intervention: false,
+    timeout: false,
+    near_violation: false,
+    retries: 0,
+    time_s: 4.0,
+    unsafe_continuation_ms: 0.0,
+};
+
+/// As many equal pairs as the profile's budget.
+pub fn pairs(profile: &Profile) -> PairedEvidence {
+    let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
+        .map(|seed| Pair { seed, active: GOOD, candidate: GOOD })
+        .collect();
+    PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() }
+}
+
+/// Drills with so many passed of 100, in the order rollback, fallback, abort, detect.
+pub fn drills(passed: [u32; 4]) -> Drills {
+    let [rollback, fallback, abort, detect] =
+        passed.map(|passed| DrillTally { passed, failed: 100 - passed, infeasible: 0 });
+    Drills { rollback, fallback, abort, detect }
+}
+
+pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {
+    RecoveryEvidence { binding: binding(), candidate: drills(candidate), active: drills(active) }
+}
+
+pub fn shadow(profile: &Profile) -> ShadowEvidence {
+    let sequence = |seed| ShadowSequence {
+        seed,
+        live_success: true,
+        twin_success: true,
+        live_policy_hit: false,
+        twin_policy_hit: false,
+        live_watcher_event: false,
+        twin_watcher_event: false,
+        output_divergence: 0.01,
+        envelope_divergence: 0.01,
+    };
+    let sequences = (0..u64::from(profile.evaluation.shadow_sequences)).map(sequence).collect();
+    ShadowEvidence { binding: binding(), sequences, hard_stops: Vec::new() }
+}
+
+fn assessment<O>(outcome: O, kappa: f64) -> Assessment<O> {
+    Assessment {
+        outcome,
+        kappa: Some(Kappa::new(kappa).unwrap()),
+        basis: Basis::Measured,
+        reasons: Vec::new(),
+        conditions: Vec::new(),
+    }
+}
+
+/// Assessments as the thresholds alone make them of four values.
+pub fn kappas(profile: &Profile, [i, p, b, r]: [f64; 4]) -> Kappas {
+    let t = &profile.thresholds;
+    let pick = |good: bool| usize::from(good);
+    Kappas {
+        interface: assessment(
+            [InterfaceOutcome::Incompatible, InterfaceOutcome::Compatible][pick(i >= t.interface())],
+            i,
+        ),
+        policy: assessment(
+            [PolicyOutcome::Incompatible, PolicyOutcome::Compatible][pick(p >= t.policy())],
+            p,
+        ),
+        behavior: assessment(
+            [BehaviorOutcome::Incompatible, BehaviorOutcome::Compatible][pick(b >= t.behavior())],
+            b,
+        ),
+        recovery: assessment(
+            [RecoveryOutcome::Incompatible, RecoveryOutcome::Compatible][pick(r >= t.recovery())],
+            r,
+        ),
+    }
+}

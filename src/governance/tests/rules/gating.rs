@@ -1,0 +1,346 @@
+//! `Psi` and the gate against tables of circumstances.
+
+use std::collections::BTreeSet;
+
+use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
+use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::decision::ReasonCode::{self, *};
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::evidence::{Binding, HardStop};
+use holdpoint_governance::gate::{self, GateInput, GateOutcome, GateResult, ShadowAssessment};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::outcome::{
+    ActivationMode, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, Recommendation, RecoveryOutcome,
+};
+use holdpoint_governance::policy::{PolicySource, PolicyTable};
+use holdpoint_governance::profile::{FreezeWindow, Profile, ProfileName};
+use holdpoint_governance::submission::{Provenance, Risk};
+
+use crate::fixture::{binding, digest, kappas, made_under, profile, shadow};
+
+fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
+    kappas.recovery.outcome = RecoveryOutcome::Incompatible;
+    kappas.recovery.reasons = vec![Reason::new(code, Dimension::Recovery, "x")];
+}
+
+#[test]
+fn psi_in_procedure_2s_order() {
+    use Recommendation::{Activate, Reject, RollbackReview, Sandbox, Shadow};
+    type Change = fn(&mut Kappas);
+    let table: [(&str, Change, Recommendation, Recommendation); 16] = [
+        ("all compatible", |_| (), Activate, Activate),
+        ("I incompatible", |k| k.interface.outcome = InterfaceOutcome::Incompatible, Reject, Reject),
+        ("I no data", |k| k.interface.outcome = InterfaceOutcome::NoData, Reject, Reject),
+        ("I conditional", |k| k.interface.outcome = InterfaceOutcome::Conditional, Shadow, Shadow),
+        ("P incompatible", |k| k.policy.outcome = PolicyOutcome::Incompatible, Reject, Reject),
+        ("P review", |k| k.policy.outcome = PolicyOutcome::Review, RollbackReview, RollbackReview),
+        ("P conditional", |k| k.policy.outcome = PolicyOutcome::Conditional, Shadow, Shadow),
+        ("B incompatible", |k| k.behavior.outcome = BehaviorOutcome::Incompatible, Sandbox, Sandbox),
+        ("B inconclusive", |k| k.behavior.outcome = BehaviorOutcome::Inconclusive, Sandbox, Sandbox),
+        ("B no data", |k| k.behavior.outcome = BehaviorOutcome::NoData, Sandbox, Sandbox),
+        ("B suspicious", |k| k.behavior.outcome = BehaviorOutcome::Suspicious, Shadow, Shadow),
+        ("B estimated", |k| k.behavior.basis = Basis::Estimated, Shadow, Shadow),
+        ("R fragile", |k| k.recovery.outcome = RecoveryOutcome::Fragile, Shadow, Shadow),
+        ("R conditional", |k| k.recovery.outcome = RecoveryOutcome::Conditional, Shadow, Shadow),
+        ("R incompatible", |k| recovery_fails(k, RecoveryBelowThreshold), Sandbox, RollbackReview),
+        ("R without rollback", |k| recovery_fails(k, RecoveryRollbackBelowFloor), Sandbox, Sandbox),
+    ];
+    for (name, change, alone, with_approver) in table {
+        let mut kappas = kappas(&profile(ProfileName::Sim), [1.0; 4]);
+        change(&mut kappas);
+        for (has_approver, expected) in [(false, alone), (true, with_approver)] {
+            let decision = psi(&kappas, PsiContext { has_approver }, made_under());
+            assert_eq!(*decision.outcome(), expected, "{name}, approver {has_approver}");
+            assert_eq!(decision.answers().admitted, expected != Reject, "{name}");
+        }
+    }
+}
+
+/// Everything the gate looks at, changeable one by one.
+struct Case {
+    profile: Profile,
+    table: PolicyTable,
+    kappas: Kappas,
+    shadow: Option<ShadowAssessment>,
+    bindings: Vec<Binding>,
+    approval: Option<ApprovalResult>,
+    closed: BTreeSet<ProfileName>,
+    review_open: bool,
+    improved: bool,
+    now_s: f64,
+    policy: Digest,
+}
+
+impl Case {
+    fn new(name: ProfileName) -> Self {
+        let profile = profile(name);
+        let table = PolicyTable::builtin(&profile).unwrap();
+        let current = Binding { policy: table.digest, ..binding() };
+        let mut evidence = shadow(&profile);
+        evidence.binding = current;
+        Self {
+            kappas: kappas(&profile, [1.0; 4]),
+            shadow: Some(gate::assess_shadow(&evidence, &current, &profile)),
+            bindings: vec![current; 3],
+            approval: None,
+            closed: BTreeSet::new(),
+            review_open: false,
+            improved: false,
+            now_s: 100.0,
+            policy: table.digest,
+            profile,
+            table,
+        }
+    }
+
+    fn evaluate(&self) -> GateResult {
+        let current = Binding { policy: self.policy, ..binding() };
+        let input = GateInput {
+            kappas: &self.kappas,
+            shadow: self.shadow.as_ref(),
+            bindings: &self.bindings,
+            current: &current,
+            improved: self.improved,
+            approval: self.approval.as_ref(),
+            risk: Risk::Medium,
+            provenance: Provenance::Llm,
+            closed: &self.closed,
+            review_open: self.review_open,
+            now_s: self.now_s,
+            row_version: 7,
+            made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },
+        };
+        gate::evaluate(&input, &self.table, &self.profile)
+    }
+}
+
+fn granted(people: &[&str]) -> ApprovalResult {
+    ApprovalResult {
+        outcome: ApprovalOutcome::Granted {
+            people: people.iter().map(ToString::to_string).collect(),
+            expires_s: 200.0,
+            break_glass: false,
+        },
+        reasons: Vec::new(),
+    }
+}
+
+#[test]
+fn modes_by_profile() {
+    use ActivationMode::{ApprovalBound, Conditional, Full, RollbackCoupled};
+    for (name, modes) in [
+        (ProfileName::Sim, vec![Full]),
+        (ProfileName::Real, vec![RollbackCoupled]),
+        (ProfileName::Human, vec![ApprovalBound, RollbackCoupled]),
+    ] {
+        let mut case = Case::new(name);
+        case.approval = Some(granted(&["ann", "bob"]));
+        let result = case.evaluate();
+        let passed = result.passed.expect("passes");
+        assert_eq!(passed.terms().modes, modes.into_iter().collect(), "{name:?}");
+        assert_eq!(passed.terms().provisional_episodes, case.profile.activation.provisional_episodes);
+    }
+    let mut case = Case::new(ProfileName::Sim);
+    case.kappas.interface.outcome = InterfaceOutcome::Conditional;
+    assert_eq!(case.evaluate().passed.unwrap().terms().modes, [Conditional].into());
+}
+
+#[test]
+fn what_closes_the_gate() {
+    use GateOutcome::{AwaitApproval, Demote, Hold, Pass, Reject};
+    type Change = fn(&mut Case);
+    let refused =
+        ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
+    let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
+    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 22] = [
+        ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
+        (
+            "I fails",
+            ProfileName::Sim,
+            |c| c.kappas.interface.outcome = InterfaceOutcome::Incompatible,
+            Reject,
+            GateDimensionFailed,
+        ),
+        (
+            "B estimated",
+            ProfileName::Sim,
+            |c| c.kappas.behavior.basis = Basis::Estimated,
+            Demote,
+            GateNotMeasured,
+        ),
+        (
+            "B no data",
+            ProfileName::Sim,
+            |c| c.kappas.behavior.outcome = BehaviorOutcome::NoData,
+            Demote,
+            GateNoData,
+        ),
+        ("B no value", ProfileName::Sim, |c| c.kappas.behavior.kappa = None, Demote, GateNoData),
+        (
+            "R inconclusive",
+            ProfileName::Sim,
+            |c| c.kappas.recovery.outcome = RecoveryOutcome::NoData,
+            Demote,
+            GateNoData,
+        ),
+        (
+            "R fails",
+            ProfileName::Sim,
+            |c| recovery_fails(&mut c.kappas, RecoveryBelowThreshold),
+            Reject,
+            GateDimensionFailed,
+        ),
+        (
+            "P review, nobody to ask",
+            ProfileName::Sim,
+            |c| c.kappas.policy.outcome = PolicyOutcome::Review,
+            Reject,
+            GateDimensionFailed,
+        ),
+        ("no shadow", ProfileName::Sim, |c| c.shadow = None, Demote, GateNoData),
+        ("no evidence", ProfileName::Sim, |c| c.bindings.clear(), Demote, GateNoData),
+        (
+            "stale evidence",
+            ProfileName::Sim,
+            |c| c.bindings[1].active = Some(digest("older")),
+            Demote,
+            GateStaleEvidence,
+        ),
+        ("other policies", ProfileName::Sim, |c| c.policy = digest("other"), Demote, GateStaleEvidence),
+        (
+            "frozen",
+            ProfileName::Sim,
+            |c| {
+                c.profile.freeze =
+                    vec![FreezeWindow { from_s: 50.0, until_s: 150.0, reason: "audit".into() }];
+            },
+            Hold,
+            GateFrozen,
+        ),
+        ("no time", ProfileName::Sim, |c| c.now_s = f64::NAN, Hold, GateFrozen),
+        ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
+        (
+            "profile closed",
+            ProfileName::Real,
+            |c| c.closed = [ProfileName::Real].into(),
+            Hold,
+            GateProfileClosed,
+        ),
+        (
+            "no gain",
+            ProfileName::Sim,
+            |c| c.profile.activation.require_improvement = true,
+            Demote,
+            GateNoImprovement,
+        ),
+        (
+            "site policy",
+            ProfileName::Sim,
+            |c| {
+                let text = "forbid (principal, action == Action::\"activate\", resource);";
+                c.table.activations = PolicyTable::compile(&c.profile, &[PolicySource { file: "s", text }])
+                    .unwrap()
+                    .activations;
+            },
+            Reject,
+            GateSitePolicyForbids,
+        ),
+        ("nobody asked", ProfileName::Human, |_| (), AwaitApproval, ApprovalPending),
+        (
+            "one of two",
+            ProfileName::Human,
+            |c| c.approval = Some(granted(&["ann"])),
+            AwaitApproval,
+            ApprovalPending,
+        ),
+        (
+            "asked under other rules",
+            ProfileName::Human,
+            |c| {
+                c.approval =
+                    Some(ApprovalResult { outcome: ApprovalOutcome::NotNeeded, reasons: Vec::new() });
+            },
+            AwaitApproval,
+            ApprovalPending,
+        ),
+        ("both", ProfileName::Human, |c| c.approval = Some(granted(&["ann", "bob"])), Pass, GatePassed),
+    ];
+    for (name, profile, change, outcome, code) in table {
+        let mut case = Case::new(profile);
+        change(&mut case);
+        let result = case.evaluate();
+        assert_eq!(*result.decision.outcome(), outcome, "{name}: {:?}", result.decision.reasons());
+        assert!(result.decision.has(code), "{name}: {:?}", result.decision.reasons());
+        assert_eq!(result.passed.is_some(), outcome == Pass, "{name}");
+        assert_eq!(result.decision.answers().admitted, outcome == Pass, "{name}");
+    }
+    for (answer, outcome) in [(refused, Reject), (timed_out, Hold)] {
+        let mut case = Case::new(ProfileName::Human);
+        case.approval = Some(answer);
+        assert_eq!(*case.evaluate().decision.outcome(), outcome);
+    }
+}
+
+#[test]
+fn a_pass_holds_for_its_circumstances_only() {
+    let mut case = Case::new(ProfileName::Human);
+    case.approval = Some(granted(&["ann", "bob"]));
+    let passed = case.evaluate().passed.unwrap();
+    let under = *passed.made_under();
+    let other = holdpoint_governance::decision::MadeUnder { evidence: digest("other"), ..under };
+    for (row_version, made_under, now_s, holds) in [
+        (7, under, 100.0, true),
+        (8, under, 100.0, false),
+        (7, other, 100.0, false),
+        (7, under, 200.0, false),
+        (7, under, f64::NAN, false),
+    ] {
+        assert_eq!(passed.holds(row_version, &made_under, now_s), holds, "{row_version} {now_s}");
+    }
+}
+
+#[test]
+fn shadow_by_governance_signals() {
+    use holdpoint_governance::outcome::Check;
+    let profile = profile(ProfileName::Sim);
+    type Change = fn(&mut holdpoint_governance::evidence::ShadowEvidence);
+    let table: [(&str, Change, Check, ReasonCode); 8] = [
+        ("clean", |_| (), Check::Pass, ShadowClean),
+        ("one hit", |e| e.sequences[0].twin_policy_hit = true, Check::Pass, ShadowClean),
+        (
+            "many hits",
+            |e| e.sequences.iter_mut().take(10).for_each(|s| s.twin_policy_hit = true),
+            Check::Fail,
+            ShadowGovernanceDivergence,
+        ),
+        (
+            "hits in both",
+            |e| e.sequences.iter_mut().for_each(|s| (s.twin_policy_hit, s.live_policy_hit) = (true, true)),
+            Check::Pass,
+            ShadowClean,
+        ),
+        (
+            "other outputs",
+            |e| e.sequences.iter_mut().for_each(|s| s.output_divergence = 0.9),
+            Check::Inconclusive,
+            ShadowOutputDivergence,
+        ),
+        ("few", |e| e.sequences.truncate(19), Check::Inconclusive, ShadowNoData),
+        ("no number", |e| e.sequences[3].envelope_divergence = f64::NAN, Check::NoData, ShadowNoData),
+        ("hard stop", |e| e.hard_stops.push(HardStop::BudgetBreach), Check::Fail, GateHardLimit),
+    ];
+    for (name, change, check, code) in table {
+        let mut evidence = shadow(&profile);
+        change(&mut evidence);
+        let found = gate::assess_shadow(&evidence, &binding(), &profile);
+        assert_eq!(found.check, check, "{name}: {found:?}");
+        assert!(found.reasons.iter().any(|reason| reason.code == code), "{name}: {found:?}");
+    }
+    // At the full length, output divergence is reported and decides nothing.
+    let mut long = shadow(&profile);
+    let first = long.sequences[0];
+    long.sequences = (0..60)
+        .map(|seed| holdpoint_governance::evidence::ShadowSequence { seed, output_divergence: 0.9, ..first })
+        .collect();
+    assert_eq!(gate::assess_shadow(&long, &binding(), &profile).check, Check::Pass);
+}

@@ -1,0 +1,18 @@
+//! The rules of governance against tables of worked values, and against values that are none.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
+
+mod asking;
+mod compatibility;
+mod early;
+mod fixture;
+mod gating;
+mod metric_mutations;
+mod monitoring;
+mod never_pass;
+mod paper;
+mod texts;

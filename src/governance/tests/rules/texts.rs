@@ -1,0 +1,234 @@
+//! Texts that people and candidates hand in: manifests, submissions, profiles, policies.
+
+use holdpoint_governance::TextError;
+use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
+use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, Zone};
+use holdpoint_governance::policy::{PolicySource, PolicyTable, Verdict};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::{Provenance, Risk, Submission};
+
+use crate::fixture::{MANIFEST, manifest, profile};
+
+/// Line and field (or a part of the message) of each refusal.
+#[test]
+fn bad_manifests_are_refused_by_name() {
+    let replace = |from: &str, to: &str| {
+        assert!(MANIFEST.contains(from), "{from:?}");
+        MANIFEST.replace(from, to)
+    };
+    for (text, expected) in [
+        (replace("version = \"1.0.0\"", "version = \"one\""), "manifest.toml:3: "),
+        (
+            replace("max_speed_m_s = 0.2", "max_speed_m_s = nan"),
+            "\"permissions.max_speed_m_s\" has the value \"NaN\"",
+        ),
+        (
+            replace("max_force_n = 20.0", "max_force_n = inf"),
+            "\"permissions.max_force_n\" has the value \"inf\"",
+        ),
+        (replace("max_force_n = 20.0", "max_force_n = -1.0"), "0 to 1000"),
+        (
+            replace("authority = 1", "authority = 4"),
+            "the authority level 4 is not allowed; 0, 1, 2 and 3 are",
+        ),
+        (replace("authority = 1", "authority = 1\nroot = true"), "unknown field `root`"),
+        (replace("\"native:grasp\"", "\"../../bin/sh\""), "the bundle \"../../bin/sh\" is not allowed"),
+        (replace("\"params.toml\"", "\"../params.toml\""), "the path \"../params.toml\" is not allowed"),
+        (replace("\"params.toml\"", "\"/etc/passwd\""), "the path \"/etc/passwd\" is not allowed"),
+        (replace("[0.0, 0.08]", "[0.08, 0.0]"), "\"outputs.width.range\""),
+        (replace("[0.0, 0.08]", "[0.0, nan]"), "\"outputs.width.range\""),
+        (replace("default = 0.1", "default = 9.0"), "\"invocation.parameters.approach_speed.default\""),
+        (
+            replace("min = 0.04", "min = inf"),
+            "\"invocation.preconditions.gripper_width\" has the value \"inf\"",
+        ),
+        (replace("equals = true", "equals = true\nmax = 1.0"), "either a range or equals"),
+        (replace("[\"run\"]", "[]"), "\"invocation.entry_points\""),
+        (replace("[\"run\"]", "[\"Run now\"]"), "\"Run now\""),
+        (replace("[\"work\", \"transit\"]", "[\"moon\"]"), "unknown variant `moon`"),
+        (replace("[\"work\", \"transit\"]", "[]"), "\"permissions.zones\""),
+        (
+            replace("stop_time_max_ms = 300", "stop_time_max_ms = 0"),
+            "\"recovery.safe_abort.stop_time_max_ms\"",
+        ),
+        (replace("[\"grasp_missed\", \"object_slipped\"]", "[\"boredom\"]"), "unknown variant `boredom`"),
+        (replace("name = \"grasp\"", "name = \"../grasp\""), "the name \"../grasp\" is not allowed"),
+        ("a = [".to_owned() + &"[".repeat(10_000), "manifest.toml:1: "),
+    ] {
+        let error = Manifest::parse("manifest.toml", &text).unwrap_err().to_string();
+        assert!(
+            error.starts_with("manifest.toml:") && error.contains(expected),
+            "{expected:?} is not in {error:?}"
+        );
+    }
+    let huge = format!("{MANIFEST}\n# {}", "x".repeat(MANIFEST_BYTES_MAX));
+    assert!(matches!(Manifest::parse("m", &huge), Err(TextError::TooLarge { .. })));
+}
+
+#[test]
+fn errors_name_the_line_of_the_field() {
+    let text = MANIFEST.replace("max_force_n = 20.0", "max_force_n = -1.0");
+    let line = text.lines().position(|line| line.starts_with("max_force_n")).unwrap() + 1;
+    let error = Manifest::parse("m.toml", &text).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("m.toml:{line}: ")), "{error}");
+}
+
+#[test]
+fn the_digest_is_of_the_content_not_of_the_text() {
+    let digest = manifest().digest().unwrap();
+    let spaced = MANIFEST.replace("authority = 1\n", "# a comment\nauthority    =    1\n");
+    assert_eq!(Manifest::parse("m", &spaced).unwrap().digest().unwrap(), digest);
+    let other = MANIFEST.replace("max_force_n = 20.0", "max_force_n = 20.5");
+    assert_ne!(Manifest::parse("m", &other).unwrap().digest().unwrap(), digest);
+    let read: Manifest = serde_json::from_str(&manifest().canonical().unwrap()).unwrap();
+    assert_eq!(read, manifest());
+}
+
+/// The published schemas are those of the code. To renew them: `HOLDPOINT_WRITE_SCHEMAS=1 cargo test schemas`.
+#[test]
+fn the_published_schemas_are_up_to_date() {
+    for (path, schema) in
+        [("manifests/schema.json", Manifest::json_schema()), ("profiles/schema.json", Profile::json_schema())]
+    {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
+        let text = serde_json::to_string_pretty(&schema).unwrap() + "\n";
+        if std::env::var_os("HOLDPOINT_WRITE_SCHEMAS").is_some() {
+            std::fs::write(&path, &text).unwrap();
+        }
+        assert_eq!(std::fs::read_to_string(&path).unwrap_or_default(), text, "{}", path.display());
+    }
+}
+
+#[test]
+fn submissions() {
+    let good = "author = \"ann\"\nprovenance = \"rl\"\nparent = \"1.0.0\"\nestimated_risk = \"low\"\n";
+    let submission = Submission::parse("submission.toml", good).unwrap();
+    assert_eq!((submission.provenance, submission.estimated_risk), (Provenance::Rl, Risk::Low));
+    let traces = "success = 0.9\ntime_s = 4.0\nretry = 0.1\nviolation = 0.0\nanomaly = nan\nrecovery = 0.0";
+    for (text, expected) in [
+        (good.replace("ann", "Ann\\u001b[2J"), "\"author\""),
+        (good.replace("\"rl\"", "\"magic\""), "unknown variant `magic`"),
+        (good.replace("\"low\"", "\"none\""), "unknown variant `none`"),
+        (
+            good.to_owned() + "[declared_traces]\n" + traces,
+            "\"declared_traces.anomaly\" has the value \"NaN\"",
+        ),
+        (good.to_owned() + "extra = 1", "unknown field `extra`"),
+        (good.to_owned() + &format!("summary = \"{}\"", "x".repeat(501)), "\"summary\""),
+    ] {
+        let error = Submission::parse("submission.toml", &text).unwrap_err().to_string();
+        assert!(error.contains(expected), "{expected:?} is not in {error:?}");
+    }
+}
+
+#[test]
+fn bad_profiles_are_refused_by_name() {
+    let text = include_str!("../../../../profiles/sim.toml");
+    let replace = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from:?}");
+        text.replacen(from, to, 1)
+    };
+    for (text, expected) in [
+        (replace("rho_floor = 0.7", "rho_floor = nan #"), "\"recovery.rho_floor\" has the value \"NaN\""),
+        (
+            replace("sandbox_pairs = 300", "sandbox_pairs = 3"),
+            "\"evaluation.sandbox_pairs\" has the value \"3\"",
+        ),
+        (replace("drills_per_kind = 40", "drills_per_kind = 39"), "40 to 10000"),
+        (replace("policy = 0.25", "policy = 0.5"), "weights summing to 1"),
+        (replace("preset = \"paper\"", "preset = \"mine\""), "unknown variant `mine`"),
+        (
+            replace("shadow_sequences_max = 60", "shadow_sequences_max = 6"),
+            "\"evaluation.shadow_sequences_max\"",
+        ),
+        (text.to_owned() + "\n[[freeze]]\nfrom_s = 9\nuntil_s = 1\nreason = \"\"", "\"freeze\""),
+        (text.to_owned() + "\n[extra]\n", "unknown field `extra`"),
+    ] {
+        let error = Profile::parse("sim.toml", &text).unwrap_err().to_string();
+        assert!(
+            error.starts_with("sim.toml:") && error.contains(expected),
+            "{expected:?} is not in {error:?}"
+        );
+    }
+}
+
+fn mode(channel: Channel, command: CommandKind, zone: Zone, authority: u8) -> ModeKey {
+    ModeKey { channel, command, zone, authority: Authority::try_from(authority).unwrap() }
+}
+
+#[test]
+fn shipped_policies() {
+    use Channel::{Arm, Bus, Gripper};
+    use CommandKind::{Direct, Gripper as Grip, Joints, ToolPose};
+    use Verdict::{Allow, Forbid, Review, Uncovered};
+    let tables = ProfileName::ALL.map(|name| PolicyTable::builtin(&profile(name)).unwrap());
+    for (key, expected) in [
+        (mode(Arm, ToolPose, Zone::Work, 1), [Allow, Allow, Allow]),
+        (mode(Gripper, Grip, Zone::Tray, 0), [Allow, Allow, Allow]),
+        (mode(Arm, ToolPose, Zone::Work, 2), [Review, Review, Review]),
+        (mode(Arm, ToolPose, Zone::Work, 3), [Uncovered, Uncovered, Forbid]),
+        (mode(Arm, ToolPose, Zone::Human, 1), [Uncovered, Forbid, Forbid]),
+        (mode(Bus, Direct, Zone::Work, 1), [Uncovered, Forbid, Forbid]),
+    ] {
+        assert_eq!(tables.each_ref().map(|table| table.verdict(&key)), expected, "{key}");
+    }
+    let joints = tables[2].verdict(&mode(Arm, Joints, Zone::Work, 1));
+    assert!(matches!(joints, Verdict::AllowTighter(cap) if cap.speed_max_m_s == 0.15), "{joints:?}");
+    assert!(tables.iter().all(|table| table.activation_forbidden(Risk::High, Provenance::Llm).is_none()));
+}
+
+/// Everything fails closed.
+#[test]
+fn policies_fail_closed() {
+    let sim = profile(ProfileName::Sim);
+    let compile = |text: &str| PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]);
+    let key = mode(Channel::Arm, CommandKind::ToolPose, Zone::Work, 1);
+    let permit = "permit (principal, action == Action::\"tool-pose\", resource == Zone::\"work\");\n";
+    // An overflow passes validation and errs when evaluated.
+    let err = "forbid (principal, action == Action::\"tool-pose\", resource == Zone::\"work\")
+        when { context.authority * 9223372036854775807 + 1 > 0 };\n";
+    for (text, expected) in [
+        (String::new(), Verdict::Uncovered),
+        (permit.to_owned(), Verdict::Allow),
+        (format!("{permit}{err}"), Verdict::Uncovered),
+        ("permit (principal, action, resource);".to_owned(), Verdict::Uncovered),
+        ("permit (principal, action == Action::\"tool-pose\", resource);".to_owned(), Verdict::Uncovered),
+        (format!("{permit}forbid (principal, action == Action::\"tool-pose\", resource);"), Verdict::Forbid),
+        (format!("@review(\"x\")\n{permit}{permit}"), Verdict::Review),
+    ] {
+        assert_eq!(compile(&text).unwrap().verdict(&key), expected, "{text}");
+    }
+    for (text, expected) in [
+        ("permit (principal, action == Action::\"fly\", resource == Zone::\"work\");", "fly"),
+        ("permit (principal, action == Action::\"joints\", resource == Zone::\"wrok\");", "wrok"),
+        (
+            "permit (principal == Skill::\"a\", action == Action::\"joints\", resource == Zone::\"work\");",
+            "principal",
+        ),
+        (
+            "@speed_max_m_s(\"fast\") permit (principal, action == Action::\"joints\", resource == Zone::\"work\");",
+            "fast",
+        ),
+        (
+            "@colour(\"red\") permit (principal, action == Action::\"joints\", resource == Zone::\"work\");",
+            "colour",
+        ),
+        (
+            "@review(\"x\") forbid (principal, action == Action::\"joints\", resource == Zone::\"work\");",
+            "forbid",
+        ),
+        (
+            "permit (principal, action == Action::\"joints\", resource == Zone::\"work\") when { context.mood == 1 };",
+            "mood",
+        ),
+        ("permit permit", "site.cedar"),
+    ] {
+        let error = compile(text).unwrap_err().to_string();
+        assert!(error.contains(expected), "{expected:?} is not in {error:?}");
+    }
+    let site = "@id(\"no-llm\") forbid (principal, action == Action::\"activate\", resource) when { context.provenance == \"llm\" };";
+    let table = compile(site).unwrap();
+    assert_eq!(table.activation_forbidden(Risk::Low, Provenance::Llm), Some(vec!["no-llm".to_owned()]));
+    assert_eq!(table.activation_forbidden(Risk::Low, Provenance::Manual), None);
+    assert_ne!(table.digest, compile("").unwrap().digest);
+}

@@ -1,0 +1,185 @@
+//! Approvals: bound to what was shown, used once.
+
+use std::sync::Barrier;
+
+use holdpoint_approvals::{Approval, Identity, Nonce};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::{ApprovalRequest, Change, verify};
+
+use crate::support::*;
+
+const NEW: &str = "grasp@1.1.0";
+
+#[test]
+fn used_by_four_at_once_it_counts_for_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    let ada = person(&store, "ada");
+    for round in 0..25u8 {
+        let nonce = round + 1;
+        let signed = Box::new(approve(&store, &ada, NEW, nonce));
+        commit(&store, &format!("put {round}"), vec![Change::PutApproval(signed)]).unwrap();
+        let start = Barrier::new(4);
+        let wins: usize = std::thread::scope(|scope| {
+            let use_it = |thread: usize| {
+                let (store, start) = (&store, &start);
+                scope.spawn(move || {
+                    start.wait();
+                    usize::from(
+                        commit(store, &format!("use {round} {thread}"), vec![consume(NEW, nonce)]).is_ok(),
+                    )
+                })
+            };
+            let threads: Vec<_> = (0..4).map(use_it).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+        });
+        assert_eq!(wins, 1, "round {round}");
+    }
+    assert_eq!(verify(&store.layout().database(), None).unwrap().approvals, 25);
+}
+
+#[test]
+fn two_people_are_two_different_people() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    let (ada, bob) = (person(&store, "ada"), person(&store, "bob"));
+    let put = [(&ada, 1), (&ada, 2), (&bob, 3)]
+        .map(|(who, nonce)| Change::PutApproval(Box::new(approve(&store, who, NEW, nonce))));
+    commit(&store, "put", put.to_vec()).unwrap();
+    let activate_with = |nonces: [u8; 2]| {
+        let mut changes: Vec<_> = nonces.into_iter().map(|nonce| consume(NEW, nonce)).collect();
+        changes.extend(activation(NEW, ("grasp@1.0.0", 2), 2));
+        changes
+    };
+    let error = commit(&store, "same", activate_with([1, 2])).unwrap_err().to_string();
+    assert!(error.contains("2 people") && error.contains("1 gave"), "{error}");
+    commit(&store, "both", activate_with([1, 3])).unwrap();
+    let approvals = store.views().unwrap().approvals(&id(NEW)).unwrap();
+    let used: Vec<_> = approvals.iter().map(|approval| approval.consumed_seq.is_some()).collect();
+    assert_eq!(used, [true, false, true]);
+}
+
+#[test]
+fn an_approval_of_something_else_is_refused() {
+    let other = digest("other");
+    type Edit = fn(&mut Approval, holdpoint_governance::ids::Digest);
+    let edits: [(&str, Edit, &str); 8] = [
+        ("refusal", |a, _| a.decision = Answer::Reject, "refusal"),
+        ("expired", |a, _| a.not_after_ms = 1, "expired"),
+        ("row version", |a, _| a.row_version = 3, "changed since"),
+        ("candidate", |a, d| a.candidate_digest = d, "another candidate"),
+        ("evidence", |a, d| a.evidence_digest = d, "evidence"),
+        ("policy", |a, d| a.policy_digest = d, "policy"),
+        ("profile", |a, _| a.profile = "human".into(), "profile"),
+        ("store", |a, _| a.store_id = "another".into(), "store"),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    let ada = person(&store, "ada");
+    for (nonce, (name, edit, message)) in (1..).zip(edits) {
+        let mut approval = approval(&store, NEW, nonce);
+        edit(&mut approval, other);
+        let signed = ada.sign(approval);
+        let put = commit(&store, &format!("put {name}"), vec![Change::PutApproval(Box::new(signed))]);
+        let used = put.and_then(|_| commit(&store, &format!("use {name}"), vec![consume(NEW, nonce)]));
+        let error = used.expect_err(name).to_string();
+        assert!(error.contains(message), "{name}: {error}");
+    }
+}
+
+#[test]
+fn what_happens_later_voids_it() {
+    type Event = fn() -> Vec<Change>;
+    let events: [(&str, Event); 4] = [
+        ("profile", || vec![context("human"), context("sim")]),
+        ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
+        ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),
+        ("use", || vec![consume(NEW, 1)]),
+    ];
+    for (name, event) in events {
+        let folder = tempfile::tempdir().unwrap();
+        let store = open(folder.path());
+        bootstrap(&store, "grasp");
+        shadowed(&store, NEW);
+        let ada = person(&store, "ada");
+        let signed = approve(&store, &ada, NEW, 1);
+        commit(&store, "put", vec![Change::PutApproval(Box::new(signed.clone()))]).unwrap();
+        commit(&store, "event", event()).unwrap();
+        assert!(commit(&store, "use", vec![consume(NEW, 1)]).is_err(), "{name}");
+        let again = commit(&store, "again", vec![Change::PutApproval(Box::new(signed))]);
+        assert!(again.unwrap_err().to_string().contains("seen before"), "{name}");
+    }
+}
+
+#[test]
+fn forged_and_unknown_ones_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    let signed = approve(&store, &person(&store, "ada"), NEW, 1);
+    let mut json = serde_json::to_value(&signed).unwrap();
+    json["approval"]["reason"] = "edited".into();
+    let forged = serde_json::from_value(json).unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    for (name, role, message) in [
+        ("ada", Role::Operator, "another key"),
+        ("eve", Role::Operator, "no identity"),
+        ("ada", Role::Safety, "another key"),
+    ] {
+        let folder = elsewhere.path().join(format!("{name} {role}"));
+        std::fs::create_dir(&folder).unwrap();
+        let stranger = Identity::create(&folder, name, role).unwrap();
+        let signed = Box::new(approve(&store, &stranger, NEW, 2));
+        let error = commit(&store, &format!("{name} {role}"), vec![Change::PutApproval(signed)]).unwrap_err();
+        assert!(error.to_string().contains(message), "{name} {role}: {error}");
+    }
+    assert!(commit(&store, "forged", vec![Change::PutApproval(Box::new(forged))]).is_err());
+    assert!(
+        commit(&store, "unknown", vec![consume(NEW, 9)]).unwrap_err().to_string().contains("no approval")
+    );
+    let random = (Nonce::random().unwrap(), Nonce::random().unwrap());
+    assert_ne!(random.0, random.1);
+}
+
+#[test]
+fn requests_queue_until_they_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    let request = |name: &str, deadline_ms, state| ApprovalRequest {
+        id: name.into(),
+        version: id(NEW),
+        row_version: 4,
+        evidence_digest: digest("gate"),
+        policy_digest: digest("sim"),
+        profile: "sim".into(),
+        needed: 1,
+        deadline_ms,
+        state,
+        json: "{}".into(),
+    };
+    let put = |name: &str, deadline_ms, state| {
+        Change::PutApprovalRequest(Box::new(request(name, deadline_ms, state)))
+    };
+    commit(&store, "ask", vec![put("late", 900, RequestState::Open), put("soon", 100, RequestState::Open)])
+        .unwrap();
+    let queue = || store.views().unwrap().open_requests().unwrap();
+    assert_eq!(queue(), [request("soon", 100, RequestState::Open), request("late", 900, RequestState::Open)]);
+    commit(&store, "answer", vec![put("soon", 100, RequestState::Expired)]).unwrap();
+    assert_eq!(queue(), [request("late", 900, RequestState::Open)]);
+    // A request cannot be turned into another one.
+    assert!(commit(&store, "other", vec![put("late", 901, RequestState::Granted)]).is_err());
+    commit(&store, "more", vec![evidence(NEW, EvidenceKind::Monitor, "x")]).unwrap();
+    verify(&store.layout().database(), None).unwrap();
+}

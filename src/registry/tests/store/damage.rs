@@ -1,0 +1,211 @@
+//! Tampering and decay: whatever is done to the files is found, or changes nothing that is read.
+
+use std::fs;
+use std::panic::catch_unwind;
+use std::path::Path;
+
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{
+    AuditFilter, AuditRecord, Change, Store, VerifyError, VersionFilter, Views, verify,
+};
+use rusqlite::{Connection, params};
+
+use crate::support::*;
+
+/// A closed store with every kind of row, and its key.
+fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
+    let store = open(folder);
+    bootstrap(&store, "grasp");
+    bootstrap(&store, "place");
+    shadowed(&store, "grasp@1.1.0");
+    let signed = approve(&store, &person(&store, "ada"), "grasp@1.1.0", 1);
+    let alarm = Change::AlarmChange {
+        alarm: "a1".into(),
+        subject: "grasp@1.1.0".into(),
+        state: "unacknowledged".into(),
+        priority: "high".into(),
+        json: "{}".into(),
+    };
+    commit(&store, "put", vec![Change::PutApproval(Box::new(signed)), alarm]).unwrap();
+    let mut changes = vec![consume("grasp@1.1.0", 1)];
+    changes.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 1));
+    changes.push(evidence("grasp@1.1.0", EvidenceKind::Activation, "activation"));
+    commit(&store, "activate", changes).unwrap();
+    *store.public_key()
+}
+
+const UNLOCK: &str =
+    "DROP TRIGGER audit_no_delete; DROP TRIGGER audit_no_update; DROP TRIGGER audit_in_order;
+    DROP TRIGGER version_kept; DROP TRIGGER version_identity; DROP TRIGGER version_terminal;
+    DROP TRIGGER approval_once; DROP TRIGGER approval_kept; PRAGMA foreign_keys = OFF;";
+
+/// Edits the chain, then makes hashes and head right again: what someone who can write the file could do.
+fn rewrite(folder: &Path, edit: &str) {
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    connection.execute_batch(UNLOCK).unwrap();
+    connection.execute_batch(edit).unwrap();
+    drop(connection);
+    let mut records =
+        Views::open(&folder.join("holdpoint.db")).unwrap().audit(&AuditFilter::default()).unwrap();
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    let mut prev = holdpoint_governance::ids::Digest::from_bytes([0; 32]);
+    for record in &mut records {
+        record.prev = prev;
+        record.hash = record.expected_hash();
+        prev = record.hash;
+        let AuditRecord { seq, prev, hash, .. } = record;
+        let sql = "UPDATE audit SET prev = ?2, hash = ?3 WHERE seq = ?1";
+        connection.execute(sql, params![*seq, prev.bytes(), hash.bytes()]).unwrap();
+    }
+    connection
+        .execute("UPDATE audit_head SET seq = ?1, hash = ?2", params![records.len(), prev.bytes()])
+        .unwrap();
+}
+
+#[test]
+fn every_tampering_is_found() {
+    type Expected = fn(&VerifyError) -> bool;
+    let table: [(&str, &str, Expected); 17] = [
+        ("body", "UPDATE audit SET body = '[]' WHERE seq = 5", |e| {
+            matches!(e, VerifyError::Record { seq: 5, .. })
+        }),
+        ("kind", "UPDATE audit SET kind = 'x' WHERE seq = 6", |e| {
+            matches!(e, VerifyError::Record { seq: 6, .. })
+        }),
+        ("time", "UPDATE audit SET at_ms = 0 WHERE seq = 7", |e| {
+            matches!(e, VerifyError::Record { seq: 7, .. })
+        }),
+        ("hash", "UPDATE audit SET hash = zeroblob(32) WHERE seq = 8", |e| {
+            matches!(e, VerifyError::Record { seq: 8, .. })
+        }),
+        ("dropped", "DELETE FROM audit WHERE seq = 9", |e| matches!(e, VerifyError::Record { seq: 9, .. })),
+        ("first dropped", "DELETE FROM audit WHERE seq = 1", |e| {
+            matches!(e, VerifyError::Record { seq: 1, .. })
+        }),
+        (
+            "reordered",
+            "UPDATE audit SET seq = -seq WHERE seq IN (3, 4); UPDATE audit SET seq = 7 + seq WHERE seq < 0",
+            |e| matches!(e, VerifyError::Record { seq: 3, .. } | VerifyError::Damaged(_)),
+        ),
+        ("cut off", "DELETE FROM audit WHERE seq > 10", |e| matches!(e, VerifyError::Record { seq: 11, .. })),
+        (
+            "cut off with its end",
+            "DELETE FROM audit WHERE seq > 10; UPDATE audit_head SET seq = 10, hash = (SELECT hash FROM audit WHERE seq = 10)",
+            |e| matches!(e, VerifyError::State { .. } | VerifyError::Record { seq: 11, .. }),
+        ),
+        ("state", "UPDATE version SET state = 'demoted' WHERE name = 'grasp@1.0.0'", state),
+        ("bundle", "UPDATE version SET bundle_digest = candidate_digest WHERE name = 'grasp@1.0.0'", state),
+        ("pointer", "UPDATE family SET active = 'grasp@1.0.0', pinned = NULL WHERE name = 'grasp'", state),
+        ("evidence", "UPDATE evidence SET json = '{\"is\":\"good\"}' WHERE kind = 'gate'", state),
+        ("activation", "DELETE FROM activation WHERE cause = 'gate'", state),
+        ("approval used again", "UPDATE approval SET consumed_seq = NULL", state),
+        (
+            "approval's words",
+            "UPDATE approval SET signed = replace(signed, '\"reason\":\"seen\"', '\"reason\":\"glad\"')",
+            |e| matches!(e, VerifyError::Approval { .. }),
+        ),
+        ("alarm", "DELETE FROM alarm", state),
+    ];
+    for (name, edit, expected) in table {
+        let folder = tempfile::tempdir().unwrap();
+        let key = made(folder.path());
+        let database = folder.path().join("holdpoint.db");
+        verify(&database, Some(&key)).unwrap();
+        let connection = Connection::open(&database).unwrap();
+        connection.execute_batch(UNLOCK).unwrap();
+        connection.execute_batch("PRAGMA ignore_check_constraints = ON").unwrap();
+        connection.execute_batch(edit).unwrap();
+        drop(connection);
+        let error = verify(&database, Some(&key)).expect_err(name);
+        assert!(expected(&error), "{name}: {error}");
+    }
+}
+
+fn state(error: &VerifyError) -> bool {
+    matches!(error, VerifyError::State { .. })
+}
+
+#[test]
+fn a_chain_written_anew_is_found_by_its_checkpoints() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    rewrite(folder.path(), "UPDATE audit SET body = '{\"edited\":1}' WHERE kind = 'decision' AND seq = 5");
+    let error = verify(&database, Some(&key)).unwrap_err();
+    assert!(error.to_string().contains("history was rewritten"), "{error}");
+    // Without checkpoints the new chain is as good as the old one: that is what they are for.
+    fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();
+    assert_eq!(verify(&database, Some(&key)).unwrap().checkpoints, 0);
+}
+
+#[test]
+fn checkpoints_of_others_are_refused() {
+    let (ours, theirs) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (our_key, their_key) = (made(ours.path()), made(theirs.path()));
+    let database = ours.path().join("holdpoint.db");
+    let error = verify(&database, Some(&their_key)).unwrap_err();
+    assert!(error.to_string().contains("public key"), "{error}");
+    for entry in fs::read_dir(theirs.path().join("checkpoints")).unwrap() {
+        let entry = entry.unwrap();
+        fs::copy(entry.path(), ours.path().join("checkpoints").join(entry.file_name())).unwrap();
+    }
+    for key in [Some(&our_key), None] {
+        let error = verify(&database, key).unwrap_err();
+        assert!(matches!(error, VerifyError::Checkpoint { .. }), "{error}");
+    }
+    let copied = tempfile::tempdir().unwrap();
+    fs::copy(&database, copied.path().join("copy.db")).unwrap();
+    let report = verify(&copied.path().join("copy.db"), Some(&our_key)).unwrap();
+    assert_eq!(report.checkpoints, 0, "a copy alone has none");
+}
+
+/// What can be read of a store.
+fn contents(database: &Path) -> Result<String, String> {
+    let read = || {
+        let views = Views::open(database)?;
+        let versions = views.versions(&VersionFilter::default())?;
+        let details: Result<Vec<_>, _> =
+            versions.0.iter().map(|version| views.version(&version.id)).collect();
+        let records: Vec<_> =
+            views.audit(&AuditFilter::default())?.iter().map(|record| record.hash).collect();
+        let (families, alarms, context) = (views.families()?, views.alarms()?, views.context()?);
+        Ok(format!(
+            "{details:?} {records:?} {families:?} {alarms:?} {context:?} {:?}",
+            views.open_requests()?
+        ))
+    };
+    read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
+}
+
+/// Flips one bit at a time: verifying finds it, or all that is read is as it was. Nothing panics.
+#[test]
+fn flipped_bits_are_found_or_harmless() {
+    const FLIPS: usize = 200;
+    let folder = tempfile::tempdir().unwrap();
+    let key = made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let good = fs::read(&database).unwrap();
+    let before = contents(&database).unwrap();
+    let mut found = 0;
+    let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
+    for flip in 0..FLIPS {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        let bit = usize::try_from(seed % (good.len() as u64 * 8)).unwrap();
+        let mut bad = good.clone();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        fs::write(&database, &bad).unwrap();
+        let verified = catch_unwind(|| verify(&database, Some(&key)));
+        let verified = verified.unwrap_or_else(|_| panic!("flip {flip} of bit {bit}: verify panicked"));
+        let opened = catch_unwind(|| Store::open(folder.path()).is_ok());
+        assert!(opened.is_ok(), "flip {flip} of bit {bit}: open panicked");
+        fs::write(&database, &bad).unwrap();
+        match verified {
+            Err(_) => found += 1,
+            Ok(_) => assert_eq!(contents(&database).as_ref(), Ok(&before), "flip {flip} of bit {bit}"),
+        }
+    }
+    // Most of so small a file is free space, where a flip changes nothing.
+    assert!(found > FLIPS / 10, "only {found} of {FLIPS} flips were found");
+}

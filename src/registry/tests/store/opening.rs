@@ -1,0 +1,202 @@
+//! What an engine finds when it comes: its store, another engine, somebody else's file.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use holdpoint_registry::{Store, StoreError};
+use rusqlite::Connection;
+
+use crate::support::*;
+
+/// A closed store with a little history.
+fn made(folder: &Path) {
+    let store = open(folder);
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    commit(&store, "activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
+}
+
+#[test]
+fn a_store_is_there_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    assert!(store.opening().created);
+    let (store_id, key) = (store.store_id().to_owned(), *store.public_key());
+    drop(store);
+    made(folder.path());
+    let store = open(folder.path());
+    assert!(!store.opening().created);
+    assert_eq!((store.store_id(), *store.public_key()), (store_id.as_str(), key));
+    assert_eq!(store.opening().head, store.views().unwrap().head().unwrap());
+    let layout = store.layout();
+    for path in [layout.store_key(), layout.lock()] {
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600, "{path:?}");
+    }
+    for folder in [layout.folder().to_owned(), layout.checkpoints(), layout.recordings(), layout.logs()] {
+        assert!(folder.is_dir(), "{folder:?}");
+    }
+}
+
+#[test]
+fn a_second_engine_is_told_who_has_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = open(folder.path());
+    bootstrap(&first, "grasp");
+    let error = Store::open(folder.path()).unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, StoreError::InUse { .. }), "{text}");
+    assert!(text.contains(&format!("process {} since 20", std::process::id())), "{text}");
+    // Reading needs no lock.
+    assert!(first.active_view().unwrap().active("grasp").unwrap().is_some());
+    drop(first);
+    open(folder.path());
+}
+
+/// Every way to damage or replace the database; each is refused, says why, and leaves the file as it was.
+#[test]
+fn other_files_are_refused_and_left_alone() {
+    type Make = fn(&Path);
+    let table: [(&str, Make, &str); 10] = [
+        ("empty", |db| fs::write(db, b"").unwrap(), "cut short"),
+        ("header only", |db| fs::write(db, &fs::read(db).unwrap()[..100]).unwrap(), "cut short"),
+        ("half", |db| fs::write(db, &fs::read(db).unwrap()[..8192]).unwrap(), "cut short"),
+        (
+            "one byte less",
+            |db| {
+                let bytes = fs::read(db).unwrap();
+                fs::write(db, &bytes[..bytes.len() - 1]).unwrap();
+            },
+            "cut short",
+        ),
+        ("text", |db| fs::write(db, "hello ".repeat(100)).unwrap(), "not an SQLite"),
+        (
+            "another program's",
+            |db| {
+                fs::remove_file(db).unwrap();
+                Connection::open(db).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
+            },
+            "another program",
+        ),
+        (
+            "newer",
+            |db| {
+                Connection::open(db).unwrap().pragma_update(None, "user_version", 99).unwrap();
+            },
+            "schema is 99",
+        ),
+        (
+            "a folder",
+            |db| {
+                fs::remove_file(db).unwrap();
+                fs::create_dir(db).unwrap();
+            },
+            "not a file",
+        ),
+        (
+            "a link",
+            |db| {
+                let there = db.with_extension("real");
+                fs::rename(db, &there).unwrap();
+                std::os::unix::fs::symlink(there, db).unwrap();
+            },
+            "link",
+        ),
+        ("gone", |db| fs::remove_file(db).unwrap(), "missing although"),
+    ];
+    for (name, make, message) in table {
+        let folder = tempfile::tempdir().unwrap();
+        made(folder.path());
+        let database = folder.path().join("holdpoint.db");
+        make(&database);
+        let before = fs::read(&database).ok();
+        let error = Store::open(folder.path()).expect_err(name).to_string();
+        assert!(error.contains(message) && error.contains("Hint:"), "{name}: {error}");
+        assert_eq!(fs::read(&database).ok(), before, "{name}");
+    }
+}
+
+#[test]
+fn an_older_copy_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let old = fs::read(&database).unwrap();
+    let store = open(folder.path());
+    commit(&store, "later", rollback(("grasp@1.1.0", 5), ("grasp@1.0.0", 3))).unwrap();
+    drop(store);
+    fs::write(&database, old).unwrap();
+    let error = Store::open(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("is missing or is not the one"), "{error}");
+}
+
+#[test]
+fn broken_registries_and_keys_are_refused() {
+    type Make = fn(&Path);
+    let table: [(&str, Make, &str); 5] = [
+        (
+            "nobody active",
+            |folder| {
+                run(folder, "UPDATE version SET state = 'demoted', provisional = 0 WHERE state = 'active'");
+            },
+            "pointer",
+        ),
+        (
+            "record dropped",
+            |folder| run(folder, "DROP TRIGGER audit_no_delete; DELETE FROM audit WHERE seq = 7"),
+            "follow",
+        ),
+        (
+            "tail dropped",
+            |folder| {
+                run(
+                    folder,
+                    "DROP TRIGGER audit_no_delete; DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)",
+                );
+            },
+            "ends at",
+        ),
+        ("key gone", |folder| fs::remove_file(folder.join("keys/store.key")).unwrap(), "key"),
+        (
+            "key for all",
+            |folder| {
+                fs::set_permissions(folder.join("keys/store.key"), fs::Permissions::from_mode(0o644))
+                    .unwrap();
+            },
+            "chmod",
+        ),
+    ];
+    for (name, make, message) in table {
+        let folder = tempfile::tempdir().unwrap();
+        made(folder.path());
+        make(folder.path());
+        let error = Store::open(folder.path()).expect_err(name).to_string();
+        assert!(error.contains(message), "{name}: {error}");
+    }
+}
+
+fn run(folder: &Path, sql: &str) {
+    Connection::open(folder.join("holdpoint.db")).unwrap().execute_batch(sql).unwrap();
+}
+
+#[test]
+fn a_folder_that_cannot_be_used_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    for path in [file.join("store"), Path::new("/proc/holdpoint").to_owned()] {
+        let error = Store::open(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("cannot make the store folder") && error.contains(path.to_str().unwrap()),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn a_half_made_database_is_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("holdpoint.new"), "half").unwrap();
+    assert!(open(folder.path()).opening().created);
+    made(folder.path());
+}

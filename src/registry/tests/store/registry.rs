@@ -1,0 +1,395 @@
+//! Versions, states, the active pointer, views.
+
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::State as S;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{
+    ActiveCause, AuditBody, AuditFilter, Change, Interrupted, StoreError, Transaction, VersionFilter,
+    VersionGroup, check_invariants, verify,
+};
+
+use crate::support::*;
+
+#[test]
+fn a_candidate_comes_replaces_and_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let view = store.active_view().unwrap();
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+    commit(&store, "activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
+    let active = view.active("grasp").unwrap().unwrap();
+    assert_eq!((active.id, active.pinned), (id("grasp@1.1.0"), Some(id("grasp@1.0.0"))));
+    assert!(active.provisional);
+    commit(&store, "rollback", rollback(("grasp@1.1.0", 5), ("grasp@1.0.0", 3))).unwrap();
+    assert_eq!(view.all().unwrap().len(), 1);
+    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+
+    let views = store.views().unwrap();
+    let detail = views.version(&id("grasp@1.1.0")).unwrap().unwrap();
+    assert_eq!(detail.summary.state, S::RolledBack);
+    assert_eq!(detail.summary.flags, Flags::default());
+    assert_eq!(detail.activations.iter().map(|a| a.cause.as_str()).collect::<Vec<_>>(), ["gate"]);
+    let kinds: Vec<_> = detail.evidence.iter().map(|e| e.kind).collect();
+    assert_eq!(kinds, [EvidenceKind::Gate, EvidenceKind::Rollback]);
+    let records =
+        views.audit(&AuditFilter { subject: Some("grasp@1.1.0".into()), ..Default::default() }).unwrap();
+    assert_eq!(detail.audit_links, records.iter().map(|r| r.seq).collect::<Vec<_>>());
+    assert_eq!(check_invariants(views.connection()).unwrap(), []);
+    let report = verify(&store.layout().database(), Some(store.public_key())).unwrap();
+    assert_eq!(report.records, views.head().unwrap().seq);
+    assert!(report.checkpoints >= 3, "{report:?}");
+}
+
+/// What must be refused, each on a store with grasp@1.0.0 active and grasp@1.1.0 shadowed with a gate record.
+#[test]
+fn refused_changes_leave_the_store_as_it_was() {
+    let gate = |text: &str, approvals_needed| ActiveCause::Gate { evidence: digest(text), approvals_needed };
+    let set_active = |active: Option<&str>, pinned: Option<&str>, cause| Change::SetActive {
+        family: family("grasp"),
+        active: active.map(id),
+        pinned: pinned.map(id),
+        cause,
+    };
+    let old_out = || set_state("grasp@1.0.0", 2, S::Active, S::Superseded);
+    let new_in = || set_state("grasp@1.1.0", 4, S::Shadowed, S::Active);
+    let both = |last: Change| vec![old_out(), new_in(), last];
+    let pin = Some("grasp@1.0.0");
+    let new = Some("grasp@1.1.0");
+    let flags = Flags { provisional: true, ..Flags::default() };
+    let long = "x".repeat(5000);
+    let note = |kind: &str, body: &str| {
+        let audit = vec![AuditBody { kind: kind.into(), subject: String::new(), body: body.into() }];
+        Transaction { command_id: "t".into(), at_ms: 1, wall_ms: 0, changes: vec![], audit }
+    };
+    let table: Vec<(&str, Transaction, &str)> = vec![
+        (
+            "stale row",
+            transaction("t", 1, vec![set_state("grasp@1.1.0", 3, S::Shadowed, S::Demoted)]),
+            "has changed",
+        ),
+        (
+            "stale state",
+            transaction("t", 1, vec![set_state("grasp@1.1.0", 4, S::Validated, S::Demoted)]),
+            "changed",
+        ),
+        (
+            "not allowed",
+            transaction("t", 1, vec![set_state("grasp@1.1.0", 4, S::Shadowed, S::Validated)]),
+            "cannot go",
+        ),
+        ("two active", transaction("t", 1, vec![new_in()]), "UNIQUE"),
+        ("none active", transaction("t", 1, vec![old_out()]), "pointer"),
+        ("no pointer", transaction("t", 1, vec![old_out(), new_in()]), "pointer"),
+        ("no gate record", transaction("t", 1, both(set_active(new, pin, gate("other", 0)))), "gate record"),
+        (
+            "no approval",
+            transaction("t", 1, both(set_active(new, pin, gate("gate grasp@1.1.0", 1)))),
+            "approval",
+        ),
+        ("no pin", transaction("t", 1, both(set_active(new, None, gate("gate grasp@1.1.0", 0)))), "pinned"),
+        (
+            "pin itself",
+            transaction("t", 1, both(set_active(new, new, gate("gate grasp@1.1.0", 0)))),
+            "pinned",
+        ),
+        ("second bootstrap", transaction("t", 1, both(set_active(new, pin, ActiveCause::Bootstrap))), "gate"),
+        (
+            "restore of a candidate",
+            transaction("t", 1, both(set_active(new, pin, ActiveCause::Restore))),
+            "restored",
+        ),
+        (
+            "re-arm while active",
+            transaction("t", 1, both(set_active(new, pin, ActiveCause::Rearm))),
+            "stopped",
+        ),
+        (
+            "other family",
+            transaction("t", 1, both(set_active(Some("place@1.0.0"), None, ActiveCause::Restore))),
+            "of the",
+        ),
+        (
+            "voided gate record",
+            transaction("t", 1, {
+                let mut all = vec![Change::VoidFamily { family: family("grasp"), reason: "test".into() }];
+                all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
+                all
+            }),
+            "no current gate",
+        ),
+        (
+            "gate record of another profile",
+            transaction("t", 1, {
+                let mut all = vec![context("human")];
+                all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
+                all
+            }),
+            "no current gate",
+        ),
+        (
+            "vacated but not stopped",
+            transaction(
+                "t",
+                1,
+                vec![
+                    set_state("grasp@1.0.0", 2, S::Active, S::Demoted),
+                    set_active(None, None, ActiveCause::Vacate),
+                ],
+            ),
+            "safe-stopped",
+        ),
+        (
+            "stopped but active",
+            transaction(
+                "t",
+                1,
+                vec![Change::SetFamily {
+                    family: family("grasp"),
+                    safe_stopped: true,
+                    reason: String::new(),
+                }],
+            ),
+            "safe-stopped",
+        ),
+        (
+            "candidate flags",
+            transaction("t", 1, vec![Change::SetFlags { version: id("grasp@1.1.0"), flags }]),
+            "provisional",
+        ),
+        ("registered twice", transaction("t", 1, vec![new_version("grasp@1.1.0", false)]), "already"),
+        (
+            "unknown version",
+            transaction("t", 1, vec![set_state("grasp@9.0.0", 1, S::Active, S::Demoted)]),
+            "no version",
+        ),
+        (
+            "NaN score",
+            transaction(
+                "t",
+                1,
+                vec![Change::SetScores {
+                    version: id("grasp@1.1.0"),
+                    kappas: [Some(f64::NAN), None, None, None],
+                    signature: None,
+                }],
+            ),
+            "kappa",
+        ),
+        (
+            "score above one",
+            transaction(
+                "t",
+                1,
+                vec![Change::SetScores {
+                    version: id("grasp@1.1.0"),
+                    kappas: [None, Some(1.5), None, None],
+                    signature: None,
+                }],
+            ),
+            "kappa",
+        ),
+        (
+            "evidence that is no JSON",
+            transaction(
+                "t",
+                1,
+                vec![Change::PutEvidence {
+                    version: id("grasp@1.1.0"),
+                    kind: EvidenceKind::Drill,
+                    json: "{NaN}".into(),
+                    digest: digest("x"),
+                }],
+            ),
+            "must be JSON",
+        ),
+        (
+            "long reason",
+            transaction("t", 1, vec![Change::VoidFamily { family: family("grasp"), reason: long }]),
+            "4096",
+        ),
+        ("forged record", note("state-set", "{}"), "does not write itself"),
+        ("record that is no JSON", note("decision", "{"), "must be JSON"),
+        ("clock back", transaction("t", 0, vec![]), "clock went back"),
+        ("no command id", transaction("", 1, vec![]), "command id"),
+        ("control character", transaction("a\u{1b}b", 1, vec![]), "command id"),
+        ("too many changes", transaction("t", 1, vec![context("sim"); 257]), "at most 256"),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    let head = store.views().unwrap().head().unwrap();
+    for (name, transaction, message) in table {
+        let error = store.commit(transaction).expect_err(name).to_string();
+        assert!(error.contains(message), "{name}: {error}");
+        assert_eq!(store.views().unwrap().head().unwrap(), head, "{name}");
+    }
+    verify(&store.layout().database(), Some(store.public_key())).unwrap();
+    commit(&store, "t", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
+}
+
+#[test]
+fn a_safe_stopped_family_is_re_armed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    let set_active = |active: Option<&str>, cause| Change::SetActive {
+        family: family("grasp"),
+        active: active.map(id),
+        pinned: None,
+        cause,
+    };
+    let stop =
+        |safe_stopped| Change::SetFamily { family: family("grasp"), safe_stopped, reason: "drill".into() };
+    commit(
+        &store,
+        "stop",
+        vec![
+            set_state("grasp@1.0.0", 2, S::Active, S::Demoted),
+            set_active(None, ActiveCause::Vacate),
+            stop(true),
+        ],
+    )
+    .unwrap();
+    let view = store.active_view().unwrap();
+    assert_eq!(view.all().unwrap(), []);
+    commit(&store, "requalify", vec![set_state("grasp@1.0.0", 3, S::Demoted, S::Shadowed)]).unwrap();
+    commit(
+        &store,
+        "rearm",
+        vec![
+            stop(false),
+            set_state("grasp@1.0.0", 4, S::Shadowed, S::Active),
+            set_active(Some("grasp@1.0.0"), ActiveCause::Rearm),
+        ],
+    )
+    .unwrap();
+    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+    verify(&store.layout().database(), None).unwrap();
+}
+
+#[test]
+fn a_retry_returns_the_first_receipt() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let first = commit(&store, "one", vec![new_version("grasp@1.0.0", true)]).unwrap();
+    assert_eq!(commit(&store, "one", vec![new_version("grasp@1.0.0", true)]).unwrap(), first);
+    let other = commit(&store, "one", vec![new_version("grasp@2.0.0", true)]);
+    assert!(matches!(other, Err(StoreError::CommandReused(_))), "{other:?}");
+    drop(store);
+    let store = open(folder.path());
+    assert_eq!(commit(&store, "one", vec![new_version("grasp@1.0.0", true)]).unwrap(), first);
+    assert_eq!(store.views().unwrap().head().unwrap().seq, first.last_seq);
+}
+
+#[test]
+fn equal_runs_give_equal_chains() {
+    let run = |wall_ms: i64| -> Digest {
+        let folder = tempfile::tempdir().unwrap();
+        let store = open(folder.path());
+        bootstrap(&store, "grasp");
+        shadowed(&store, "grasp@1.1.0");
+        let ada = person(&store, "ada");
+        commit(&store, "p", vec![Change::PutApproval(Box::new(approve(&store, &ada, "grasp@1.1.0", 1)))])
+            .unwrap();
+        let mut changes = vec![consume("grasp@1.1.0", 1)];
+        changes.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 1));
+        store.commit(Transaction { wall_ms, ..transaction("a", 5, changes) }).unwrap().head
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn lists_are_filtered_and_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "place");
+    bootstrap_only_registered(&store);
+    let views = store.views().unwrap();
+    let names = |filter: VersionFilter| -> (Vec<String>, usize) {
+        let (list, total) = views.versions(&filter).unwrap();
+        (list.into_iter().map(|version| version.id.to_string()).collect(), total)
+    };
+    let all = ["grasp@1.2.0", "grasp@1.10.0", "place@1.0.0"];
+    assert_eq!(names(VersionFilter::default()), (all.map(String::from).to_vec(), 3));
+    let page = VersionFilter { offset: 1, limit: 1, ..Default::default() };
+    assert_eq!(names(page), (vec!["grasp@1.10.0".into()], 3));
+    for (group, count) in [
+        (VersionGroup::All, 3),
+        (VersionGroup::Active, 1),
+        (VersionGroup::Candidate, 2),
+        (VersionGroup::History, 0),
+    ] {
+        assert_eq!(names(VersionFilter { group, ..Default::default() }).1, count, "{group:?}");
+    }
+    assert_eq!(names(VersionFilter { family: Some("grasp".into()), ..Default::default() }).1, 2);
+    assert_eq!(names(VersionFilter { text: Some("1.1".into()), ..Default::default() }).1, 1);
+    assert_eq!(names(VersionFilter { text: Some("' OR 1".into()), ..Default::default() }).1, 0);
+    assert_eq!(names(VersionFilter { state: Some(S::Active), ..Default::default() }).1, 1);
+}
+
+fn bootstrap_only_registered(store: &holdpoint_registry::Store) {
+    let changes = vec![new_version("grasp@1.10.0", false), new_version("grasp@1.2.0", false)];
+    commit(store, "two", changes).unwrap();
+}
+
+#[test]
+fn what_was_interrupted_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    commit(&store, "a", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
+    commit(&store, "n", vec![new_version("grasp@1.2.0", false)]).unwrap();
+    let running = |name: &str, flags| Change::SetFlags { version: id(name), flags };
+    let stage = holdpoint_governance::lifecycle::Stage::Sandbox;
+    commit(
+        &store,
+        "f",
+        vec![
+            running("grasp@1.2.0", Flags { running: Some(stage), ..Flags::default() }),
+            running("grasp@1.1.0", Flags { provisional: true, rollback_pending: true, ..Flags::default() }),
+        ],
+    )
+    .unwrap();
+    drop(store);
+    let found = open(folder.path()).opening().interrupted.clone();
+    assert_eq!(
+        found,
+        [
+            Interrupted::RollbackPending { version: id("grasp@1.1.0") },
+            Interrupted::Provisional { version: id("grasp@1.1.0") },
+            Interrupted::Stage { version: id("grasp@1.2.0"), stage },
+        ]
+    );
+}
+
+#[test]
+fn exported_lines_are_the_chain() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    let mut out = Vec::new();
+    let count = store.export(0, &mut out).unwrap();
+    let text = String::from_utf8(out).unwrap();
+    assert_eq!(text.lines().count() as u64, count);
+    let mut prev = "0".repeat(64);
+    for line in text.lines() {
+        let record: serde_json::Value = serde_json::from_str(line).unwrap();
+        assert_eq!(record["prev"], prev.as_str());
+        prev = record["hash"].as_str().unwrap().to_owned();
+    }
+    struct Gone;
+    impl std::io::Write for Gone {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            Err(std::io::ErrorKind::BrokenPipe.into())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    assert_eq!(store.export(0, &mut Gone).unwrap(), 0);
+}

@@ -1,0 +1,190 @@
+//! A small registry to test the store with: families, candidates, gates, people.
+
+use std::path::Path;
+
+use holdpoint_approvals::{Approval, Identity, Nonce, SignedApproval};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{
+    ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
+};
+
+/// The states a candidate passes before it can be active.
+const STEPS: [(State, State); 3] = [
+    (State::Registered, State::Validated),
+    (State::Validated, State::Sandboxed),
+    (State::Sandboxed, State::Shadowed),
+];
+
+/// The digest of a text.
+pub fn digest(text: &str) -> Digest {
+    Digest::of_parts("test", &[text.as_bytes()])
+}
+
+/// A version's id.
+pub fn id(text: &str) -> CapabilityId {
+    text.parse().unwrap()
+}
+
+/// A family.
+pub fn family(text: &str) -> Family {
+    Family::new(text).unwrap()
+}
+
+/// A version to register.
+pub fn new_version(name: &str, baseline: bool) -> Change {
+    Change::RegisterVersion(Box::new(NewVersion {
+        id: id(name),
+        parent: None,
+        candidate_digest: digest(&format!("candidate {name}")),
+        manifest_digest: digest(&format!("manifest {name}")),
+        bundle_digest: digest(&format!("bundle {name}")),
+        manifest: format!(r#"{{"name":"{name}"}}"#),
+        submission: r#"{"author":"bob"}"#.into(),
+        author: "bob".into(),
+        provenance: "manual".into(),
+        risk: "low".into(),
+        permissions: "[]".into(),
+        environments: r#"["sim"]"#.into(),
+        baseline,
+    }))
+}
+
+/// A change of state.
+pub fn set_state(name: &str, expected_row_version: u64, from: State, to: State) -> Change {
+    Change::SetState { version: id(name), expected_row_version, from, to, reason: "test".into() }
+}
+
+/// A piece of evidence.
+pub fn evidence(name: &str, kind: EvidenceKind, text: &str) -> Change {
+    Change::PutEvidence {
+        version: id(name),
+        kind,
+        json: format!("{{\"is\":\"{text}\"}}"),
+        digest: digest(text),
+    }
+}
+
+/// The profile and policy.
+pub fn context(profile: &str) -> Change {
+    Change::SetContext { profile: profile.into(), policy_digest: digest(profile), json: "{}".into() }
+}
+
+/// A transaction with a command id of its own.
+pub fn transaction(command_id: &str, at_ms: u64, changes: Vec<Change>) -> Transaction {
+    let audit = vec![AuditBody { kind: "decision".into(), subject: String::new(), body: "{}".into() }];
+    Transaction { command_id: command_id.into(), at_ms, wall_ms: 1_700_000_000_000, changes, audit }
+}
+
+/// Commits changes under a command id at virtual time 1.
+pub fn commit(store: &Store, command_id: &str, changes: Vec<Change>) -> Result<Receipt, StoreError> {
+    store.commit(transaction(command_id, 1, changes))
+}
+
+/// A store with the family's baseline `<family>@1.0.0` active under profile `sim`.
+pub fn bootstrap(store: &Store, name: &str) {
+    let baseline = format!("{name}@1.0.0");
+    let changes = vec![
+        context("sim"),
+        new_version(&baseline, true),
+        set_state(&baseline, 1, State::Registered, State::Active),
+        Change::SetActive {
+            family: family(name),
+            active: Some(id(&baseline)),
+            pinned: None,
+            cause: ActiveCause::Bootstrap,
+        },
+    ];
+    commit(store, &format!("bootstrap {name}"), changes).unwrap();
+}
+
+/// The changes that register a candidate and take it to `shadowed` (row version 4) with a gate record `gate <name>`.
+pub fn shadowing(name: &str) -> Vec<Change> {
+    let mut changes = vec![new_version(name, false)];
+    for (row_version, (from, to)) in (1..).zip(STEPS) {
+        changes.push(set_state(name, row_version, from, to));
+    }
+    changes.push(evidence(name, EvidenceKind::Gate, &format!("gate {name}")));
+    changes
+}
+
+/// A candidate at `shadowed`.
+pub fn shadowed(store: &Store, name: &str) {
+    commit(store, &format!("shadowed {name}"), shadowing(name)).unwrap();
+}
+
+/// The changes that make `name` active in place of `old`, whose row version is given.
+pub fn activation(name: &str, old: (&str, u64), approvals_needed: u32) -> Vec<Change> {
+    vec![
+        set_state(old.0, old.1, State::Active, State::Superseded),
+        set_state(name, 4, State::Shadowed, State::Active),
+        Change::SetActive {
+            family: id(name).family,
+            active: Some(id(name)),
+            pinned: Some(id(old.0)),
+            cause: ActiveCause::Gate { evidence: digest(&format!("gate {name}")), approvals_needed },
+        },
+        Change::SetFlags { version: id(name), flags: Flags { provisional: true, ..Flags::default() } },
+    ]
+}
+
+/// The changes that take the active `name` out and restore `old`, with their row versions.
+pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
+    vec![
+        set_state(name.0, name.1, State::Active, State::RolledBack),
+        set_state(old.0, old.1, State::Superseded, State::Active),
+        Change::SetActive {
+            family: id(name.0).family,
+            active: Some(id(old.0)),
+            pinned: None,
+            cause: ActiveCause::Restore,
+        },
+        evidence(name.0, EvidenceKind::Rollback, "rollback"),
+    ]
+}
+
+/// Someone who may decide.
+pub fn person(store: &Store, name: &str) -> Identity {
+    Identity::create(&store.layout().identities(), name, Role::Operator).unwrap()
+}
+
+/// An approval of the shadowed `name` on its gate record, until 1000 ms.
+pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedApproval {
+    who.sign(approval(store, name, nonce))
+}
+
+/// As [`approve`], not yet signed.
+pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
+    Approval {
+        who: String::new(),
+        role: Role::Operator,
+        decision: Answer::Approve,
+        reason: "seen".into(),
+        version: id(name),
+        candidate_digest: digest(&format!("candidate {name}")),
+        row_version: 4,
+        evidence_digest: digest(&format!("gate {name}")),
+        policy_digest: digest("sim"),
+        profile: "sim".into(),
+        store_id: store.store_id().into(),
+        nonce: Nonce::from_bytes([nonce; 16]),
+        not_after_ms: 1000,
+    }
+}
+
+/// Uses an approval of `name`.
+pub fn consume(name: &str, nonce: u8) -> Change {
+    Change::ConsumeApproval {
+        nonce: Nonce::from_bytes([nonce; 16]).to_string(),
+        evidence_digest: digest(&format!("gate {name}")),
+    }
+}
+
+/// Opens a store.
+pub fn open(folder: &Path) -> Store {
+    Store::open(folder).unwrap()
+}

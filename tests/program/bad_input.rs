@@ -1,0 +1,304 @@
+//! Bad input, through the real program: one error that names what is wrong, exit code 2, and a store that is as
+//! it was.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use holdpoint::registry::{Layout, Store, Views};
+
+const IMPROVED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
+
+fn holdpoint(data: &Path, words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .arg("--data")
+        .arg(data)
+        .args(words)
+        .env_remove("XDG_DATA_HOME")
+        .output()
+        .unwrap()
+}
+
+/// A store that an engine made, with its head and its files' sizes.
+struct Fixture {
+    root: tempfile::TempDir,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        let fixture = Self { root: tempfile::tempdir().unwrap() };
+        let made = holdpoint(&fixture.data(), &["candidate", "register", IMPROVED]);
+        assert!(made.status.success(), "{made:?}");
+        fixture
+    }
+
+    fn data(&self) -> PathBuf {
+        self.root.path().join("store")
+    }
+
+    fn head(&self) -> String {
+        format!("{:?}", Views::open(&Layout::new(self.data()).database()).unwrap().head().unwrap())
+    }
+
+    /// A copy of a good candidate under a new version, changed.
+    fn candidate(&self, name: &str, change: impl FnOnce(&Path)) -> String {
+        let folder = self.root.path().join(name);
+        fs::create_dir(&folder).unwrap();
+        for file in ["manifest.toml", "submission.toml", "params.toml"] {
+            fs::copy(Path::new(IMPROVED).join(file), folder.join(file)).unwrap();
+        }
+        replace(&folder.join("manifest.toml"), "version = \"1.1.0\"", "version = \"1.7.0\"");
+        change(&folder);
+        folder.to_str().unwrap().to_owned()
+    }
+
+    fn file(&self, name: &str, text: &str) -> String {
+        let path = self.root.path().join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+
+    /// Exit code 2, one error with these words, nothing else said, and the store as it was.
+    fn refuses(&self, case: &str, words: &[&str], expected: &[&str]) {
+        let before = self.head();
+        check(case, &holdpoint(&self.data(), words), expected);
+        assert_eq!(self.head(), before, "{case}");
+    }
+}
+
+fn check(case: &str, output: &Output, expected: &[&str]) {
+    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{case}: {stderr}");
+    assert_eq!(stderr.matches("error: ").count(), 1, "{case}: {stderr}");
+    assert!(stderr.starts_with("error: "), "{case}: {stderr}");
+    assert!(stderr.lines().count() <= 2, "{case}: {stderr}");
+    for word in expected {
+        assert!(stderr.contains(word), "{case}: {word:?} is not in {stderr:?}");
+    }
+    assert!(output.stdout.is_empty(), "{case}: {output:?}");
+}
+
+fn replace(path: &Path, from: &str, to: &str) {
+    let text = fs::read_to_string(path).unwrap();
+    assert!(text.contains(from), "{from:?} is not in {path:?}");
+    fs::write(path, text.replacen(from, to, 1)).unwrap();
+}
+
+/// A change of a candidate's folder.
+type Change = fn(&Path);
+
+#[test]
+fn candidates() {
+    let manifest = |folder: &Path, from: &str, to: &str| replace(&folder.join("manifest.toml"), from, to);
+    let cases: &[(&str, Change, &[&str])] = &[
+        (
+            "unknown-field",
+            |f| replace(&f.join("manifest.toml"), "name =", "surprise = 1\nname ="),
+            &["manifest.toml:1", "surprise"],
+        ),
+        (
+            "wrong-unit",
+            |f| replace(&f.join("manifest.toml"), "unit = \"m\"", "unit = \"furlong\""),
+            &["manifest.toml", "furlong"],
+        ),
+        (
+            "nan-limit",
+            |f| replace(&f.join("manifest.toml"), "max_force_n = 25.0", "max_force_n = nan"),
+            &["manifest.toml", "max_force_n"],
+        ),
+        ("no-params", |f| fs::remove_file(f.join("params.toml")).unwrap(), &["params.toml"]),
+        ("no-submission", |f| fs::remove_file(f.join("submission.toml")).unwrap(), &["submission.toml"]),
+        ("no-manifest", |f| fs::remove_file(f.join("manifest.toml")).unwrap(), &["manifest.toml"]),
+        ("no-controller", |f| replace(&f.join("manifest.toml"), "native:grasp", "native:gasp"), &["gasp"]),
+        (
+            "no-component",
+            |f| replace(&f.join("manifest.toml"), "native:grasp", "skill.wasm"),
+            &["skill.wasm"],
+        ),
+        (
+            "outside",
+            |f| replace(&f.join("manifest.toml"), "\"params.toml\"", "\"../params.toml\""),
+            &["manifest.toml", "../params.toml"],
+        ),
+        (
+            "linked-out",
+            |f| {
+                let outside = f.parent().unwrap().join("outside.toml");
+                fs::rename(f.join("params.toml"), outside).unwrap();
+                std::os::unix::fs::symlink("../outside.toml", f.join("params.toml")).unwrap();
+            },
+            &["params.toml"],
+        ),
+        (
+            "nan-parameter",
+            |f| replace(&f.join("params.toml"), "contact_stop_n = ", "contact_stop_n = nan # "),
+            &["params.toml", "contact_stop_n"],
+        ),
+        (
+            "unknown-parameter",
+            |f| replace(&f.join("params.toml"), "track = ", "trick = "),
+            &["params.toml", "trick"],
+        ),
+        (
+            "ten-megabytes",
+            |f| fs::write(f.join("manifest.toml"), vec![b'#'; 10_000_000]).unwrap(),
+            &["manifest.toml", "262144"],
+        ),
+        (
+            "no-text",
+            |f| fs::write(f.join("manifest.toml"), b"name = \"\xff\xfe\"").unwrap(),
+            &["manifest.toml", "UTF-8"],
+        ),
+        (
+            "control-characters",
+            |f| replace(&f.join("submission.toml"), "\"skill-lab\"", "\"\\u001b[2J\""),
+            &["submission.toml"],
+        ),
+    ];
+    let fixture = Fixture::new();
+    for (name, change, expected) in cases {
+        let folder = fixture.candidate(name, change);
+        fixture.refuses(name, &["candidate", "register", &folder], expected);
+        // The check that needs no store says the same.
+        let checked = holdpoint(&fixture.data(), &["candidate", "check", &folder]);
+        assert_eq!(checked.status.code(), Some(2), "{name}: {checked:?}");
+    }
+    fixture.refuses("no folder", &["candidate", "register", "/nowhere/at-all"], &["/nowhere/at-all"]);
+    fixture.refuses("a second time", &["candidate", "register", IMPROVED], &["grasp@1.1.0"]);
+    // The same folder unchanged is good: what was refused was the change.
+    let good = fixture.candidate("good", |folder| manifest(folder, "1.7.0", "1.8.0"));
+    let taken = holdpoint(&fixture.data(), &["candidate", "register", &good]);
+    assert!(taken.status.success(), "{taken:?}");
+}
+
+#[test]
+fn names_that_are_not_there() {
+    let fixture = Fixture::new();
+    let signed = ["--as", "mara", "--reason", "because"];
+    for (words, expected) in [
+        (vec!["rollback", "grab"], &["grab", "align, grasp, park, place"][..]),
+        (vec!["reject", "grasp@9.9.9"], &["grasp@9.9.9"]),
+        (vec!["demote", "grasp@9.9.9"], &["grasp@9.9.9"]),
+        (vec!["approve", "grasp@9.9.9", "--digest", "0123abcd"], &["grasp@9.9.9"]),
+        (vec!["approve", "grasp@1.1.0", "--digest", "0123abcd"], &["mara", "holdpoint identity new mara"]),
+        (vec!["pause", "grab"], &["grab"]),
+        (vec!["resume"], &["mara"]),
+    ] {
+        let words: Vec<&str> = words.into_iter().chain(signed).collect();
+        fixture.refuses(&words.join(" "), &words, expected);
+    }
+    for words in [&["status", "grab"][..], &["status", "grasp@9.9.9"], &["registry", "show", "grasp@9.9.9"]] {
+        fixture.refuses(&words.join(" "), words, &["there is no"]);
+    }
+}
+
+#[test]
+fn scenarios_and_robots() {
+    let fixture = Fixture::new();
+    for (name, text, expected) in [
+        ("word.toml", "profile = \"sim\"\n[[step]]\nregsiter = \"x\"\n", "regsiter"),
+        ("syntax.toml", "profile = \"sim\n", "syntax.toml"),
+        ("none.toml", "profile = \"sim\"\nstep = []\n", "0 steps"),
+        ("profile.toml", "profile = \"moon\"\n[[step]]\nregister = \"x\"\n", "moon"),
+        (
+            "nan.toml",
+            "profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }\n",
+            "timeout_s",
+        ),
+    ] {
+        let script = fixture.file(name, text);
+        fixture.refuses(name, &["run", "--headless", "--script", &script], &[name, expected]);
+    }
+    fixture.refuses("no script", &["run", "--headless", "--script", "/nowhere.toml"], &["/nowhere.toml"]);
+    fixture.refuses("no robot", &["run", "--plain", "--robot", "/nowhere.urdf"], &["/nowhere.urdf"]);
+}
+
+#[test]
+fn places_that_cannot_be_used() {
+    let fixture = Fixture::new();
+    // A folder below a file can be made by nobody, not even by root.
+    let below_a_file = PathBuf::from(fixture.file("file", "")).join("store");
+    let output = holdpoint(&below_a_file, &["candidate", "register", IMPROVED]);
+    check("unwritable", &output, &["store", "Not a directory"]);
+
+    let whole = fs::read(Layout::new(fixture.data()).database()).unwrap();
+    for (name, bytes) in
+        [("cut short", &whole[..whole.len() / 2]), ("a stub", &whole[..50]), ("foreign", b"hello, world")]
+    {
+        let root = tempfile::tempdir().unwrap();
+        let data = root.path().join("store");
+        copy(&fixture.data(), &data);
+        let database = Layout::new(&data).database();
+        fs::write(&database, bytes).unwrap();
+        for words in [&["status"][..], &["candidate", "register", IMPROVED], &["run", "--plain"]] {
+            check(name, &holdpoint(&data, words), &["holdpoint.db"]);
+            assert_eq!(fs::read(&database).unwrap(), bytes, "{name}: {words:?}");
+        }
+    }
+    let nothing = fixture.root.path().join("nothing");
+    for words in [&["status"][..], &["rollback", "grasp", "--as", "mara", "--reason", "x"]] {
+        check("no store", &holdpoint(&nothing, words), &["there is no store"]);
+        assert!(!nothing.exists(), "looking makes no store");
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_second_engine_on_the_same_store() {
+    let fixture = Fixture::new();
+    let script = fixture.file("good.toml", "profile = \"sim\"\n[[step]]\nregister = \"grasp-improved\"\n");
+    let first = Store::open(fixture.data()).unwrap();
+    let owner = format!("process {}", std::process::id());
+    for words in [
+        &["run", "--plain"][..],
+        &["run", "--headless", "--script", &script],
+        &["candidate", "register", "grasp-hard-grip"],
+        &["rollback", "grasp", "--as", "mara", "--reason", "because"],
+    ] {
+        fixture.refuses(&words.join(" "), words, &["in use", &owner]);
+    }
+    drop(first);
+}
+
+/// A circle of dependencies is no bad input but an incompatible candidate: it is taken in, and rejected by the
+/// rules with the reason on record.
+#[test]
+fn a_circle_of_dependencies_is_rejected() {
+    let fixture = Fixture::new();
+    let place = fixture.root.path().join("place");
+    copy(&Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/place-robust"), &place);
+    let depends = |folder: &Path, on: &str| {
+        replace(
+            &folder.join("manifest.toml"),
+            "[deployment]\n",
+            &format!("[deployment.dependencies]\n{on} = \"^1\"\n\n[deployment]\n"),
+        );
+    };
+    depends(&place, "grasp");
+    let grasp = fixture.candidate("circle", |folder| depends(folder, "place"));
+    let script = fixture.file(
+        "circle.toml",
+        &format!(
+            "profile = \"sim\"\n[[step]]\nregister = \"{}\"\n[[step]]\nregister = \"{grasp}\"\n\
+             [[step]]\nwait = {{ state = \"rejected\", timeout_s = 1000 }}\n\
+             [[step]]\nexpect = {{ state = \"rejected\", stage = \"validation\", dimension = \"interface\" }}\n",
+            place.display()
+        ),
+    );
+    let fresh = fixture.root.path().join("fresh");
+    let output = holdpoint(&fresh, &["run", "--headless", "--script", &script]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let status = holdpoint(&fresh, &["status", "grasp@1.7.0", "--until", "confirmed"]);
+    assert_eq!(status.status.code(), Some(1), "{status:?}");
+}

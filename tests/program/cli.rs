@@ -1,0 +1,161 @@
+//! The verbs that only read, on a store that holds something, in both output forms.
+
+use std::path::Path;
+
+use clap::Parser as _;
+use holdpoint::cli::{
+    Cli, CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, dispatch, run, status,
+};
+use holdpoint::registry::Store;
+use serde_json::Value;
+
+use crate::store::{bootstrap, commit, shadowing, transaction};
+
+/// An engine that nobody may ask here.
+struct NoEngine;
+
+impl EngineVerbs for NoEngine {
+    fn run(&mut self, _: &Context, _: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to run"))
+    }
+    fn register(
+        &mut self,
+        _: &Context,
+        _: &candidate::RegisterArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to register"))
+    }
+    fn status(&mut self, _: &Context, _: &status::StatusArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked for the status"))
+    }
+    fn decide(&mut self, _: &Context, _: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to decide"))
+    }
+    fn bench(&mut self, _: &Context, _: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to measure"))
+    }
+}
+
+/// Runs a command line on a store; answers how it ended and what was printed.
+fn ask(data: &Path, line: &str) -> (Exit, String) {
+    let words = ["holdpoint", "--data", data.to_str().unwrap()].into_iter().chain(line.split_whitespace());
+    let cli = Cli::try_parse_from(words).unwrap();
+    let mut printed = Vec::new();
+    let ended = dispatch(&cli, &mut NoEngine, &mut Output::to(&mut printed, cli.json)).unwrap();
+    (ended, String::from_utf8(printed).unwrap())
+}
+
+fn json(data: &Path, line: &str) -> Value {
+    let (ended, text) = ask(data, &format!("{line} --json"));
+    assert_eq!(ended, Exit::Confirmed, "{line}: {text}");
+    serde_json::from_str(&text).unwrap()
+}
+
+fn filled() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    bootstrap(&store, "grasp");
+    commit(&store, "candidate", shadowing("grasp@1.1.0")).unwrap();
+    folder
+}
+
+#[test]
+fn the_registry_is_shown() {
+    let folder = filled();
+    let data = folder.path();
+    for (view, expected) in [
+        ("all", &["grasp@1.0.0", "grasp@1.1.0"][..]),
+        ("active", &["grasp@1.0.0"]),
+        ("candidates", &["grasp@1.1.0"]),
+        ("history", &[]),
+    ] {
+        let listed = json(data, &format!("registry list --view {view}"));
+        let names: Vec<&str> = listed["versions"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|row| row["version"].as_str().unwrap())
+            .collect();
+        assert_eq!(names, expected, "{view}");
+        let (_, text) = ask(data, &format!("registry list --view {view}"));
+        assert!(expected.iter().all(|name| text.contains(name)), "{text}");
+    }
+    let listed = json(data, "registry list --limit 1");
+    assert_eq!((listed["total"].as_u64(), listed["versions"].as_array().unwrap().len()), (Some(2), 1));
+    assert!(ask(data, "registry list --limit 1").1.contains("1 more"));
+
+    let shown = json(data, "registry show grasp@1.1.0");
+    assert_eq!(shown["summary"]["state"], "shadowed");
+    assert_eq!(shown["evidence"][0]["body"]["is"], "gate grasp@1.1.0");
+    let (_, text) = ask(data, "registry show grasp@1.1.0");
+    assert!(text.contains("shadowed") && text.contains("gate"), "{text}");
+
+    let history = json(data, "registry history grasp");
+    assert_eq!(history["active"], "grasp@1.0.0");
+    assert_eq!(history["activations"][0]["cause"], "bootstrap");
+    assert!(ask(data, "registry history grasp").1.contains("bootstrap"));
+}
+
+#[test]
+fn the_audit_log_is_listed_exported_and_verified() {
+    let folder = filled();
+    let data = folder.path();
+    let (_, text) = ask(data, "audit list --json");
+    let records: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let newest = records[0]["seq"].as_u64().unwrap();
+    assert_eq!(records.len() as u64, newest, "the newest first, none left out");
+    assert_eq!(ask(data, "audit list --limit 2 --json").1.lines().count(), 2);
+    assert_eq!(ask(data, "audit export").1.lines().count() as u64, newest);
+    assert_eq!(ask(data, &format!("audit export --from {newest}")).1.lines().count(), 1);
+    let verified = json(data, "audit verify");
+    assert_eq!(
+        (verified["sound"].as_bool(), verified["report"]["records"].as_u64()),
+        (Some(true), Some(newest))
+    );
+    assert_eq!(verified["report"]["key_given"], true);
+}
+
+#[test]
+fn a_forged_record_is_named_and_ends_with_a_rejection() {
+    let folder = filled();
+    let database = folder.path().join("holdpoint.db");
+    let bytes = std::fs::read(&database).unwrap();
+    // The bodies of evidence are kept as text: changing one word in place leaves the file well formed.
+    let (from, to) = (b"gate grasp@1.1.0", b"gate grasp@9.9.9");
+    let forged: Vec<u8> = {
+        let mut bytes = bytes.clone();
+        let places: Vec<usize> =
+            (0..bytes.len() - from.len()).filter(|at| bytes[*at..].starts_with(from)).collect();
+        assert!(!places.is_empty(), "the evidence is not in the file");
+        for at in places {
+            bytes[at..at + to.len()].copy_from_slice(to);
+        }
+        bytes
+    };
+    std::fs::write(&database, forged).unwrap();
+    let (ended, text) = ask(folder.path(), "audit verify");
+    assert_eq!(ended, Exit::Rejected, "{text}");
+    assert!(text.starts_with("not sound: "), "{text}");
+    let (ended, text) = ask(folder.path(), "audit verify --json");
+    assert_eq!(ended, Exit::Rejected);
+    assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["sound"], false);
+    // Put back, it is sound again.
+    std::fs::write(&database, bytes).unwrap();
+    assert_eq!(ask(folder.path(), "audit verify").0, Exit::Confirmed);
+}
+
+#[test]
+fn hostile_text_is_shown_escaped() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    bootstrap(&store, "grasp");
+    let mut hostile = transaction("hostile", 2, Vec::new());
+    hostile.audit[0].body = "{\"reason\":\"\u{9b}2J\u{202e}\"}".into();
+    store.commit(hostile).unwrap();
+    for line in ["audit list", "audit list --json", "audit export", "registry show grasp@1.0.0 --json"] {
+        let (_, text) = ask(folder.path(), line);
+        assert!(!text.contains(['\u{9b}', '\u{202e}', '\u{1b}']), "{line}: {text:?}");
+    }
+    assert!(ask(folder.path(), "audit list --json").1.contains(r"\u009b"));
+}

@@ -1,0 +1,374 @@
+//! The door between processes: who is answered, what is refused, what a slow subscriber loses, how it ends.
+
+use std::io::{BufRead, BufReader, Write};
+use std::ops::ControlFlow;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::door::{
+    CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Signals, Told, socket_path,
+};
+use holdpoint::engine::service::{Served, serve};
+use holdpoint::engine::trial::cache::EpisodeCache;
+use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
+use holdpoint::registry::Layout;
+use holdpoint::runtime::capability;
+use serde_json::{Value, json};
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+fn door(folder: &Path) -> Result<Door, DoorError> {
+    Door::open(&Layout::new(folder), Arc::new(AtomicBool::new(false)), Signals::Left)
+}
+
+/// An engine in a thread of its own, behind its door.
+fn engine(folder: &Path) -> JoinHandle<Served<()>> {
+    let folder = folder.to_owned();
+    let (ready, is_ready) = channel();
+    let thread = std::thread::spawn(move || {
+        let config = Config {
+            data: &folder,
+            profile: ProfileName::Sim,
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let mut engine = Engine::start(config).unwrap();
+        let mut door = Door::open(engine.layout(), engine.cancel(), Signals::Left).unwrap();
+        ready.send(()).unwrap();
+        serve(&mut engine, &mut door, |_, _| ControlFlow::<()>::Continue(()))
+    });
+    is_ready.recv_timeout(PATIENCE).unwrap();
+    thread
+}
+
+fn client(folder: &Path) -> Client {
+    Client::connect(&Layout::new(folder)).unwrap().expect("an engine answers")
+}
+
+fn drift(seq: u64, text: &str) -> Event {
+    Event {
+        seq,
+        at_ms: seq,
+        kind: EventKind::Drift { kind: Some(text.to_owned()), magnitude: "mild".to_owned() },
+    }
+}
+
+/// A connection that speaks by hand.
+struct Raw(BufReader<UnixStream>);
+
+impl Raw {
+    fn connect(folder: &Path) -> Self {
+        let stream = UnixStream::connect(socket_path(&Layout::new(folder))).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self(BufReader::new(stream))
+    }
+
+    fn send(&mut self, line: &str) {
+        // A door that has closed the connection already is what some of these are about.
+        drop(self.0.get_mut().write_all(line.as_bytes()));
+    }
+
+    /// The next document; `None` at the end.
+    fn read(&mut self) -> Option<Value> {
+        let mut line = String::new();
+        match self.0.read_line(&mut line) {
+            Ok(0) | Err(_) => None,
+            Ok(_) => Some(serde_json::from_str(&line).unwrap()),
+        }
+    }
+}
+
+#[test]
+fn a_client_is_answered_and_told_what_happens() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none(), "nobody answers yet");
+    let running = engine(folder.path());
+    let socket = socket_path(&Layout::new(folder.path()));
+    assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+
+    let mut told = client(folder.path()).subscribe().unwrap();
+    let mut asking = client(folder.path());
+    let Reply::Snapshot { snapshot } = asking.ask(Command::Snapshot).unwrap() else { panic!("no snapshot") };
+    assert_eq!(snapshot.families.len(), 4);
+
+    let candidate = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame");
+    let package = capability::read(&candidate).unwrap();
+    let command = Command::Register { package, name: "grasp-tool-frame".to_owned() };
+    let reply = asking.ask(command.clone()).unwrap();
+    let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
+    let again = asking.ask(command).unwrap();
+    assert!(matches!(again, Reply::Refused { code: Refusal::Exists, .. }), "{again:?}");
+
+    // Told in order: taken in, looked at, and rejected by the rules, without anybody asking again.
+    let mut kinds = Vec::new();
+    let mut last_seq = 0;
+    loop {
+        let Some(Told::Event(event)) = told.next(PATIENCE).unwrap() else {
+            panic!("nothing told: {kinds:?}")
+        };
+        assert!(event.seq > last_seq);
+        last_seq = event.seq;
+        match event.kind {
+            // Who subscribes at once is told of the baselines as well.
+            EventKind::Registered { version: ref registered, .. } if *registered == version => {
+                kinds.push("registered");
+            }
+            EventKind::AuditClosed { outcome, .. } => {
+                assert_eq!(outcome, "rejected");
+                break;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(kinds, ["registered"]);
+
+    let operation = Operation { version, by: "mara".to_owned(), reason: "too late".to_owned() };
+    let reply = asking.ask(Command::Pause(operation)).unwrap();
+    assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "{reply:?}");
+
+    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert_eq!(running.join().unwrap(), Served::Asked);
+    assert!(!socket.exists(), "the door is closed behind it");
+    assert!(matches!(asking.ask(Command::Snapshot), Err(DoorError::Ended { .. })));
+    assert!(loop {
+        match told.next(PATIENCE) {
+            Ok(Some(_)) => {}
+            Ok(None) => break false,
+            Err(error) => break matches!(error, DoorError::Ended { .. }),
+        }
+    });
+}
+
+#[test]
+fn a_retried_command_is_carried_out_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let package = capability::read(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame"),
+    )
+    .unwrap();
+    let call = json!({"call": "ask", "request": {"id": "one", "command": {
+        "command": "register", "package": package, "name": "x" }}});
+    let line = format!("{call}\n");
+    let answers: Vec<Value> = (0..2)
+        .map(|_| {
+            let mut raw = Raw::connect(folder.path());
+            assert_eq!(raw.read().unwrap()["answer"], "hello");
+            raw.send(&line);
+            raw.read().unwrap()
+        })
+        .collect();
+    assert_eq!(answers[0]["reply"]["reply"], "accepted", "{}", answers[0]);
+    assert_eq!(answers[0], answers[1]);
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    assert_eq!(running.join().unwrap(), Served::Asked);
+}
+
+#[test]
+fn what_is_no_call_closes_the_connection_and_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let long = "x".repeat(CALL_BYTES_MAX + 2);
+    for (line, expected) in [
+        ("\n", "no call"),
+        ("{}\n", "no call"),
+        ("{\"call\":\"ask\"}\n", "no call"),
+        ("{\"call\":\"subscribe\",\"surprise\":1}\n", "no call"),
+        (
+            "{\"call\":\"ask\",\"request\":{\"id\":\"a\",\"command\":{\"command\":\"open-the-gate\"}}}\n",
+            "no call",
+        ),
+        ("\u{0}\u{1}\n", "no call"),
+        (long.as_str(), "more than"),
+    ] {
+        let mut raw = Raw::connect(folder.path());
+        assert_eq!(raw.read().unwrap()["answer"], "hello");
+        raw.send(line);
+        let closed = raw.read().unwrap();
+        assert_eq!(closed["answer"], "closed", "{line:.60}");
+        assert!(closed["text"].as_str().unwrap().contains(expected), "{closed}");
+        assert_eq!(raw.read(), None);
+    }
+    // An id without measure is refused by itself.
+    let mut raw = Raw::connect(folder.path());
+    raw.read().unwrap();
+    for id in [String::new(), "i".repeat(129)] {
+        raw.send(&format!(
+            "{}\n",
+            json!({"call": "ask", "request": {"id": id, "command": {"command": "snapshot"}}})
+        ));
+        assert_eq!(raw.read().unwrap()["reply"]["code"], "bad-input");
+    }
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    assert_eq!(running.join().unwrap(), Served::Asked);
+}
+
+#[test]
+fn a_slow_subscriber_is_told_how_much_it_missed() {
+    let folder = tempfile::tempdir().unwrap();
+    let door = door(folder.path()).unwrap();
+    let mut slow = client(folder.path()).subscribe().unwrap();
+    // Far more than the ring and the socket's buffers hold.
+    let (count, text) = (30_000, "x".repeat(200));
+    for seq in 1..=count {
+        door.publish(&[drift(seq, &text)]);
+    }
+    let (mut read, mut missed, mut last) = (0, 0, 0);
+    while last < count {
+        match slow.next(PATIENCE).unwrap().expect("the rest is told") {
+            Told::Event(event) => {
+                assert_eq!(event.seq, last + 1, "what is missing was said before");
+                last = event.seq;
+                read += 1;
+            }
+            Told::Missed(many) => {
+                missed += many;
+                last += many;
+            }
+        }
+    }
+    assert!(missed > 0, "{read} read");
+    assert_eq!(read + missed, count);
+    assert!(read >= EVENTS_KEPT as u64);
+}
+
+#[test]
+fn there_are_only_so_many_connections() {
+    let folder = tempfile::tempdir().unwrap();
+    let _door = door(folder.path()).unwrap();
+    let mut open: Vec<Raw> = (0..CONNECTIONS_MAX)
+        .map(|_| {
+            let mut raw = Raw::connect(folder.path());
+            assert_eq!(raw.read().unwrap()["answer"], "hello");
+            raw
+        })
+        .collect();
+    let mut one_more = Raw::connect(folder.path());
+    assert_eq!(one_more.read().unwrap()["answer"], "closed");
+    assert_eq!(one_more.read(), None);
+    let error = Client::connect(&Layout::new(folder.path())).unwrap_err();
+    assert!(error.to_string().contains("connections are open"), "{error}");
+    // One that leaves makes room, as soon as the door has noticed.
+    open.pop();
+    let until = std::time::Instant::now() + PATIENCE;
+    while Client::connect(&Layout::new(folder.path())).is_err() {
+        assert!(std::time::Instant::now() < until);
+    }
+}
+
+#[test]
+fn whoever_waits_when_the_engine_ends_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut door = door(folder.path()).unwrap();
+    let mut asking = client(folder.path());
+    let asked = std::thread::spawn(move || asking.ask(Command::Snapshot));
+    // The request is there; the engine never comes to it.
+    door.wait(PATIENCE);
+    drop(door);
+    let reply = asked.join().unwrap().unwrap();
+    assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "{reply:?}");
+}
+
+#[test]
+fn the_name_is_taken_from_the_dead_and_from_nobody_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = socket_path(&Layout::new(folder.path()));
+    // A leftover: bound once, nobody listens any more.
+    drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
+    assert!(socket.exists());
+    assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none());
+    let first = door(folder.path()).unwrap();
+    let error = door(folder.path()).err().unwrap().to_string();
+    assert!(error.contains("served by another engine"), "{error}");
+    assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_some());
+    drop(first);
+    assert!(!socket.exists());
+    // A file of that name is not removed.
+    std::fs::write(&socket, "mine").unwrap();
+    let error = door(folder.path()).err().unwrap().to_string();
+    assert!(error.contains("is not a socket"), "{error}");
+    assert_eq!(std::fs::read_to_string(&socket).unwrap(), "mine");
+}
+
+#[test]
+fn a_path_that_does_not_fit_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let deep = folder.path().join("d".repeat(120));
+    std::fs::create_dir(&deep).unwrap();
+    let error = door(&deep).err().unwrap().to_string();
+    assert!(error.contains("at most 107") && error.contains("--data"), "{error}");
+    assert!(Client::connect(&Layout::new(&deep)).unwrap().is_none());
+}
+
+#[test]
+fn every_answer_survives_the_wire() {
+    for answer in [
+        Answer::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
+        Answer::Subscribed,
+        Answer::Event { event: Box::new(drift(1, "\u{1b}[2J\n")) },
+        Answer::Lagged { missed: 3 },
+        Answer::Closed { text: "why".to_owned() },
+    ] {
+        let line = holdpoint::protocol::wire::line(&answer).unwrap();
+        assert_eq!(line.matches('\n').count(), 1, "{line}");
+        assert_eq!(serde_json::from_str::<Answer>(&line).unwrap(), answer);
+    }
+}
+
+#[test]
+fn verbs_talk_to_the_engine_that_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let ask = |line: &str| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+            .arg("--data")
+            .arg(folder.path())
+            .args(line.split_whitespace())
+            .output()
+            .unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        (output.status.code().unwrap(), text, String::from_utf8(output.stderr).unwrap())
+    };
+    for (line, code, expected) in [
+        ("candidate register grasp-tool-frame", 0, "is registered"),
+        ("candidate register grasp-tool-frame", 2, "registered already"),
+        ("identity new mara --role engineer", 0, "mara"),
+        ("status grasp --until validated --timeout 60", 1, "rejected"),
+        ("status", 0, "engine   running, profile sim"),
+        ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "nothing waits"),
+        ("pause grasp --as mara --reason look", 3, "no version of grasp is on its way"),
+        ("demote grasp@1.0.0 --as mara --reason again", 0, "demoted"),
+        ("rollback grasp --as mara --reason drops", 3, "safe-stopped"),
+        ("status grasp@1.0.0 --until confirmed --timeout 1", 3, "demoted"),
+        ("rollback place --as nobody-known --reason drops", 3, "no version of place is active"),
+        ("status place@1.0.0 --until demoted --timeout 1", 0, "SAFE-STOPPED"),
+        ("audit verify", 0, "sound"),
+    ] {
+        let (got, text, error) = ask(line);
+        assert_eq!(got, code, "{line}: {text}{error}");
+        assert!(format!("{text}{error}").contains(expected), "{line}: {text}{error}");
+    }
+    let (_, text, _) = ask("status --json");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["engine_running"], true);
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    assert_eq!(running.join().unwrap(), Served::Asked);
+    let (_, text, _) = ask("status --json");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["engine_running"], false);
+}

@@ -1,0 +1,57 @@
+//! `holdpoint explain` on the stores of scenarios, against what it is to print.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// The program with arguments and a store.
+fn holdpoint(arguments: &[&str], data: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
+}
+
+fn printed(output: &Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+/// Scenarios that simulate nothing: their stores are the same whatever the physics becomes.
+const GOLDEN: [(&str, &str, &str); 2] = [
+    ("reject-interface", "grasp-tool-frame", include_str!("explain/reject-interface.txt")),
+    ("reject-policy", "grasp-direct-bus", include_str!("explain/reject-policy.txt")),
+];
+
+#[test]
+fn what_is_printed_is_what_was_agreed() {
+    for (scenario, candidate, expected) in GOLDEN {
+        let data = tempfile::tempdir().unwrap();
+        let script = format!("tests/scenarios/{scenario}.toml");
+        holdpoint(&["run", "--headless", "--script", &script, "--seed", "101"], data.path());
+        let text = printed(&holdpoint(&["explain", candidate], data.path()));
+        assert_eq!(text, expected, "{scenario}");
+        assert!(text.lines().all(|line| line.chars().count() <= 80), "{scenario}: wider than 80 columns");
+        let json = printed(&holdpoint(&["explain", candidate, "--json"], data.path()));
+        let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let decisions = value["decisions"].as_array().unwrap();
+        assert!(!decisions.is_empty());
+        // Nothing that was decided is lost on the way to a program.
+        for reason in decisions.iter().flat_map(|decision| decision["reasons"].as_array().unwrap()) {
+            assert!(reason["code"].as_str().unwrap().contains('-') && reason["rule"]["source"].is_string());
+        }
+    }
+}
+
+#[test]
+fn what_is_not_there_is_said() {
+    let data = tempfile::tempdir().unwrap();
+    let output = holdpoint(&["explain", "align@1.1.0"], data.path());
+    assert_eq!(output.status.code(), Some(2));
+    holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
+    for (subject, names) in [("align@9.9.9", "is not in the store"), ("no-such-folder", "neither a version")]
+    {
+        let output = holdpoint(&["explain", subject], data.path());
+        assert_eq!(output.status.code(), Some(2), "{subject}");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains(names) && said.contains("Hint:"), "{said}");
+    }
+    let baseline = printed(&holdpoint(&["explain", "grasp@1.0.0"], data.path()));
+    assert!(baseline.contains("nothing has been decided"), "{baseline}");
+}

@@ -1,0 +1,38 @@
+//! The program from outside: its verbs as a user starts them, and an engine as a front end holds it.
+//!
+//! One binary, because each links everything. Whatever needs a process of its own stands beside it: a terminal
+//! (`console_pty`), being killed (`kill`).
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
+
+mod asked;
+mod bad_input;
+mod bench;
+mod cli;
+mod door;
+mod explain;
+mod host;
+mod pool;
+#[cfg(feature = "rerun")]
+mod recorded;
+#[cfg(feature = "rerun")]
+mod recordings;
+mod refine;
+mod scenarios;
+mod second_arm;
+
+#[cfg(feature = "rerun")]
+#[path = "../support/shift.rs"]
+#[allow(dead_code, reason = "the screens use the rest")]
+mod shift;
+#[path = "../../src/registry/tests/store/support.rs"]
+#[allow(dead_code, reason = "the store's own tests use the rest")]
+mod store;
+#[cfg(feature = "rerun")]
+#[path = "../support/upgrade.rs"]
+#[allow(dead_code, reason = "the screens use the rest")]
+mod upgrade;

@@ -1,0 +1,301 @@
+//! Pools of candidates: what is generated loads, is what the truth says as far as it can be read, and tells nothing.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+use holdpoint::engine;
+use holdpoint::governance::interface::{self, InterfaceInput, Registered};
+use holdpoint::governance::outcome::{InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
+use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
+use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::recovery::{self, StaticInput};
+use holdpoint::governance::submission::Package;
+use holdpoint::lab::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
+use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, Preset, Truth, truth_path};
+use holdpoint::runtime::capability::{self, Capability};
+use holdpoint_body::FailureSignal;
+
+/// Seeds for calibration: pools that are reported on are drawn from others.
+const SEEDS: [u64; 4] = [100, 101, 102, 103];
+
+const fn order(seed: u64, sets: u32, preset: Preset) -> Order {
+    Order { seed, sets, preset }
+}
+
+/// Each generated candidate, loaded, with its entry in the truth.
+fn loaded(order: Order) -> (Vec<Capability>, Truth) {
+    let drawn = draw(order).unwrap();
+    let truth: Truth = serde_json::from_slice(&drawn.truth).unwrap();
+    let names = drawn.index.candidates.iter().map(|candidate| candidate.name.clone());
+    let load = |(name, package): (String, Package)| Capability::load(&name, package).unwrap();
+    (names.zip(drawn.packages).map(load).collect(), truth)
+}
+
+struct Verdict {
+    interface: InterfaceOutcome,
+    policy: PolicyOutcome,
+    recovery: RecoveryOutcome,
+}
+
+/// What stage 2 says under a profile, with the baselines active.
+fn verdict(
+    candidate: &Capability,
+    profile: &Profile,
+    table: &PolicyTable,
+    baselines: &[Capability],
+) -> Verdict {
+    let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family).unwrap();
+    let exports = candidate.bundle.interface();
+    let registered: Vec<Registered> = baselines
+        .iter()
+        .map(|baseline| Registered {
+            id: baseline.id(),
+            active: true,
+            dependencies: baseline.manifest.deployment.dependencies.clone(),
+        })
+        .collect();
+    let interface = interface::assess(
+        &InterfaceInput {
+            candidate: &candidate.manifest,
+            exports: Some(&exports),
+            active: Some(&active.manifest),
+            registered: &registered,
+        },
+        &profile.thresholds,
+    );
+    let policy = policy::assess(
+        &PolicyInput {
+            permissions: &candidate.manifest.permissions,
+            environments: &candidate.manifest.deployment.environments,
+            exports: Some(&exports),
+            active: Some(&active.manifest.permissions),
+        },
+        table,
+        profile,
+    );
+    let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let resolves = |family, version: &semver::VersionReq| {
+        baselines.iter().any(|b| b.id().family == family && version.matches(&b.id().version))
+    };
+    let recovery = recovery::static_part(&StaticInput {
+        manifest: &candidate.manifest,
+        exports: Some(&exports),
+        predecessor_loads: Some(true),
+        predecessor_digest_true: Some(true),
+        fallback_resolves: fallback.map(|binding| resolves(binding.family.clone(), &binding.version)),
+        watcher_knows: &FailureSignal::ALL.into_iter().collect(),
+    });
+    Verdict {
+        interface: interface.assessment.outcome,
+        policy: policy.assessment.outcome,
+        recovery: recovery.outcome,
+    }
+}
+
+#[test]
+fn what_can_be_read_has_the_verdict_it_was_made_for() {
+    let baselines = engine::baselines().unwrap();
+    let mut problems = Vec::new();
+    let mut seen: BTreeSet<String> = BTreeSet::new();
+    let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());
+    let profiles = profiles.map(|profile| (PolicyTable::builtin(&profile).unwrap(), profile));
+    for seed in SEEDS {
+        let (candidates, truth) = loaded(order(seed, 3, Preset::Full10));
+        for (table, profile) in &profiles {
+            for (candidate, entry) in candidates.iter().zip(&truth.entries) {
+                let found = verdict(candidate, profile, table, &baselines);
+                let breaks = entry.kind.starts_with("interface-");
+                let grabs = entry.kind.starts_with("permission-");
+                seen.insert(entry.kind.clone());
+                let interface = (found.interface == InterfaceOutcome::Incompatible) == breaks
+                    && found.interface != InterfaceOutcome::NoData;
+                let policy = match found.policy {
+                    PolicyOutcome::Incompatible => grabs,
+                    PolicyOutcome::Review => grabs && profile.has_approver(),
+                    PolicyOutcome::Compatible | PolicyOutcome::Conditional => !grabs,
+                    PolicyOutcome::NoData => false,
+                };
+                // A fault of recovery shows in the drills alone.
+                let recovery = found.recovery == RecoveryOutcome::Compatible;
+                if !(interface && policy && recovery) {
+                    problems.push(format!(
+                        "seed {seed} {} in {}: {} gives {:?} {:?} {:?} ({})",
+                        entry.name,
+                        profile.name.name(),
+                        entry.kind,
+                        found.interface,
+                        found.policy,
+                        found.recovery,
+                        entry.what
+                    ));
+                }
+            }
+        }
+    }
+    assert!(problems.is_empty(), "{}", problems.join("\n"));
+    // Every mechanism there is occurred in the pools looked at.
+    for kind in
+        holdpoint::lab::pool::structure::INTERFACE.iter().chain(&holdpoint::lab::pool::structure::PERMISSION)
+    {
+        assert!(seen.contains(kind.0), "{} never occurred", kind.0);
+    }
+}
+
+#[test]
+fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
+    for (preset, benign, faulty, marginal) in [(Preset::Full10, 6, 8, 2), (Preset::Paper8, 0, 6, 2)] {
+        let (candidates, truth) = loaded(order(100, 1, preset));
+        for family in FAMILIES {
+            let of = |class: Class| {
+                let entries = truth.entries.iter().filter(|entry| entry.name.starts_with(family));
+                entries.filter(|entry| entry.class == class).map(|entry| &entry.kind).collect::<Vec<_>>()
+            };
+            assert_eq!(
+                [Class::Benign, Class::Faulty, Class::Marginal].map(|class| of(class).len()),
+                [benign, faulty, marginal],
+                "{family}"
+            );
+            let ways: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
+            assert_eq!(ways.len(), faulty, "{family}: two candidates are made in the same way: {ways:?}");
+        }
+        let grasp_force = |entry: &&holdpoint::lab::pool::TruthEntry| entry.kind == "behavior-force";
+        let named = truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
+        assert!(named.what.contains("grip_force_n 18.0 -> 25.2"), "{}", named.what);
+        assert!(named.what.contains("pregrasp_check true -> false"), "{}", named.what);
+        assert_eq!(candidates.len(), truth.entries.len());
+    }
+}
+
+#[test]
+fn no_two_candidates_are_equal_and_versions_are_new() {
+    let (candidates, _) = loaded(order(101, 6, Preset::Full10));
+    let mut bodies = BTreeMap::new();
+    let mut ids = BTreeSet::new();
+    for candidate in &candidates {
+        let id = candidate.id();
+        assert!(id.version > semver::Version::new(1, 0, 0), "{id}");
+        assert!(ids.insert(id.to_string()), "{id} occurs twice");
+        // The manifest without its version, and the parameters.
+        let mut manifest: toml::Table = candidate.package.manifest.parse().unwrap();
+        manifest.remove("version");
+        let body = format!("{manifest}{}", candidate.package.params);
+        if let Some(other) = bodies.insert(body, id.clone()) {
+            panic!("{id} is {other} again");
+        }
+    }
+    assert_eq!(candidates.len(), 288);
+}
+
+#[test]
+fn names_versions_and_submissions_do_not_tell_the_class() {
+    // The mean place of benign candidates in their family's order would give a sorted pool away.
+    let (mut places, mut count) = (0.0, 0.0);
+    let mut told: BTreeMap<String, BTreeSet<bool>> = BTreeMap::new();
+    for seed in 100..120 {
+        let (candidates, truth) = loaded(order(seed, 1, Preset::Full10));
+        for (index, (candidate, entry)) in candidates.iter().zip(&truth.entries).enumerate() {
+            let benign = entry.class == Class::Benign;
+            let family = candidate.id().family;
+            let number = entry.name.strip_prefix(&format!("{family}-")).expect("named after its family");
+            assert!(number.len() == 3 && number.bytes().all(|b| b.is_ascii_digit()), "{}", entry.name);
+            if benign {
+                places += (index % 16) as f64;
+                count += 1.0;
+            }
+            for word in ["author", "provenance", "estimated_risk", "summary"] {
+                let submission: toml::Table = candidate.package.submission.parse().unwrap();
+                told.entry(format!("{word} {}", submission[word])).or_default().insert(benign);
+            }
+        }
+    }
+    // 360 benign candidates: the mean of a shuffled order is 7.5 with a standard error of .25.
+    let mean: f64 = places / count;
+    assert!((mean - 7.5).abs() < 1.0, "{mean}");
+    let telling: Vec<&String> = told.iter().filter(|(_, set)| set.len() < 2).map(|(word, _)| word).collect();
+    assert!(telling.is_empty(), "only one class says {telling:?}");
+}
+
+#[test]
+fn equal_seeds_give_equal_bytes_and_others_do_not() {
+    let first = draw(order(102, 2, Preset::Full10)).unwrap();
+    assert_eq!(first, draw(order(102, 2, Preset::Full10)).unwrap());
+    let other = draw(order(103, 2, Preset::Full10)).unwrap();
+    assert_ne!(first.packages, other.packages);
+    assert_ne!(first.index.truth_digest, other.index.truth_digest);
+}
+
+#[test]
+fn a_written_pool_is_read_and_its_truth_is_sealed() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("pool");
+    let index = write(order(100, 1, Preset::Paper8), &dir).unwrap();
+    let pool = Pool::read(&dir).unwrap();
+    assert_eq!(pool.index, index);
+    let truth = pool.truth().unwrap();
+    let names = |pool: &Pool| pool.index.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&pool), truth.entries.iter().map(|entry| entry.name.clone()).collect::<Vec<_>>());
+    for candidate in &pool.index.candidates {
+        let package = capability::read(&pool.folder(candidate)).unwrap();
+        let loaded = Capability::load(&candidate.name, package).unwrap();
+        assert_eq!((&loaded.id().family, &loaded.id().version), (&candidate.family, &candidate.version));
+    }
+    // Nothing that stands there is overwritten.
+    assert!(matches!(write(order(100, 1, Preset::Paper8), &dir), Err(PoolError::Exists(_))));
+    // A truth that was changed in one letter scores nothing.
+    let path = truth_path(&dir);
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replacen("faulty", "benign", 1)).unwrap();
+    let refused = pool.truth().unwrap_err();
+    assert!(matches!(refused, PoolError::Tampered { .. }), "{refused}");
+    assert!(refused.to_string().contains(&index.truth_digest), "{refused}");
+}
+
+#[test]
+fn bad_input_is_refused_with_what_is_allowed() {
+    for sets in [0, SETS_MAX + 1] {
+        let refused = draw(order(100, sets, Preset::Full10)).unwrap_err().to_string();
+        assert!(refused.contains(&format!("1 to {SETS_MAX}")), "{refused}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (text, says) in [
+        ("", "EOF"),
+        ("{}", "missing field"),
+        (
+            r#"{"format":2,"generator":"x","seed":1,"preset":"full-10","sets":1,"truth_digest":"","candidates":[]}"#,
+            "format",
+        ),
+        (
+            r#"{"format":1,"generator":"x","seed":1,"preset":"full-9","sets":1,"truth_digest":"","candidates":[]}"#,
+            "full-9",
+        ),
+        (
+            r#"{"format":1,"generator":"x","seed":1,"preset":"full-10","sets":1,"truth_digest":"","candidates":[{"name":"../../etc","family":"grasp","version":"1.0.1"}]}"#,
+            "no name of a folder",
+        ),
+    ] {
+        fs::write(folder.path().join(INDEX_FILE), text).unwrap();
+        let refused = Pool::read(folder.path()).unwrap_err().to_string();
+        assert!(refused.contains(says) && refused.contains(INDEX_FILE), "{text}: {refused}");
+    }
+}
+
+#[test]
+fn the_frozen_pools_are_what_their_seeds_give() {
+    for (folder, seed) in [("manifests/pool", 1), ("manifests/calibration", 100)] {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+        let pool = Pool::read(&dir).unwrap();
+        let drawn = draw(order(seed, 1, Preset::Full10)).unwrap();
+        assert_eq!(pool.index, drawn.index, "{folder}");
+        for (candidate, package) in pool.index.candidates.iter().zip(drawn.packages) {
+            assert_eq!(
+                capability::read(&pool.folder(candidate)).unwrap(),
+                package,
+                "{folder}/{}",
+                candidate.name
+            );
+        }
+        assert_eq!(fs::read(truth_path(&dir)).unwrap(), drawn.truth, "{folder}");
+        assert_eq!(pool.truth().unwrap().entries.len(), pool.index.candidates.len());
+    }
+}

@@ -1,0 +1,115 @@
+//! The verbs `replay` and `recordings` on a recording that the sink wrote, without a terminal and without a viewer.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use holdpoint::protocol::clock::tick_of;
+use holdpoint::protocol::event::Event;
+use holdpoint::protocol::sink::{Closed, Report};
+use holdpoint::recordings::record::{KIND, Recorded};
+use holdpoint::registry::{AuditBody, Store, Transaction};
+use holdpoint::scene::{SceneConfig, Scenes, read};
+
+use crate::{shift, upgrade};
+
+/// Lets the sink record the upgrade that was made by hand, in a folder.
+fn record(folder: &Path) -> Closed {
+    let config = SceneConfig { recordings: Some(folder.to_owned()), ..SceneConfig::default() };
+    let scenes = Scenes::start(config).unwrap();
+    let tap = scenes.tap();
+    let made = upgrade::recording();
+    let mut pictures = made.pictures.into_iter().peekable();
+    for event in made.events {
+        while let Some(picture) = pictures.next_if(|picture| picture.at_ms < event.at_ms) {
+            tap.picture(picture);
+        }
+        tap.events(&[event], shift::snapshot);
+    }
+    let reports = scenes.finish(Duration::from_mins(1));
+    let closed = reports.iter().find_map(|report| match report {
+        Report::Closed(closed) => Some(closed.clone()),
+        Report::Failed { .. } | Report::Serving { .. } | Report::NotServing { .. } => None,
+    });
+    closed.unwrap_or_else(|| panic!("{reports:?}"))
+}
+
+/// Runs the program: its exit code and what it printed.
+fn holdpoint(data: &Path, words: &[&str]) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    let asked = command.arg("--data").arg(data).args(words).env_remove("DISPLAY").output().unwrap();
+    let text = String::from_utf8(asked.stdout).unwrap() + &String::from_utf8(asked.stderr).unwrap();
+    (asked.status.code(), text)
+}
+
+#[test]
+fn it_is_printed_whole_or_up_to_a_moment() {
+    let root = tempfile::tempdir().unwrap();
+    let path = root.path().join(record(root.path()).file);
+    let file = path.to_str().unwrap();
+    let recorded = read(&path).unwrap();
+    let (code, text) = holdpoint(root.path(), &["replay", file, "--terminal"]);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((code, lines.len()), (Some(0), recorded.events.len() + 2), "{text}");
+    assert!(lines[0].starts_with("place@1.1.0"), "{text}");
+    assert!(lines.last().unwrap().starts_with("ended: rolled-back; "), "{text}");
+    assert_eq!(holdpoint(root.path(), &["replay", file, "--plain"]), (Some(0), text));
+    let (code, json) = holdpoint(root.path(), &["replay", file, "--json"]);
+    let events: Vec<Event> = json.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((code, events), (Some(0), recorded.events.clone()));
+    let to_ms = 800_000;
+    let (code, json) =
+        holdpoint(root.path(), &["replay", file, "--json", "--to", &tick_of(to_ms).to_string()]);
+    let earlier = recorded.events.iter().filter(|event| event.at_ms <= to_ms).count();
+    assert_eq!((code, json.lines().count()), (Some(0), earlier));
+    assert!(earlier > 5 && earlier < recorded.events.len(), "{earlier}");
+    let cut = root.path().join("cut.rrd");
+    let to = tick_of(to_ms).to_string();
+    let words = ["replay", file, "--to", &to, "--out", cut.to_str().unwrap()];
+    assert_eq!(holdpoint(root.path(), &words).0, Some(0));
+    assert_eq!(read(&cut).unwrap().events.len(), earlier);
+    let (code, text) = holdpoint(root.path(), &words);
+    assert!(code == Some(2) && text.contains("is there already"), "{text}");
+}
+
+/// A store with a closed recording whose digest is on record.
+fn store(root: &Path) -> PathBuf {
+    let store = Store::open(root).unwrap();
+    let folder = store.layout().recordings();
+    let closed = record(&folder);
+    let recorded = Recorded {
+        file: closed.file.clone(),
+        sha256: closed.digest,
+        bytes: closed.bytes,
+        pictures: closed.pictures,
+        dropped_pictures: closed.dropped.0,
+        dropped_events: closed.dropped.1,
+        outcome: closed.outcome,
+    };
+    let body = serde_json::to_string(&recorded).unwrap();
+    let audit = vec![AuditBody { kind: KIND.to_owned(), subject: closed.version.to_string(), body }];
+    let command_id = "closed".to_owned();
+    store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
+    folder.join(closed.file)
+}
+
+#[test]
+fn one_changed_byte_is_found_before_it_is_opened() {
+    let root = tempfile::tempdir().unwrap();
+    let path = store(root.path());
+    let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
+    assert!(code == Some(0) && text.contains("sound: 1 recording,"), "{text}");
+    let (code, text) = holdpoint(root.path(), &["recordings", "list"]);
+    assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
+    assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));
+    let mut bytes = std::fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
+    assert!(code == Some(1) && text.contains("DIFFERS"), "{text}");
+    for form in ["--plain", "--json"] {
+        let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", form]);
+        assert!(code == Some(1) && text.contains("does not match what was recorded at closure"), "{text}");
+    }
+}

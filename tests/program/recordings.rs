@@ -1,0 +1,191 @@
+//! Recordings of whole upgrades, through the program: what they hold, what they survive, and that they change nothing.
+
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use holdpoint::protocol::event::{Event, EventKind};
+use holdpoint::recordings::folder;
+use holdpoint::recordings::recording::Recording;
+use holdpoint::registry::Layout;
+use holdpoint::scene::{self, SceneConfig, Scenes};
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(5);
+
+const IN_SHADOW: &str = "reject-in-shadow";
+
+fn holdpoint() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    command.stdin(Stdio::null()).env_remove("HOLDPOINT_TEST_DISK");
+    command
+}
+
+fn script(name: &str, data: &Path, cache: &Path) -> Command {
+    let mut command = holdpoint();
+    command.args(["run", "--headless", "--json", "--seed", "3", "--script"]);
+    command.arg(format!("tests/scenarios/{name}.toml")).arg("--data").arg(data).arg("--cache").arg(cache);
+    command
+}
+
+fn events(output: &Output) -> Vec<Event> {
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+}
+
+/// Without what is about the recordings themselves.
+fn decisions(events: &[Event]) -> Vec<Event> {
+    let about_scenes =
+        |event: &&Event| matches!(event.kind, EventKind::RecordingKept { .. } | EventKind::Scene { .. });
+    events.iter().filter(|event| !about_scenes(event)).cloned().collect()
+}
+
+fn failures(events: &[Event]) -> Vec<String> {
+    let failed = |event: &Event| match &event.kind {
+        EventKind::Scene { text, failed: true } => Some(text.clone()),
+        _ => None,
+    };
+    events.iter().filter_map(failed).collect()
+}
+
+fn only_recording(data: &Path) -> (PathBuf, Recording) {
+    let filed = folder::list(&Layout::new(data).recordings()).unwrap();
+    assert_eq!(filed.len(), 1, "{filed:?}");
+    let path = filed[0].path.clone();
+    let recording = scene::read(&path).unwrap();
+    (path, recording)
+}
+
+#[test]
+fn a_recording_tells_what_happened_and_changes_nothing() {
+    let cache = tempfile::tempdir().unwrap();
+    let fresh = || tempfile::tempdir().unwrap();
+    let plain = fresh();
+    let without =
+        events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
+    assert!(without.len() > 20, "{without:?}");
+    assert!(folder::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
+
+    let kept = fresh();
+    let with = events(&script(IN_SHADOW, kept.path(), cache.path()).output().unwrap());
+    assert_eq!(decisions(&with), without, "a recording changes no decision and no time");
+    assert_eq!(failures(&with), Vec::<String>::new());
+    let (path, recording) = only_recording(kept.path());
+    let told = with.iter().find_map(|event| match &event.kind {
+        EventKind::RecordingKept { file, digest, bytes, pictures, dropped, .. } => {
+            Some((file.clone(), *digest, *bytes, *pictures, *dropped))
+        }
+        _ => None,
+    });
+    let (file, digest, bytes, pictures, dropped) = told.expect("its digest is told");
+    assert_eq!(path.file_name().unwrap().to_str().unwrap(), file);
+    assert_eq!(folder::digest(&path).unwrap(), digest);
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes);
+    assert_eq!((recording.pictures.len() as u64, recording.dropped), (pictures, (0, 0)));
+    assert_eq!(dropped, [0, 0]);
+    assert!(bytes < 2 << 20, "{bytes} bytes");
+
+    assert_eq!(recording.outcome.as_deref(), Some("rejected"));
+    assert!(recording.pictures.iter().any(|picture| picture.twin.is_some()), "the twin is in it");
+    assert!(recording.pictures.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms));
+    let decided = |events: &[Event]| -> Vec<Event> {
+        let ours = |event: &&Event| matches!(&event.kind, EventKind::Decided { version, .. } if *version == recording.about.version);
+        events.iter().filter(ours).cloned().collect()
+    };
+    assert!(decided(&with).len() >= 3);
+    assert_eq!(decided(&recording.events), decided(&with), "decisions read back as they were told");
+    let names: Vec<&str> = recording.series.iter().map(|series| series.name.as_str()).collect();
+    for name in ["kappa/B", "shadow/output", "tool/speed", "tool/force"] {
+        assert!(names.contains(&name), "{names:?}");
+    }
+    let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(kept.path()).output().unwrap();
+    assert!(verified.status.success(), "{verified:?}");
+
+    // The same run again, with a viewer's address that somebody stalls: same bytes.
+    let viewed = fresh();
+    let port = free_port();
+    let mut run = script(IN_SHADOW, viewed.path(), cache.path());
+    let mut child =
+        run.arg("--view").arg(format!("127.0.0.1:{port}")).stdout(Stdio::piped()).spawn().unwrap();
+    let stalled = connect(port);
+    let mut out = child.stdout.take().unwrap();
+    let text = std::io::read_to_string(&mut out).unwrap();
+    child.wait().unwrap();
+    drop(stalled);
+    let seen: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    assert_eq!(decisions(&seen), without, "who looks on changes nothing");
+    assert_eq!(folder::digest(&only_recording(viewed.path()).0).unwrap(), digest, "same seed, same bytes");
+
+    // A disk that is full, and an address that is taken.
+    let full = fresh();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let mut run = script(IN_SHADOW, full.path(), cache.path());
+    run.arg("--view").arg(taken.local_addr().unwrap().to_string()).env("HOLDPOINT_TEST_DISK", "full");
+    let failed = events(&run.output().unwrap());
+    assert_eq!(decisions(&failed), without, "a recording that fails changes nothing");
+    let said = failures(&failed);
+    assert!(said.iter().any(|text| text.contains("No space left on device")), "{said:?}");
+    assert!(said.iter().any(|text| text.contains(&taken.local_addr().unwrap().to_string())), "{said:?}");
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Connects and then neither reads nor writes.
+fn connect(port: u16) -> std::net::TcpStream {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        match std::net::TcpStream::connect(("127.0.0.1", port)) {
+            Ok(stream) => return stream,
+            Err(error) => assert!(Instant::now() < until, "the scene is not served: {error}"),
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_start() {
+    let (data, cache) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mut run = script(IN_SHADOW, data.path(), cache.path());
+    let mut child = run.stdout(Stdio::null()).spawn().unwrap();
+    let folder = Layout::new(data.path()).recordings();
+    let until = Instant::now() + PATIENCE;
+    let path = loop {
+        let filed = folder::list(&folder).unwrap();
+        let grown = filed.iter().find(|filed| {
+            // Some of the work in the live cell is in it.
+            filed.bytes > 60_000 && scene::read(&filed.path).is_ok_and(|read| read.pictures.len() > 100)
+        });
+        if let Some(filed) = grown {
+            break filed.path.clone();
+        }
+        assert!(child.try_wait().unwrap().is_none(), "the run ended before it was killed: {filed:?}");
+        assert!(Instant::now() < until, "{filed:?}");
+        std::thread::yield_now();
+    };
+    // SIGKILL.
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let torn = scene::read(&path).unwrap();
+    assert!(torn.pictures.len() > 100 && torn.outcome.is_none());
+
+    let config = SceneConfig { recordings: Some(folder.clone()), ..SceneConfig::default() };
+    let reports = Scenes::start(config).unwrap().finish(PATIENCE);
+    assert_eq!(reports, Vec::new(), "the upgrade goes on: nothing of it is closed");
+    assert_eq!(scene::read(&path).unwrap(), torn, "nothing of it is lost");
+
+    // The next engine goes on with the upgrade beside another one: in a segment of its own, until it is closed.
+    let again = script("reject-interface", data.path(), cache.path()).output().unwrap();
+    assert_eq!(again.status.code(), Some(1), "{}", String::from_utf8_lossy(&again.stderr));
+    let filed = folder::list(&folder).unwrap();
+    let segments: Vec<Recording> = filed.iter().map(|filed| scene::read(&filed.path).unwrap()).collect();
+    let ours = segments.iter().filter(|segment| segment.about.version == torn.about.version);
+    let pictures: Vec<_> = ours.flat_map(|segment| &segment.pictures).collect();
+    // What was not on record when it was killed is worked again, at the same virtual times: of two pictures with one
+    // time the later life's is read.
+    assert!(pictures.len() > torn.pictures.len(), "{} of {}", pictures.len(), torn.pictures.len());
+    let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(data.path()).output().unwrap();
+    assert!(verified.status.success(), "{verified:?}");
+}

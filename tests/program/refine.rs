@@ -1,0 +1,111 @@
+//! The optimiser as its user sees it: same candidate however it was run, nothing overwritten, one clear error.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use holdpoint::governance::submission::Provenance;
+use holdpoint::lab::refine::journal::FILE;
+use holdpoint::lab::refine::{RefineError, Report, Settings, refine};
+use holdpoint::runtime::capability::{self, Capability};
+use holdpoint_body::TaskKind;
+
+/// The quickest family, with as little effort as still finds something better.
+fn settings(out: &Path, jobs: usize) -> Settings<'_> {
+    Settings { task: TaskKind::Place, generations: 2, episodes: 2, seed: 3, jobs, out, version: None }
+}
+
+/// Runs to the end, or until `after` evaluations were told of.
+fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<Report, RefineError> {
+    let cancel = AtomicBool::new(false);
+    let mut told = 0;
+    refine(&settings(out, jobs), &cancel, &mut |_| {
+        told += 1;
+        cancel.store(after.is_some_and(|after| told >= after), Ordering::Release);
+    })
+}
+
+/// The files of a folder with what is in them.
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entry = |entry: std::io::Result<fs::DirEntry>| {
+        let entry = entry.unwrap();
+        (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap())
+    };
+    fs::read_dir(folder).unwrap().map(entry).collect()
+}
+
+#[test]
+fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
+    let (plain, broken) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let report = run(plain.path(), 2, None).unwrap();
+    let expected = contents(&report.folder);
+    assert!(report.practised.after.cost() < report.practised.before.cost(), "{report:?}");
+    assert!(!report.changes.is_empty(), "{report:?}");
+
+    // Interrupted twice, with another number of workers, and damaged in between.
+    let kept = broken.path().join("place-refined.refine").join(FILE);
+    let mut lines = 0;
+    for after in [5, 14] {
+        let error = run(broken.path(), 1, Some(after)).unwrap_err();
+        let RefineError::Interrupted { evaluations, .. } = error else { panic!("{error}") };
+        assert_eq!(evaluations as usize, after);
+        assert!(!broken.path().join("place-refined").exists());
+        let text = fs::read_to_string(&kept).unwrap();
+        assert!(text.lines().count() > lines, "{text}");
+        lines = text.lines().count();
+        fs::write(&kept, &text[..text.len() - 30]).unwrap();
+    }
+    let resumed = run(broken.path(), 1, None).unwrap();
+    assert_eq!(contents(&resumed.folder), expected);
+
+    // What was made is there to stay, and nothing is simulated for the refusal.
+    let again = run(plain.path(), 2, None).unwrap_err();
+    assert!(matches!(again, RefineError::Exists(_)), "{again}");
+    assert_eq!(contents(&report.folder), expected);
+
+    // It is a candidate like any other.
+    let package = capability::read(&report.folder).unwrap();
+    let candidate = Capability::load("place-refined", package).unwrap();
+    assert_eq!(candidate.id().to_string(), "place@1.1.0");
+    assert_eq!(candidate.submission.provenance, Provenance::Optimiser);
+    assert!(candidate.submission.summary.contains("2 generations"), "{}", candidate.submission.summary);
+    let check = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["candidate", "check"])
+        .arg(&report.folder)
+        .output()
+        .unwrap();
+    assert_eq!(check.status.code(), Some(0), "{}", String::from_utf8_lossy(&check.stderr));
+}
+
+/// (arguments, exit code, what is said).
+#[test]
+fn bad_input_gets_one_clear_error() {
+    let out = tempfile::tempdir().unwrap();
+    fs::create_dir(out.path().join("align-refined")).unwrap();
+    fs::write(out.path().join("file"), "").unwrap();
+    let file = out.path().join("file").display().to_string();
+    for (arguments, said) in [
+        (vec!["align"], "align-refined\" is there already"),
+        (vec!["grasp", "--version", "1.0.0"], "a version above the parent's 1.0.0"),
+        (vec!["grasp", "--version", "new"], "invalid value 'new'"),
+        (vec!["grasp", "--generations", "0"], "0 is not in 1..=1000"),
+        (vec!["grasp", "--episodes", "501"], "501 is not in 1..=500"),
+        (vec!["grasp", "--jobs", "65"], "65 is not in 1..=64"),
+        (vec!["grasp", "--seed", "-1"], "'-1'"),
+        (vec!["park"], "invalid value 'park'"),
+        (vec!["grasp", "--out", &file], "grasp-refined.refine"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+            .current_dir(out.path())
+            .arg("refine")
+            .args(&arguments)
+            .output()
+            .unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert!(error.contains(said), "{arguments:?}: {error}");
+        assert_eq!(error.matches("error:").count(), 1, "{error}");
+    }
+}

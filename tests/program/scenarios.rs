@@ -1,0 +1,63 @@
+//! The program runs its scenarios as a user would: exit code, verified audit, equal logs.
+//!
+//! The fast ones run here; all ten run in the checks of a change, with one shared cache.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn run(script: &str, data: &Path, seed: u64) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["run", "--headless", "--json", "--seed", &seed.to_string(), "--script"])
+        .arg(format!("tests/scenarios/{script}.toml"))
+        .arg("--data")
+        .arg(data)
+        .output()
+        .unwrap()
+}
+
+fn verified(data: &Path) -> bool {
+    let verify = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["audit", "verify", "--data"])
+        .arg(data)
+        .output()
+        .unwrap();
+    verify.status.success()
+}
+
+/// (scenario, exit code, what its last state change says).
+const FAST: [(&str, i32, &str); 3] = [
+    ("reject-interface", 1, "interface-signature-breaking"),
+    ("reject-policy", 1, "policy-uncovered-high-risk"),
+    ("reject-recovery", 1, "recovery-"),
+];
+
+#[test]
+fn scenarios_end_as_named_and_their_audit_verifies() {
+    for (script, code, reason) in FAST {
+        let data = tempfile::tempdir().unwrap();
+        let output = run(script, data.path(), 1);
+        let log = String::from_utf8(output.stdout).unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{script}: {said}");
+        let last = log.lines().rfind(|line| line.contains("state-changed")).unwrap();
+        assert!(last.contains("\"rejected\"") && last.contains(reason), "{script}: {last}");
+        assert!(verified(data.path()), "{script}: the audit chain does not verify");
+    }
+}
+
+#[test]
+fn equal_scenarios_with_equal_seeds_give_equal_logs_for_any_number_of_workers() {
+    let logs = [1, 2].map(|jobs| {
+        let data = tempfile::tempdir().unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+            .args(["run", "--headless", "--json", "--seed", "3", "--jobs", &jobs.to_string()])
+            .args(["--script", "tests/scenarios/reject-recovery.toml", "--data"])
+            .arg(data.path())
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8(output.stdout).unwrap()
+    });
+    assert!(logs[0].lines().count() > 20, "the log is too short to compare");
+    assert_eq!(logs[0], logs[1]);
+}

@@ -1,0 +1,376 @@
+//! Every screen at every size, as an operator sees it.
+
+use std::sync::Arc;
+
+use holdpoint::console::action::Action;
+use holdpoint::console::form::{Abort, Form, Intent};
+use holdpoint::console::frame::{draw, text_of};
+use holdpoint::console::line::Line;
+use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
+use holdpoint::console::model::{Frozen, Model, Notice, Operator, Overlay, Typing, View};
+use holdpoint::console::palette::Palette;
+use holdpoint::console::prompt::{Prompt, Stale};
+use holdpoint::console::theme;
+use holdpoint::governance::alarms::AlarmSummary;
+use holdpoint::protocol::detail::Verified;
+use holdpoint::protocol::snapshot::Snapshot;
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::Color;
+use unicode_width::UnicodeWidthStr as _;
+
+use crate::support;
+
+const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
+
+fn look() -> Look {
+    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+}
+
+fn shown(model: &Model, (width, height): (u16, u16)) -> String {
+    text_of(model, &look(), width, height)
+}
+
+#[test]
+fn every_view_at_every_size() {
+    for view in View::ALL {
+        let model = support::at(view);
+        for size in SIZES {
+            let name = format!("{}_{}x{}", view.title().to_lowercase(), size.0, size.1);
+            insta::assert_snapshot!(name, shown(&model, size));
+        }
+    }
+}
+
+/// A prompt over the waiting candidate at a tier, opened long enough ago that keys count.
+fn prompted(tier: u8) -> Model {
+    let mut model = support::at(View::Approvals);
+    let mut snapshot = support::snapshot();
+    snapshot.prompts = vec![support::question(tier)];
+    let prompt = Prompt::open(&support::question(tier), &snapshot, model.now_ms - 5_000).unwrap();
+    model.snapshot = Some(Arc::new(snapshot));
+    model.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    model
+}
+
+fn with_prompt(model: &mut Model, change: impl FnOnce(&mut Prompt)) {
+    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { panic!("no prompt") };
+    change(prompt);
+}
+
+fn formed(intent: Intent) -> Model {
+    let mut model = support::at(View::Overview);
+    let consequences =
+        vec!["grasp@1.0.0 takes over at once; the candidate goes back to evaluation".to_owned()];
+    model.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
+    model
+}
+
+/// What lies over a view, and the states of a console that are not everyday ones.
+fn occasions() -> Vec<(&'static str, Model)> {
+    let mut occasions =
+        vec![("prompt_tier0", prompted(0)), ("prompt_tier1", prompted(1)), ("prompt_tier2", prompted(2))];
+    let mut stale = prompted(2);
+    with_prompt(&mut stale, |prompt| {
+        prompt.stale = Some(Stale { at_ms: support::NOW_MS, what: "the evidence changed" });
+    });
+    occasions.push(("prompt_stale", stale));
+    let mut palette = support::at(View::Alarms);
+    palette.overlay = Some(Overlay::Palette(Palette::new(Action::ALL.to_vec())));
+    occasions.push(("palette", palette));
+    let mut rollback = formed(Intent::Rollback(support::id("place@1.0.0")));
+    if let Some(Overlay::Form(form)) = &mut rollback.overlay {
+        form.problem = Some("a reason is needed".to_owned());
+    }
+    occasions.push(("form_rollback", rollback));
+    occasions.push(("form_abort", formed(Intent::Abort(Abort::Candidate(support::id("grasp@1.1.0"))))));
+    occasions.push(("form_shelve", formed(Intent::Shelve("camera:align@1.0.0".to_owned()))));
+    let mut first = support::model();
+    first.settings.tour = Some(0);
+    first.picture = None;
+    first.operator = None;
+    first.told.clear();
+    first.snapshot = Some(Arc::new(Snapshot {
+        candidates: Vec::new(),
+        prompts: Vec::new(),
+        questions: Vec::new(),
+        alarms: Vec::new(),
+        alarm_summary: AlarmSummary {
+            highest_unacknowledged: None,
+            unacknowledged: [0; 3],
+            acknowledged: 0,
+            latched: 0,
+            shelved: 0,
+            flood: false,
+        },
+        profile: "sim".to_owned(),
+        ..support::snapshot()
+    }));
+    occasions.push(("first_use", first));
+    occasions.push(("starting", support::blank()));
+    let mut doubtful = support::at(View::Shadow);
+    let mut held = support::snapshot();
+    held.holding = Some("paused by grace: lens is being cleaned".to_owned());
+    "real".clone_into(&mut held.profile);
+    doubtful.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
+    doubtful.snapshot = Some(Arc::new(held));
+    doubtful.snapshot_ms = 48_000;
+    doubtful.settings.read_only = true;
+    doubtful.missed = 3;
+    doubtful.zoom = 1;
+    occasions.push(("doubtful", doubtful));
+    let mut typing = support::at(View::Registry);
+    typing.typing = Some(Typing::Filter(Line::new("place")));
+    occasions.push(("filter", typing));
+    occasions.push(("flood", flood()));
+    occasions
+}
+
+fn flood() -> Model {
+    let mut model = support::at(View::Alarms);
+    let mut snapshot = support::snapshot();
+    let high = snapshot.alarms[1].clone();
+    for number in 0..12u64 {
+        let mut one = high.clone();
+        one.alarm = format!("shadow:{number}:place@1.1.0");
+        one.since_ms += number * 1_000;
+        snapshot.alarms.push(one);
+    }
+    snapshot.alarm_summary.flood = true;
+    snapshot.alarm_summary.unacknowledged = [1, 13, 1];
+    model.snapshot = Some(Arc::new(snapshot));
+    model
+}
+
+#[test]
+fn every_occasion_at_two_sizes() {
+    for (name, model) in occasions() {
+        for size in [(100, 30), (80, 24)] {
+            insta::assert_snapshot!(format!("{name}_{}x{}", size.0, size.1), shown(&model, size));
+        }
+    }
+}
+
+#[test]
+fn the_whole_decision_is_readable() {
+    for tier in 0..=2 {
+        let whole = shown(&prompted(tier), (80, 24));
+        assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
+        let mut model = prompted(tier);
+        let mut seen = String::new();
+        for page in 0..20 {
+            with_prompt(&mut model, |prompt| prompt.scroll = page * 4);
+            seen += &shown(&model, (60, 16));
+        }
+        let Some(Overlay::Prompt(prompt)) = &model.overlay else { panic!("no prompt") };
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        let seen_words: std::collections::BTreeSet<String> = words(&seen).into_iter().collect();
+        for line in prompt.text() {
+            let missing: Vec<String> =
+                words(&line).into_iter().filter(|word| !seen_words.contains(word)).collect();
+            assert!(missing.is_empty(), "tier {tier}: {missing:?}");
+        }
+    }
+}
+
+#[test]
+fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
+    let mut models: Vec<Model> = View::ALL.into_iter().map(support::at).collect();
+    models.extend(occasions().into_iter().map(|(_, model)| model));
+    let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
+    let heights = [1, 2, 3, 4, 5, 7, 9, 15, 16, 23, 25, 29, 31, 60];
+    for model in &models {
+        for width in widths {
+            for height in heights {
+                let text = shown(model, (width, height));
+                assert_eq!(text.lines().count(), usize::from(height));
+                if model.snapshot.as_ref().is_some_and(|snapshot| !snapshot.alarms.is_empty()) && width >= 19
+                {
+                    assert!(text.contains("1▲ CRIT"), "{width}x{height}:\n{text}");
+                }
+            }
+        }
+    }
+    let text = shown(&support::at(View::Registry), (30, 4));
+    assert!(text.contains("q quits") && text.contains("2 wait"), "{text}");
+}
+
+/// Texts that a terminal or a reader would be taken in by.
+fn hostile() -> Vec<String> {
+    vec![
+        "\u{1b}[2J\u{1b}]0;owned\u{7}\u{9b}31m\r\n\0gone".to_owned(),
+        "\u{202e}evom\u{2066}ton od\u{2069}\u{200b}\u{200d}\u{feff}".to_owned(),
+        format!("e{}", "\u{301}".repeat(4_000)),
+        "N".repeat(10_000),
+        "漢字".repeat(200),
+        "👩‍👩‍👧‍👦🏳️‍🌈".repeat(40),
+    ]
+}
+
+fn poisoned(text: &str, view: View) -> Model {
+    let mut model = support::at(view);
+    let mut snapshot = support::snapshot();
+    text.clone_into(&mut snapshot.robot);
+    snapshot.holding = Some(text.to_owned());
+    for alarm in &mut snapshot.alarms {
+        for field in [&mut alarm.text, &mut alarm.alarm, &mut alarm.subject] {
+            text.clone_into(field);
+        }
+        alarm.acknowledged_by = Some(text.to_owned());
+        alarm.shelf = Some((text.to_owned(), text.to_owned(), 9));
+    }
+    for candidate in &mut snapshot.candidates {
+        text.clone_into(&mut candidate.author);
+        text.clone_into(&mut candidate.provenance);
+        candidate.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
+        if let Some(progress) = &mut candidate.progress {
+            text.clone_into(&mut progress.what);
+            text.clone_into(&mut progress.early);
+        }
+        if let Some(shadow) = &mut candidate.shadow {
+            shadow.disagreements.iter_mut().for_each(|one| text.clone_into(&mut one.text));
+        }
+    }
+    snapshot.live.drift = Some(text.to_owned());
+    snapshot.live.fault = Some(text.to_owned());
+    snapshot
+        .live
+        .monitors
+        .iter_mut()
+        .flat_map(|one| &mut one.charts)
+        .for_each(|one| text.clone_into(&mut one.0));
+    snapshot.scenery.keep_outs.iter_mut().for_each(|one| text.clone_into(&mut one.name));
+    model.snapshot = Some(Arc::new(snapshot));
+    let mut detail = support::detail();
+    text.clone_into(&mut detail.summary);
+    detail.parent = Some(text.to_owned());
+    detail.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
+    detail.untested = vec![text.to_owned()];
+    detail.differences.iter_mut().for_each(|one| one.candidate = Some(text.to_owned()));
+    model.detail = model.detail.map(|_| Arc::new(detail));
+    let mut page = (*model.audit).clone();
+    for row in &mut page.rows {
+        for field in [&mut row.kind, &mut row.subject, &mut row.body] {
+            text.clone_into(field);
+        }
+    }
+    model.audit = Arc::new(page);
+    let mut registry = (*model.registry.page).clone();
+    registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
+    model.registry.page = Arc::new(registry);
+    model.told.iter_mut().for_each(|told| text.clone_into(&mut told.text));
+    model.operator = Some(Operator { name: text.to_owned(), role: text.to_owned() });
+    model.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
+    model.notice = Some(Notice { text: text.to_owned(), bad: true, until_ms: 99_000 });
+    model
+}
+
+fn drawn(model: &Model, look: &Look, (width, height): (u16, u16)) -> Buffer {
+    let area = Rect::new(0, 0, width, height);
+    let mut buf = Buffer::empty(area);
+    draw(model, look, area, &mut buf);
+    buf
+}
+
+#[test]
+fn hostile_texts_act_on_nothing() {
+    for text in hostile() {
+        for view in View::ALL {
+            for pane in 0..view.panes().len() {
+                let mut model = poisoned(&text, view);
+                model.panes[view as usize] = pane;
+                for size in [(120, 36), (80, 24), (60, 16), (30, 8)] {
+                    let buf = drawn(&model, &look(), size);
+                    for y in 0..size.1 {
+                        for x in 0..size.0 {
+                            let symbol = buf.cell((x, y)).unwrap().symbol();
+                            let at = format!("{view:?} pane {pane} {size:?} {x},{y}: {symbol:?}");
+                            assert!(!symbol.chars().any(char::is_control), "{at}");
+                            assert!(
+                                !symbol.contains(['\u{202e}', '\u{2066}', '\u{200b}', '\u{feff}']),
+                                "{at}"
+                            );
+                            assert!(symbol.len() <= 32 && symbol.width() <= usize::from(size.0 - x), "{at}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn colours_add_nothing_that_is_not_said_without_them() {
+    for view in View::ALL {
+        let model = support::at(view);
+        let plain = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+        assert_eq!(text_of(&model, &plain, 100, 30), shown(&model, (100, 30)), "{view:?}");
+        for name in theme::names() {
+            let look = Look::new(Theme::builtin(name).unwrap(), Depth::Mono, Glyphs::Unicode);
+            let buf = drawn(&model, &look, (100, 30));
+            let coloured =
+                buf.content().iter().filter(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
+            assert_eq!(coloured.count(), 0, "{name} {view:?}");
+        }
+    }
+    let alarms = shown(&support::at(View::Alarms), (100, 30));
+    for words in [
+        "1▲ CRIT",
+        "2◆ HIGH",
+        "3● LOW",
+        "⚠ unacknowledged",
+        "↩ returned",
+        "✔ acknowledged",
+        "■ latched",
+        "‖ shelved",
+    ] {
+        assert!(alarms.contains(words), "{words}:\n{alarms}");
+    }
+}
+
+#[test]
+fn ascii_alone_where_it_is_asked_for() {
+    let look = Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Ascii);
+    let mut models: Vec<Model> = View::ALL.into_iter().map(support::at).collect();
+    models.extend(occasions().into_iter().map(|(_, model)| model));
+    for model in &models {
+        for size in SIZES {
+            let text = text_of(model, &look, size.0, size.1);
+            let strange: Vec<char> = text.chars().filter(|sign| !sign.is_ascii()).collect();
+            assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.view);
+        }
+    }
+    insta::assert_snapshot!("overview_ascii_100x30", text_of(&support::at(View::Overview), &look, 100, 30));
+}
+
+/// The styles of each line, in order, each once: `12 bold fg=Red`.
+fn styles(model: &Model, look: &Look, (width, height): (u16, u16)) -> String {
+    let buf = drawn(model, look, (width, height));
+    let mut text = String::new();
+    for y in 0..height {
+        let mut line: Vec<String> = Vec::new();
+        for x in 0..width {
+            let cell = buf.cell((x, y)).unwrap();
+            let style = format!("{:?}/{:?}/{:?}", cell.fg, cell.bg, cell.modifier);
+            if !line.contains(&style) && style != "Reset/Reset/NONE" {
+                line.push(style);
+            }
+        }
+        text += &format!("{y:>2} {}\n", line.join("  "));
+    }
+    text
+}
+
+#[test]
+fn styles_of_every_theme_at_every_depth() {
+    for name in theme::names() {
+        for depth in Depth::ALL {
+            let look = Look::new(Theme::builtin(name).unwrap(), depth, Glyphs::Unicode);
+            let mut text = String::new();
+            for view in View::ALL {
+                text += &format!("{}\n{}", view.title(), styles(&support::at(view), &look, (80, 24)));
+            }
+            insta::assert_snapshot!(format!("styles_{name}_{}", depth.word().replace(' ', "_")), text);
+        }
+    }
+}

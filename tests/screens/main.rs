@@ -1,0 +1,16 @@
+//! Every screen of the console and of a replay, as somebody sees it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test says what it expects by failing"
+)]
+
+mod console;
+mod replay;
+mod support;
+
+#[path = "../support/shift.rs"]
+mod shift;
+#[path = "../support/upgrade.rs"]
+mod upgrade;

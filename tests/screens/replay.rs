@@ -1,0 +1,243 @@
+//! The replay of a recording as somebody sees it, and as it is printed.
+
+use holdpoint::console::line::Line;
+use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
+use holdpoint::console::replay::frame::draw;
+use holdpoint::console::replay::model::Model;
+use holdpoint::console::replay::print;
+use holdpoint::console::replay::speed::Speed;
+use holdpoint::console::replay::timeline::Timeline;
+use holdpoint::protocol::event::EventKind;
+use holdpoint::recordings::recording::Recording;
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::Color;
+use unicode_width::UnicodeWidthStr as _;
+
+use crate::upgrade;
+
+const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
+
+/// A replay with the cursor at a time.
+fn replayed(at_ms: u64) -> Model {
+    let mut model = Model::new(Timeline::new(upgrade::recording()), Speed::default());
+    model.cursor = model.timeline.at(at_ms);
+    model
+}
+
+fn look() -> Look {
+    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+}
+
+fn drawn(model: &Model, look: &Look, (width, height): (u16, u16)) -> Buffer {
+    let area = Rect::new(0, 0, width, height);
+    let mut buf = Buffer::empty(area);
+    draw(model, look, area, &mut buf);
+    buf
+}
+
+fn text_of(model: &Model, look: &Look, size: (u16, u16)) -> String {
+    let buf = drawn(model, look, size);
+    let line = |y| {
+        let mut line = String::new();
+        let mut covered = 0;
+        for x in 0..size.0 {
+            let symbol = buf.cell((x, y)).unwrap().symbol();
+            if covered == 0 {
+                line.push_str(symbol);
+                covered = symbol.width().max(1);
+            }
+            covered -= 1;
+        }
+        line.trim_end().to_owned() + "\n"
+    };
+    (0..size.1).map(line).collect()
+}
+
+#[test]
+fn every_cursor_at_every_size() {
+    for (name, at_ms) in upgrade::CURSORS {
+        let model = replayed(at_ms);
+        for size in SIZES {
+            let name = format!("{name}_{}x{}", size.0, size.1);
+            insta::assert_snapshot!(name, text_of(&model, &look(), size));
+        }
+    }
+}
+
+/// What lies over the screen, and recordings that lack something.
+fn occasions() -> Vec<(&'static str, Model)> {
+    let mut help = replayed(766_400);
+    help.help = Some(0);
+    let mut typing = replayed(766_400);
+    typing.typing = Some(Line::new("12.5"));
+    let mut playing = replayed(771_000);
+    playing.playing = true;
+    playing.speed = Speed::of(8.0).unwrap();
+    playing.tell("skipped 5 s without pictures; s plays them through", false);
+    let whole = upgrade::recording();
+    let without_pictures = Recording { pictures: Vec::new(), ..whole.clone() };
+    let without_events = Recording { events: Vec::new(), outcome: None, ..whole.clone() };
+    let bare = Recording { pictures: Vec::new(), series: Vec::new(), outcome: None, ..whole };
+    let of = |recording| Model::new(Timeline::new(recording), Speed::default());
+    vec![
+        ("help", help),
+        ("typing", typing),
+        ("playing", playing),
+        ("without_pictures", of(without_pictures)),
+        ("without_events", of(without_events)),
+        ("bare", of(bare)),
+    ]
+}
+
+#[test]
+fn every_occasion() {
+    for (name, model) in occasions() {
+        insta::assert_snapshot!(format!("{name}_80x24"), text_of(&model, &look(), (80, 24)));
+    }
+}
+
+#[test]
+fn ascii_alone_where_it_is_asked_for() {
+    let look = Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Ascii);
+    let at = upgrade::CURSORS.map(|(_, at_ms)| replayed(at_ms));
+    for model in at.into_iter().chain(occasions().into_iter().map(|(_, model)| model)) {
+        for size in SIZES {
+            let text = text_of(&model, &look, size);
+            assert!(text.is_ascii(), "{size:?}:\n{text}");
+        }
+    }
+    insta::assert_snapshot!("shadow_ascii_100x30", text_of(&replayed(766_400), &look, (100, 30)));
+}
+
+#[test]
+fn colours_add_nothing_that_is_not_said_without_them() {
+    let mono = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+    for (name, at_ms) in upgrade::CURSORS {
+        let model = replayed(at_ms);
+        assert_eq!(text_of(&model, &mono, (100, 30)), text_of(&model, &look(), (100, 30)), "{name}");
+        let buf = drawn(&model, &mono, (100, 30));
+        let coloured = buf.content().iter().filter(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
+        assert_eq!(coloured.count(), 0, "{name}");
+    }
+    insta::assert_snapshot!("rollback_mono_80x24", text_of(&replayed(851_300), &mono, (80, 24)));
+}
+
+#[test]
+fn every_window_is_drawn_and_says_that_it_is_a_replay() {
+    let at = upgrade::CURSORS.map(|(_, at_ms)| replayed(at_ms));
+    let mut models: Vec<Model> = at.into_iter().collect();
+    models.extend(occasions().into_iter().map(|(_, model)| model));
+    let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
+    let heights = [1, 2, 3, 4, 5, 7, 8, 9, 10, 15, 16, 23, 25, 29, 31, 60];
+    for model in &models {
+        for width in widths {
+            for height in heights {
+                let text = text_of(model, &look(), (width, height));
+                assert_eq!(text.lines().count(), usize::from(height));
+                if width >= 19 && model.help.is_none() {
+                    assert!(text.contains("REPLAY"), "{width}x{height}:\n{text}");
+                }
+            }
+        }
+    }
+    for width in 1..70 {
+        for height in 1..18 {
+            drawn(&models[1], &look(), (width, height));
+        }
+    }
+}
+
+/// Texts that a terminal or a reader would be taken in by.
+const HOSTILE: &str = "\u{1b}[2J\u{1b}]0;owned\u{7}\u{9b}31m\r\n\u{202e}evom\u{2066}\u{200b}\u{feff}";
+
+fn poisoned() -> Recording {
+    let mut recording = upgrade::recording();
+    let poison = |text: &mut String| HOSTILE.clone_into(text);
+    poison(&mut recording.about.robot);
+    poison(&mut recording.about.profile);
+    poison(&mut recording.about.engine_build);
+    recording.outcome = Some(HOSTILE.to_owned());
+    recording.series.iter_mut().for_each(|series| series.name = format!("shadow/{HOSTILE}"));
+    recording.scenery.keep_outs.iter_mut().for_each(|region| poison(&mut region.name));
+    recording.pictures.iter_mut().for_each(|picture| picture.task = Some(HOSTILE.to_owned()));
+    for event in &mut recording.events {
+        match &mut event.kind {
+            EventKind::Decided { reasons, outcome, .. } => {
+                poison(outcome);
+                for reason in reasons {
+                    poison(&mut reason.text);
+                }
+            }
+            EventKind::StateChanged { reason, .. } => poison(reason),
+            EventKind::Registered { author, .. } => poison(author),
+            _ => {}
+        }
+    }
+    recording
+}
+
+#[test]
+fn hostile_texts_act_on_nothing() {
+    for (_, at_ms) in upgrade::CURSORS {
+        let mut model = Model::new(Timeline::new(poisoned()), Speed::default());
+        model.cursor = model.timeline.at(at_ms);
+        for size in SIZES.into_iter().chain([(40, 12), (30, 5)]) {
+            let text = text_of(&model, &look(), size);
+            let acts = |sign: char| {
+                sign != '\n' && (sign.is_control() || "\u{202e}\u{2066}\u{200b}\u{feff}".contains(sign))
+            };
+            assert!(!text.contains(acts), "{size:?}: {text:?}");
+        }
+    }
+    let printed = printed(&poisoned(), None);
+    assert!(!printed.contains(|sign: char| sign != '\n' && sign.is_control()), "{printed:?}");
+}
+
+/// Numbers of a broken file: nothing of them may stop the screen.
+#[test]
+fn senseless_numbers_are_drawn_somehow() {
+    let mut recording = upgrade::recording();
+    for (index, picture) in recording.pictures.iter_mut().enumerate() {
+        picture.at_ms = picture.at_ms.wrapping_mul(if index % 7 == 0 { u64::MAX } else { 1 });
+        picture.speed_m_s = [f32::NAN, f32::INFINITY, -1e30][index % 3];
+        picture.body.object = [f32::NAN, 1e30, f32::NEG_INFINITY];
+        picture.body.links.truncate(index % 3);
+    }
+    for series in &mut recording.series {
+        series.points.extend([(0, f64::NAN), (u64::MAX, f64::INFINITY), (5, -1e300), (7, 1e300)]);
+    }
+    let mut model = Model::new(Timeline::new(recording), Speed::default());
+    for at_ms in [0, 766_400, 851_300, u64::MAX] {
+        model.cursor = model.timeline.at(at_ms);
+        for charts in 0..model.timeline.groups().len() {
+            model.charts = Some(charts);
+            for size in SIZES {
+                assert!(text_of(&model, &look(), size).contains("REPLAY"));
+            }
+        }
+    }
+}
+
+fn printed(recording: &Recording, to_ms: Option<u64>) -> String {
+    let mut out = Vec::new();
+    print(recording, to_ms, &mut out).unwrap();
+    String::from_utf8(out).unwrap()
+}
+
+#[test]
+fn prints_one_line_an_event() {
+    let recording = upgrade::recording();
+    insta::assert_snapshot!("printed", printed(&recording, None));
+    let until = printed(&recording, Some(757_000));
+    assert_eq!(
+        until.lines().count(),
+        2 + recording.events.iter().filter(|event| event.at_ms <= 757_000).count()
+    );
+    assert!(
+        until.ends_with("the recording goes on; 0 pictures; not kept: 12 pictures, 0 events\n"),
+        "{until}"
+    );
+    let open = Recording { outcome: None, ..recording };
+    assert!(printed(&open, None).contains("not closed"), "an open recording says so");
+}

@@ -1,0 +1,60 @@
+//! A console in the middle of a shift, in each of its views.
+
+use std::sync::Arc;
+
+use holdpoint::console::keymap::Keymap;
+use holdpoint::console::model::{EngineState, Listing, Model, Operator, Settings, Told, View};
+use holdpoint::protocol::detail::{AuditPage, Verified};
+
+pub use crate::shift::*;
+
+/// A console without anything told yet.
+pub fn blank() -> Model {
+    let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+    let mut model = Model::new(settings, Arc::new(Keymap::default()), vec!["calm-dark".to_owned()]);
+    model.now_ms = 60_000;
+    model.snapshot_ms = 60_000;
+    model
+}
+
+/// A console in the middle of a shift.
+pub fn model() -> Model {
+    let mut model = blank();
+    model.engine = EngineState::Running;
+    model.snapshot = Some(Arc::new(snapshot()));
+    model.picture = Some(Arc::new(picture()));
+    model.operator = Some(Operator { name: "linus".to_owned(), role: "operator".to_owned() });
+    model.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
+    model.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
+    model.verified = Some(Verified {
+        holds: true,
+        records: 391,
+        text: "every record follows from the one before".to_owned(),
+    });
+    let told = [
+        "state-changed place@1.1.0 validated -> sandboxed",
+        "stage-started place@1.1.0 shadow budget 40",
+        "approval-requested align@2.0.0 needed 2",
+        "approval-received align@2.0.0 by grace: approve",
+        "progress grasp@1.1.0 sandbox 137 of 480",
+    ];
+    for (seq, text) in (1u64..).zip(told) {
+        model.told.push_back(Told { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+    }
+    model
+}
+
+/// The same, in a view.
+pub fn at(view: View) -> Model {
+    let mut model = model();
+    model.view = view;
+    match view {
+        View::Candidate => {
+            model.chosen = Some(id("align@2.0.0"));
+            model.detail = Some(Arc::new(detail()));
+        }
+        View::Shadow => model.chosen = Some(id("place@1.1.0")),
+        View::Overview | View::Registry | View::Alarms | View::Approvals | View::Audit => {}
+    }
+    model
+}

@@ -1,0 +1,545 @@
+//! What an engine shows in the middle of a shift, made by hand: every screen has something to show.
+
+use holdpoint_governance::alarms::AlarmSummary;
+use holdpoint_governance::composition::Condition;
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::evidence::Signature;
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_protocol::detail::{
+    AuditRow, Detail, DifferenceView, DrillView, ExplainedLine, ExplainedView, Measure, ModeView,
+    RegistryPage, RegistryRow,
+};
+use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
+use holdpoint_protocol::snapshot::{
+    AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
+    PromptView, QuestionView, ShadowView, Snapshot,
+};
+
+/// The profile's limits of the four kappas.
+const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
+
+/// Virtual time of the fixture, ms.
+pub const NOW_MS: u64 = 761_000;
+
+pub fn digest(text: &str) -> Digest {
+    Digest::of_parts("test", &[text.as_bytes()])
+}
+
+pub fn id(text: &str) -> CapabilityId {
+    text.parse().unwrap()
+}
+
+fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
+    Reason { code, dimension, text: text.to_owned(), evidence: Some(0.871), limit: Some(0.9) }
+}
+
+fn dimensions(kappas: [Option<f64>; 4]) -> Vec<DimensionResult> {
+    let which = [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+    let outcome = |kappa: Option<f64>, threshold| match kappa {
+        None => "no-data",
+        Some(kappa) if kappa >= threshold => "compatible",
+        Some(_) => "suspicious",
+    };
+    let parts = which.into_iter().zip(kappas).zip(LIMITS);
+    parts
+        .map(|((dimension, kappa), threshold)| DimensionResult {
+            dimension,
+            outcome: outcome(kappa, threshold).to_owned(),
+            kappa,
+            interval: kappa
+                .filter(|kappa| *kappa < 1.0)
+                .map(|kappa| [kappa - 0.031, (kappa + 0.024).min(1.0)]),
+            threshold,
+            measured: dimension != Dimension::Recovery,
+        })
+        .collect()
+}
+
+fn signature(success: f64) -> Signature {
+    Signature {
+        success,
+        time_s: 6.4,
+        retry: 0.2,
+        violation: 0.01,
+        anomaly: 0.04,
+        recovery: 0.03,
+        intervention: 0.0,
+        timeout: 0.0,
+    }
+}
+
+fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
+    CandidateView {
+        version: id(version),
+        digest: digest(version),
+        state,
+        flags,
+        row_version: 7,
+        author: "ada".to_owned(),
+        provenance: "refined".to_owned(),
+        risk: "medium".to_owned(),
+        progress: None,
+        dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.871)]),
+        composite: Some(0.912),
+        pairs: None,
+        drills: None,
+        shadow: None,
+        reasons: vec![reason(
+            ReasonCode::BehaviorCompatible,
+            Dimension::Behavior,
+            "no component is worse than the active version beyond its tolerance",
+        )],
+        conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
+    }
+}
+
+fn shadow() -> ShadowView {
+    let wave = |index: usize, base: f32| base + 0.02 * ((index * 7 % 5) as f32);
+    let series: Vec<[f32; 3]> = (0..14)
+        .map(|index| {
+            let spike = if index == 9 { 0.31 } else { 0.0 };
+            [wave(index, 0.05) + spike, wave(index, -0.02), wave(index + 2, 0.01)]
+        })
+        .collect();
+    ShadowView {
+        n: 14,
+        output: 0.112,
+        governance: 0.021,
+        envelope: 0.051,
+        limits: [Some(0.3), Some(0.1), None],
+        series,
+        disagreements: vec![
+            Disagreement {
+                index: 9,
+                seed: 4242,
+                text: "live: place done; twin: place missed the tray by 31 mm, recovery ran".to_owned(),
+                output: 0.42,
+            },
+            Disagreement {
+                index: 3,
+                seed: 4236,
+                text: "live: one retry; twin: none".to_owned(),
+                output: 0.14,
+            },
+        ],
+    }
+}
+
+fn candidates() -> Vec<CandidateView> {
+    let running = |stage| Flags { running: Some(stage), ..Flags::default() };
+    let mut rejected = candidate("grasp@1.0.9", State::Rejected, Flags::default());
+    rejected.reasons = vec![reason(
+        ReasonCode::BehaviorEstablishedWorse,
+        Dimension::Behavior,
+        "the established worsening brings the behavioural value to 0.871, below 0.90",
+    )];
+    rejected.dimensions = dimensions([Some(1.0), Some(0.96), Some(0.871), None]);
+    let waits = Flags { awaiting_approval: true, ..Flags::default() };
+    let mut approval = candidate("align@2.0.0", State::Shadowed, waits);
+    approval.pairs = Some(PairsView {
+        n: 480,
+        active: signature(0.94),
+        candidate: signature(0.971),
+        candidate_success: [0.952, 0.983],
+        active_success: [0.915, 0.958],
+    });
+    approval.shadow = Some(shadow());
+    let mut shadowed = candidate("place@1.1.0", State::Sandboxed, running(Stage::Shadow));
+    shadowed.progress = Some(ProgressView {
+        stage: Stage::Shadow,
+        what: "shadow sequences".to_owned(),
+        done: 14,
+        budget: 40,
+        since_ms: 601_000,
+        early: "the output divergence passes 0.30 on average".to_owned(),
+    });
+    shadowed.shadow = Some(shadow());
+    let mut sandbox = candidate("grasp@1.1.0", State::Validated, running(Stage::Sandbox));
+    sandbox.progress = Some(ProgressView {
+        stage: Stage::Sandbox,
+        what: "paired episodes, mode nominal".to_owned(),
+        done: 137,
+        budget: 480,
+        since_ms: 636_000,
+        early: "a worsening beyond the tolerance is established, or can no longer be".to_owned(),
+    });
+    sandbox.dimensions = dimensions([Some(1.0), Some(0.97), Some(0.914), None]);
+    sandbox.reasons.clear();
+    vec![rejected, approval, shadowed, sandbox]
+}
+
+/// A question about `align@2.0.0` at a tier of friction.
+pub fn question(tier: u8) -> PromptView {
+    PromptView {
+        id: "approval:align@2.0.0".to_owned(),
+        version: id("align@2.0.0"),
+        replaces: Some(id("align@1.0.0")),
+        candidate: digest("align@2.0.0"),
+        row_version: 7,
+        evidence: digest("evidence"),
+        policy: digest("policy"),
+        profile: "human".to_owned(),
+        needed: if tier == 2 { 2 } else { 1 },
+        approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
+        deadline_ms: NOW_MS + 1_742_000,
+        valid_until_ms: NOW_MS + 600_000,
+        store_id: "store".to_owned(),
+        asked_ms: NOW_MS - 58_000,
+        tier,
+        author: "ada".to_owned(),
+        new_permissions: vec!["force control up to 20 N".to_owned()],
+        untested: vec![
+            "objects heavier than 0.4 kg".to_owned(),
+            "the conveyor running while the tray is turned".to_owned(),
+        ],
+        on_drift: "align@1.0.0 takes over by itself within 250 ms of a trip".to_owned(),
+    }
+}
+
+fn alarm(alarm: &str, priority: &str, state: &str, text: &str, since_ms: u64) -> AlarmView {
+    AlarmView {
+        alarm: alarm.to_owned(),
+        subject: alarm.rsplit(':').next().unwrap_or(alarm).to_owned(),
+        state: state.to_owned(),
+        priority: priority.to_owned(),
+        text: text.to_owned(),
+        since_ms,
+        state_below: state.to_owned(),
+        latching: priority == "critical",
+        acknowledged_by: None,
+        shelf: None,
+        raises: 1,
+        chattering: false,
+    }
+}
+
+fn alarms() -> Vec<AlarmView> {
+    let mut acknowledged = alarm(
+        "drift:place@1.0.0",
+        "high",
+        "acknowledged",
+        "success of the last sequences fell below the baseline",
+        540_000,
+    );
+    acknowledged.acknowledged_by = Some("grace".to_owned());
+    let mut shelved =
+        alarm("camera:align@1.0.0", "low", "shelved", "frames arrive late, 3 in a minute", 400_000);
+    "unacknowledged".clone_into(&mut shelved.state_below);
+    shelved.shelf = Some(("grace".to_owned(), "the camera is being exchanged".to_owned(), NOW_MS + 900_000));
+    shelved.raises = 7;
+    shelved.chattering = true;
+    vec![
+        alarm(
+            "monitor:grasp@1.0.0",
+            "critical",
+            "unacknowledged",
+            "the monitor has had no samples for 3 s and holds the arm",
+            749_000,
+        ),
+        alarm(
+            "shadow:place@1.1.0",
+            "high",
+            "returned-unacknowledged",
+            "one sequence diverged by 0.42, limit 0.30 on average",
+            700_000,
+        ),
+        alarm("store:disk", "low", "unacknowledged", "the audit log's disk is 81 % full", 650_000),
+        acknowledged,
+        alarm("ladder:grasp@1.0.9", "critical", "latched", "the rollback took 1.9 s, limit 1.5 s", 300_000),
+        shelved,
+    ]
+}
+
+fn families() -> Vec<FamilyView> {
+    let family = |name: &str, active: Option<&str>, pinned: Option<&str>, flags: Flags| FamilyView {
+        family: Family::new(name.to_owned()).unwrap(),
+        active: active.map(id),
+        pinned: pinned.map(id),
+        safe_stopped: active.is_none(),
+        flags: active.map(|_| flags),
+        provisional: flags.provisional.then_some((7, 40)),
+    };
+    let provisional = Flags { provisional: true, ..Flags::default() };
+    vec![
+        family("align", Some("align@1.0.0"), None, Flags::default()),
+        family("grasp", Some("grasp@1.0.0"), None, Flags { restricted: true, ..Flags::default() }),
+        family("place", Some("place@1.0.0"), Some("place@0.9.4"), provisional),
+        family("wipe", None, None, Flags::default()),
+    ]
+}
+
+fn live() -> LiveView {
+    LiveView {
+        sequences: 212,
+        recent_success: Some(0.94),
+        recent: 50,
+        last: Vec::new(),
+        drift: Some("friction, strong".to_owned()),
+        fault: None,
+        pace: None,
+        outcomes: (0..50).map(|index| index % 17 != 4).collect(),
+        monitors: vec![MonitorView {
+            version: id("place@1.0.0"),
+            episodes: 7,
+            needed: 40,
+            restricted: false,
+            charts: vec![
+                ("success".to_owned(), 1.2, 4.6),
+                ("violation".to_owned(), 3.9, 4.6),
+                ("time".to_owned(), 5.1, 4.6),
+            ],
+        }],
+    }
+}
+
+fn scenery() -> Scenery {
+    let region = |name: &str, min, max| Region { name: name.to_owned(), min, max };
+    Scenery {
+        workspace: Some(region("workspace", [0.1, -0.4, 0.0], [0.8, 0.4, 0.7])),
+        keep_outs: vec![region("person", [0.75, 0.1, 0.0], [1.0, 0.4, 0.6])],
+        fixtures: vec![
+            region("table", [0.0, -0.5, -0.05], [1.0, 0.5, 0.0]),
+            region("tray", [0.55, -0.35, 0.0], [0.75, -0.15, 0.04]),
+        ],
+    }
+}
+
+fn body(reach: f32, held: bool) -> Body {
+    Body {
+        links: vec![
+            [0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.33],
+            [0.2, 0.05, 0.62],
+            [0.45, 0.1, 0.45],
+            [reach, 0.12, 0.2],
+        ],
+        pads: [[reach, 0.09, 0.12], [reach, 0.15, 0.12]],
+        hand: NO_TURN,
+        object: [reach, 0.12, 0.1],
+        object_turn: NO_TURN,
+        object_half_m: 0.025,
+        held,
+    }
+}
+
+/// The live cell with a twin.
+pub fn picture() -> Picture {
+    Picture {
+        sequence: 211,
+        at_ms: NOW_MS,
+        at_secs: 3.42,
+        task: Some("grasp".to_owned()),
+        version: Some(id("grasp@1.0.0")),
+        body: body(0.5, true),
+        speed_m_s: 0.21,
+        force_n: 4.1,
+        contact_n: 0.0,
+        envelope: Some(Envelope { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
+        contacts: Vec::new(),
+        blocks: Vec::new(),
+        unexpected_contact: false,
+        stopped: false,
+        twin: Some(Twin { version: id("place@1.1.0"), body: body(0.56, false) }),
+    }
+}
+
+/// How things stand.
+pub fn snapshot() -> Snapshot {
+    Snapshot {
+        at_ms: NOW_MS,
+        profile: "human".to_owned(),
+        robot: "arm-1".to_owned(),
+        seed: 42,
+        policy: digest("policy"),
+        agent: digest("agent"),
+        holding: None,
+        families: families(),
+        candidates: candidates(),
+        prompts: vec![question(2)],
+        questions: vec![QuestionView {
+            version: id("grasp@1.0.0"),
+            reasons: vec![reason(
+                ReasonCode::BehaviorSuspicious,
+                Dimension::Monitor,
+                "the monitor cannot tell whether the success still is the baseline's",
+            )],
+            deadline_ms: NOW_MS + 43_000,
+        }],
+        alarms: alarms(),
+        alarm_summary: AlarmSummary {
+            highest_unacknowledged: Some(holdpoint_governance::alarms::Priority::Critical),
+            unacknowledged: [1, 1, 1],
+            acknowledged: 1,
+            latched: 1,
+            shelved: 1,
+            flood: false,
+        },
+        live: live(),
+        scenery: scenery(),
+        thresholds: LIMITS,
+    }
+}
+
+/// The registry's first page.
+pub fn registry_page() -> RegistryPage {
+    let row = |version: &str, state, flags, kappas| RegistryRow {
+        version: id(version),
+        state,
+        flags,
+        kappas,
+        baseline: version.ends_with("1.0.0"),
+        author: "ada".to_owned(),
+        provenance: "refined".to_owned(),
+        risk: "medium".to_owned(),
+        changed_ms: 300_000,
+    };
+    let none = Flags::default();
+    let running = |stage| Flags { running: Some(stage), ..none };
+    let full = [Some(1.0), Some(0.97), Some(0.931), Some(0.871)];
+    let rows = vec![
+        row("align@1.0.0", State::Active, none, [Some(1.0), Some(1.0), None, None]),
+        row("align@2.0.0", State::Shadowed, Flags { awaiting_approval: true, ..none }, full),
+        row(
+            "grasp@1.0.0",
+            State::Active,
+            Flags { restricted: true, ..none },
+            [Some(1.0), Some(1.0), None, None],
+        ),
+        row("grasp@1.0.9", State::Rejected, none, [Some(1.0), Some(0.96), Some(0.871), None]),
+        row(
+            "grasp@1.1.0",
+            State::Validated,
+            running(Stage::Sandbox),
+            [Some(1.0), Some(0.97), Some(0.914), None],
+        ),
+        row("place@0.9.4", State::Superseded, none, [Some(1.0), Some(0.97), Some(0.95), Some(0.9)]),
+        row("place@1.0.0", State::Active, Flags { provisional: true, ..none }, full),
+        row("place@1.1.0", State::Sandboxed, running(Stage::Shadow), full),
+    ];
+    let total = rows.len() as u64;
+    RegistryPage { rows, total, thresholds: LIMITS }
+}
+
+pub fn audit_rows() -> Vec<AuditRow> {
+    let row = |seq: u64, kind: &str, subject: &str, body: &str| AuditRow {
+        seq,
+        at_ms: seq * 1_900,
+        kind: kind.to_owned(),
+        subject: subject.to_owned(),
+        body: body.to_owned(),
+        hash: digest(body),
+    };
+    vec![
+        row(
+            391,
+            "approval",
+            "align@2.0.0",
+            r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#,
+        ),
+        row(390, "stage", "place@1.1.0", r#"{"stage":"shadow","outcome":"started","budget":40}"#),
+        row(
+            389,
+            "decision",
+            "place@1.1.0",
+            r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#,
+        ),
+        row(388, "registered", "grasp@1.1.0", r#"{"author":"ada","provenance":"refined","digest":"9f3c"}"#),
+    ]
+}
+
+fn measure(name: &str, candidate: f64, active: f64, limit: Option<f64>) -> Measure {
+    Measure {
+        name: name.to_owned(),
+        candidate: Some(candidate),
+        active: Some(active),
+        interval: Some([candidate - 0.02, candidate + 0.02]),
+        limit,
+        n: 480,
+    }
+}
+
+/// Everything about `align@2.0.0`.
+pub fn detail() -> Detail {
+    let measures = || {
+        vec![
+            measure("success", 0.971, 0.94, Some(0.9)),
+            measure("time, s", 6.4, 6.1, Some(7.0)),
+            measure("violations", 0.01, 0.01, Some(0.03)),
+        ]
+    };
+    Detail {
+        version: id("align@2.0.0"),
+        against: Some(id("align@1.0.0")),
+        parent: Some("align@1.0.0".to_owned()),
+        digest: digest("align@2.0.0"),
+        summary: "Turns the wrist before it lowers, which needs less room above the tray.".to_owned(),
+        author: "ada".to_owned(),
+        provenance: "refined".to_owned(),
+        risk: "medium".to_owned(),
+        registered_ms: 120_000,
+        dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.821)]),
+        composite: Some(0.912),
+        reasons: vec![
+            reason(
+                ReasonCode::RecoveryConditional,
+                Dimension::Recovery,
+                "recovery is above the floor and clearly below the active version's: 41 of 50 drills against 48 of 50",
+            ),
+            reason(
+                ReasonCode::BehaviorCompatible,
+                Dimension::Behavior,
+                "no component is worse beyond its tolerance",
+            ),
+        ],
+        conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
+        differences: vec![
+            DifferenceView {
+                field: "envelope.force_max_n".to_owned(),
+                active: Some("12".to_owned()),
+                candidate: Some("20".to_owned()),
+            },
+            DifferenceView {
+                field: "permissions.force_control".to_owned(),
+                active: None,
+                candidate: Some("up to 20 N".to_owned()),
+            },
+            DifferenceView {
+                field: "inputs.tray_height".to_owned(),
+                active: Some("optional, m".to_owned()),
+                candidate: None,
+            },
+        ],
+        behavior: measures(),
+        modes: vec![
+            ModeView { mode: "nominal".to_owned(), measures: measures() },
+            ModeView { mode: "slippery".to_owned(), measures: measures() },
+        ],
+        drills: vec![
+            DrillView { kind: "rollback".to_owned(), candidate: [49, 50], active: [50, 50] },
+            DrillView { kind: "abort".to_owned(), candidate: [41, 50], active: [48, 50] },
+        ],
+        decisions: vec![ExplainedView {
+            record: 371,
+            at_ms: 700_000,
+            stage: "sandbox".to_owned(),
+            outcome: "pass-restricted".to_owned(),
+            rule: ["composition".to_owned(), "design 3.7".to_owned()],
+            reasons: vec![ExplainedLine {
+                code: "recovery-conditional".to_owned(),
+                dimension: "recovery".to_owned(),
+                in_favour: false,
+                text: "recovery is clearly below the active version's".to_owned(),
+                evidence: Some(0.821),
+                limit: Some(0.85),
+                measured: Some("41 of 50, 0.82 [0.69, 0.90]".to_owned()),
+            }],
+            change: vec!["44 of 50 abort drills would have to pass".to_owned()],
+            then: vec!["two people were asked".to_owned()],
+        }],
+        audit: audit_rows(),
+        evidence: Some(digest("evidence")),
+        untested: vec!["objects heavier than 0.4 kg".to_owned()],
+    }
+}
