@@ -1,7 +1,197 @@
 //! The rules: pure functions over plain data. No I/O, no clock, no randomness, no async.
 //!
 //! Texts and values come in, decisions with their reasons go out; whoever calls opens the files,
-//! measures the episodes and keeps the time.
+//! measures the episodes and keeps the time. No simulator, store or screen is behind it, so the software of another
+//! robot can use this crate as a library and keep its own machinery round it.
+//!
+//! # Judging a candidate with your own robot
+//!
+//! 1. **Parse** the manifests of the candidate and of the active version ([`manifest::Manifest::parse`]) and the
+//!    profile with its policies ([`profile::Profile`], [`policy::PolicyTable`]). Each of them has a digest.
+//! 2. **Read from the code** what it exports and needs ([`exports::Interface`]). Whoever loads bundles fills it in; a
+//!    copy of the manifest would make the comparison worthless.
+//! 3. **Check what can be checked without running anything**: [`interface::assess`] and [`policy::assess`].
+//! 4. **Measure** both versions on the same seeds and rehearse recovery, in whatever simulator or cell there is, and
+//!    keep the raw values: [`evidence::PairedEvidence`] for [`behavior::assess`], [`evidence::RecoveryEvidence`] for
+//!    [`recovery::assess`]. Evidence is bound to digests; what was measured for anything else counts as no data.
+//! 5. **Join** the four results with [`composition::psi`], which names the next permitted stage and says why.
+//! 6. After shadow, [`gate::assess_shadow`] and [`gate::evaluate`] decide on activation; on the robot [`monitor`]
+//!    watches, and [`rollback`] and [`lifecycle`] say what may follow.
+//!
+//! The example takes a better version of a skill through steps 1 to 5, and then one that would break its callers.
+//!
+//! ```
+//! use std::collections::BTreeMap;
+//!
+//! use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+//! use holdpoint_governance::decision::{MadeUnder, ReasonCode};
+//! use holdpoint_governance::evidence::{
+//!     Binding, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
+//! };
+//! use holdpoint_governance::exports::Interface;
+//! use holdpoint_governance::ids::Digest;
+//! use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+//! use holdpoint_governance::manifest::Manifest;
+//! use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome, Recommendation};
+//! use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
+//! use holdpoint_governance::profile::{Profile, ProfileName};
+//! use holdpoint_governance::{behavior, recovery};
+//!
+//! // 1. Two versions of a skill that wipes a surface, and the rules of the place they run in.
+//! const ACTIVE: &str = r#"
+//! name = "wipe"
+//! version = "1.0.0"
+//!
+//! [inputs.surface]
+//! type = "pose"
+//! unit = "m"
+//! frame = "world"
+//!
+//! [outputs.outcome]
+//! type = "enum"
+//! values = ["done", "failed"]
+//!
+//! [invocation]
+//! entry_points = ["wipe"]
+//!
+//! [permissions]
+//! channels = ["arm"]
+//! commands = ["stop", "tool-pose"]
+//! zones = ["work", "transit"]
+//! sensors = ["joints", "wrist-force"]
+//! tools = ["parallel-gripper"]
+//! max_speed_m_s = 0.4
+//! max_force_n = 20.0
+//! authority = 1
+//!
+//! [permissions.resources]
+//! cpu_us_per_tick = 50
+//! memory_kib = 256
+//!
+//! [recovery]
+//! rollback_hook = "rollback"
+//! failure_signals = ["timed_out"]
+//!
+//! [recovery.fallback]
+//! family = "park"
+//! version = "^1"
+//!
+//! [recovery.safe_abort]
+//! hook = "safe-abort"
+//! stop_time_max_ms = 400
+//!
+//! [deployment]
+//! environments = ["sim", "real"]
+//! bundle = "native:wipe"
+//! "#;
+//! let active = Manifest::parse("wipe/1.0.0", ACTIVE)?;
+//! let candidate = Manifest::parse("wipe/1.1.0", &ACTIVE.replace("1.0.0", "1.1.0"))?;
+//! let profile = Profile::builtin(ProfileName::Sim)?;
+//! let table = PolicyTable::builtin(&profile)?;
+//!
+//! // 2. What the loader found in the candidate's code.
+//! let exports: Interface = serde_json::from_value(serde_json::json!({
+//!     "controller": "wipe",
+//!     "semantics_version": "1.0.0",
+//!     "entry_points": ["wipe"],
+//!     "inputs": candidate.inputs,
+//!     "outputs": candidate.outputs,
+//!     "parameters": {},
+//!     "hooks": ["rollback", "safe-abort"],
+//!     "failure_signals": ["timed_out"],
+//!     "needs": [{ "channel": "arm", "command": "stop" }, { "channel": "arm", "command": "tool-pose" }],
+//! }))?;
+//! let registered =
+//!     [Registered { id: active.id(), active: true, dependencies: BTreeMap::new() }];
+//!
+//! // 3. Interface and policy, without running anything.
+//! let look = |candidate: &Manifest| {
+//!     let input = InterfaceInput {
+//!         candidate,
+//!         exports: Some(&exports),
+//!         active: Some(&active),
+//!         registered: &registered,
+//!     };
+//!     interface::assess(&input, &profile.thresholds).assessment
+//! };
+//! let interface = look(&candidate);
+//! assert_eq!(interface.outcome, InterfaceOutcome::Compatible);
+//! let input = PolicyInput {
+//!     permissions: &candidate.permissions,
+//!     environments: &candidate.deployment.environments,
+//!     exports: Some(&exports),
+//!     active: Some(&active.permissions),
+//! };
+//! let policy = policy::assess(&input, &table, &profile).assessment;
+//! assert_eq!(policy.outcome, PolicyOutcome::Compatible);
+//!
+//! // 4. Both versions on the same seeds, and the same drills with both. Your cell measures them.
+//! let binding = Binding {
+//!     candidate: candidate.digest()?,
+//!     active: Some(active.digest()?),
+//!     profile: profile.digest()?,
+//!     policy: table.digest,
+//!     environment: Digest::of_parts("example", &[b"cell 7"]),
+//! };
+//! let episode = |success| EpisodeValues {
+//!     success,
+//!     violation: false,
+//!     anomaly: false,
+//!     recovery: !success,
+//!     intervention: false,
+//!     timeout: false,
+//!     near_violation: false,
+//!     retries: 0,
+//!     time_s: 3.0,
+//!     unsafe_continuation_ms: 0.0,
+//! };
+//! let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
+//!     .map(|seed| Pair { seed, active: episode(seed % 4 != 0), candidate: episode(seed % 40 != 0) })
+//!     .collect();
+//! let episodes = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
+//! let behavior = behavior::assess(&episodes, &binding, &profile).assessment;
+//!
+//! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
+//! let drills = Drills { rollback: all, fallback: all, abort: all, detect: all };
+//! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
+//! let recovery = recovery::assess(&rehearsed, &binding, &profile).assessment;
+//!
+//! // 5. The next permitted stage.
+//! let under = MadeUnder {
+//!     candidate: binding.candidate,
+//!     active: binding.active,
+//!     policy: binding.policy,
+//!     profile: binding.profile,
+//!     authority: Digest::of_parts("example", &[b"nobody is asked in sim"]),
+//!     environment: binding.environment,
+//!     evidence: Digest::of_json("example.evidence", &episodes)?,
+//! };
+//! let context = PsiContext { has_approver: profile.has_approver() };
+//! let mut kappas = Kappas { interface, policy, behavior, recovery };
+//! let decision = psi(&kappas, context, under);
+//! assert_eq!(*decision.outcome(), Recommendation::Activate);
+//! assert!(decision.answers().admitted && decision.has(ReasonCode::CompositionEligible));
+//!
+//! // Evidence of another version is no evidence, and no evidence does not advance.
+//! let other = Binding { candidate: active.digest()?, ..binding };
+//! kappas.behavior = behavior::assess(&episodes, &other, &profile).assessment;
+//! assert_eq!(*psi(&kappas, context, under).outcome(), Recommendation::Sandbox);
+//!
+//! // A surface given in the tool's frame: callers of the active version would wipe somewhere else.
+//! let broken = ACTIVE.replace("1.0.0", "1.2.0").replace("frame = \"world\"", "frame = \"tool\"");
+//! kappas.interface = look(&Manifest::parse("wipe/1.2.0", &broken)?);
+//! let decision = psi(&kappas, context, under);
+//! assert_eq!(*decision.outcome(), Recommendation::Reject);
+//! assert!(decision.reasons()[0].text.contains("surface"), "{}", decision.reasons()[0]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What the rules leave to their caller
+//!
+//! A decision grants nothing by itself. Your software has to make sure that a candidate holds no handle to the
+//! robot before [`gate::GatePassed`] exists, that every command passes a guard that asks the same
+//! [`policy::PolicyTable`], and that a change of state is written together with its record. In this program the
+//! crates `holdpoint-runtime`, `holdpoint-engine` and `holdpoint-registry` do that.
 
 pub mod alarms;
 pub mod approval;

@@ -17,6 +17,8 @@ use crate::report;
 const TOP: &[&str] = &[
     "Cargo.lock",
     "Cargo.toml",
+    "LICENSE-APACHE",
+    "LICENSE-MIT",
     "README.md",
     "manifests",
     "profiles",
