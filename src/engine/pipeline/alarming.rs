@@ -6,6 +6,7 @@ use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
+use holdpoint_text::Hint;
 
 impl UpgradeManager {
     /// Raises an alarm and says so.
@@ -39,11 +40,11 @@ impl UpgradeManager {
         match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
             Ok(changes) => {
                 if let Err(error) = self.take_in(&changes, Vec::new(), now_ms) {
-                    self.holding.get_or_insert_with(|| error.to_string());
+                    self.holding.get_or_insert_with(|| error.sentence());
                 }
             }
             Err(error) => {
-                self.holding.get_or_insert_with(|| error.to_string());
+                self.holding.get_or_insert_with(|| error.sentence());
             }
         }
     }
@@ -83,7 +84,7 @@ impl UpgradeManager {
         };
         match self.take_in(&changes, reason_of(event), now_ms) {
             Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
-            Err(error) => Reply::Refused { code: Refusal::Store, text: error.to_string(), hint: None },
+            Err(error) => Reply::refused(Refusal::Store, &error),
         }
     }
 
@@ -180,9 +181,5 @@ fn refused(error: &AlarmError) -> Reply {
         AlarmError::ShelveCritical(_) => Refusal::NotAllowed,
         AlarmError::Full(_) => Refusal::Holding,
     };
-    let text = error.to_string();
-    match text.split_once("\nHint: ") {
-        Some((text, hint)) => Reply::Refused { code, text: text.to_owned(), hint: Some(hint.to_owned()) },
-        None => Reply::Refused { code, text, hint: None },
-    }
+    Reply::refused(code, error)
 }

@@ -35,6 +35,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
 
 /// A fault of the engine's own; it holds from then on.
 #[derive(Debug, thiserror::Error)]
@@ -258,7 +259,7 @@ impl UpgradeManager {
             // Interrupted on purpose: the stage stays marked as running and is run again at the next start.
             Err(_) if self.cancel.load(Ordering::Relaxed) => Progress::Idle { next_ms: None },
             Err(fault) => {
-                self.hold(&fault.to_string());
+                self.hold(&fault.sentence());
                 Progress::Idle { next_ms: None }
             }
         }

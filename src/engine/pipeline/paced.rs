@@ -20,6 +20,7 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::sink::Pictures;
+use holdpoint_text::Hint;
 
 /// Pause after a sequence in which nothing was worked: no version is active, or the world failed.
 const NOTHING_PAUSE: Duration = Duration::from_secs(2);
@@ -185,7 +186,7 @@ impl UpgradeManager {
         if self.holding.is_none()
             && let Err(fault) = self.end_resumptions()
         {
-            self.hold(&fault.to_string());
+            self.hold(&fault.sentence());
         }
     }
 
@@ -201,7 +202,7 @@ impl UpgradeManager {
         if let Some(landed) = landed
             && let Err(fault) = landed.and_then(|worked| self.land(worked))
         {
-            self.hold(&fault.to_string());
+            self.hold(&fault.sentence());
         }
         !self.is_out()
     }

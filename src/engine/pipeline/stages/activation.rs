@@ -17,6 +17,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, ApprovalRequest, AuditBody, Change};
+use holdpoint_text::Hint;
 
 /// Something that waits for people.
 pub struct Prompt {
@@ -225,8 +226,8 @@ impl UpgradeManager {
         let identity = match holdpoint_approvals::Identity::find(&folder, &said.who) {
             Ok(identity) => identity,
             Err(error) => {
-                let hint = Some("make an identity with `holdpoint identity new`");
-                return refuse(Refusal::NotAllowed, error.to_string(), hint);
+                let hint = error.hint().unwrap_or("make an identity with `holdpoint identity new`".into());
+                return refuse(Refusal::NotAllowed, error.to_string(), Some(&hint));
             }
         };
         if let Err(error) = signed.verify(&identity) {
@@ -269,7 +270,7 @@ impl UpgradeManager {
         }
         let change = Change::PutApproval(Box::new(signed.clone()));
         if let Err(error) = self.ledger.write(vec![change], records, at_ms) {
-            return refuse(Refusal::NotAllowed, error.to_string(), None);
+            return Ok(Reply::refused(Refusal::NotAllowed, &error));
         }
         let now_s = self.now_s();
         let settings = self.profile.approval;

@@ -18,7 +18,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, StoreError};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 /// Paces of the live world, simulated seconds in a second.
 const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
@@ -42,10 +42,10 @@ impl UpgradeManager {
         match self.carry_out(command) {
             Ok(reply) => reply,
             Err(fault) => match refusal_of(&fault) {
-                Some((code, hint)) => Reply::Refused { code, text: fault.to_string(), hint },
+                Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.to_string());
-                    refuse_held(&fault.to_string())
+                    self.hold(&fault.sentence());
+                    refuse_held(&fault.sentence())
                 }
             },
         }
@@ -123,7 +123,7 @@ impl UpgradeManager {
         let candidate = match Capability::load(&shown, package) {
             Ok(candidate) => candidate,
             Err(error) => {
-                return Ok(Reply::Refused { code: Refusal::BadInput, text: error.to_string(), hint: None });
+                return Ok(Reply::refused(Refusal::BadInput, &error));
             }
         };
         let id = candidate.id();
@@ -310,17 +310,17 @@ fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, Fault> {
 }
 
 /// A fault that is the command's, not the engine's: nothing has changed.
-fn refusal_of(fault: &Fault) -> Option<(Refusal, Option<String>)> {
+const fn refusal_of(fault: &Fault) -> Option<Refusal> {
     match fault {
         Fault::Ledger(LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_)) => {
-            Some((Refusal::NotFound, Some("see `holdpoint registry list`".to_owned())))
+            Some(Refusal::NotFound)
         }
-        Fault::Ledger(LedgerError::Exists(_)) => Some((Refusal::Exists, None)),
-        Fault::Ledger(LedgerError::Refused(_)) => Some((Refusal::NotNow, None)),
+        Fault::Ledger(LedgerError::Exists(_)) => Some(Refusal::Exists),
+        Fault::Ledger(LedgerError::Refused(_)) => Some(Refusal::NotNow),
         Fault::Store(StoreError::Invalid { .. })
-        | Fault::Ledger(LedgerError::Store(StoreError::Invalid { .. })) => Some((Refusal::BadInput, None)),
+        | Fault::Ledger(LedgerError::Store(StoreError::Invalid { .. })) => Some(Refusal::BadInput),
         Fault::Ledger(LedgerError::Store(StoreError::DiskFull { .. }))
-        | Fault::Store(StoreError::DiskFull { .. }) => Some((Refusal::Store, None)),
+        | Fault::Store(StoreError::DiskFull { .. }) => Some(Refusal::Store),
         Fault::Ledger(_) | Fault::Store(_) | Fault::Sim(_) | Fault::Canonical(_) | Fault::Impossible(_) => {
             None
         }
