@@ -131,6 +131,8 @@ fn register(folder: &str) -> Result<Command, Problem> {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_text::Hint as _;
+
     use super::*;
 
     #[test]
@@ -143,7 +145,7 @@ mod tests {
             seen.insert(name);
         }
         assert_eq!(seen.len(), count);
-        assert!(read(None, &[]).unwrap_err().contains(":register DIR"));
+        assert!(read(None, &[]).unwrap_err().hint().unwrap().contains(":register DIR"));
         assert!(matches!(
             read(Some("manifests/candidates/grasp-improved"), &[]),
             Ok(Command::Register { .. })
