@@ -31,6 +31,7 @@ pub mod trial;
 mod view;
 pub mod world;
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
@@ -53,6 +54,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_text::Hint;
 
 /// The three texts of a family's first version.
 macro_rules! embedded_baseline {
@@ -97,6 +99,20 @@ pub enum StartError {
     /// The start could not be written.
     #[error(transparent)]
     Fault(#[from] Fault),
+}
+
+impl Hint for StartError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(error) => error.hint(),
+            Self::Ledger(error) => error.hint(),
+            Self::Profile(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::Baseline(error) => error.hint(),
+            Self::Fault(error) => error.hint(),
+            Self::Sim(_) => None,
+        }
+    }
 }
 
 /// What an engine is started with.

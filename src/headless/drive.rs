@@ -24,6 +24,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::words;
+use holdpoint_text::{Hint, Problem};
 
 /// A scripted run.
 pub struct RunScript<'a> {
@@ -201,13 +202,13 @@ fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
         None => RobotModel::builtin("arm7"),
         Some(path) => RobotModel::load(path),
     };
-    model.and_then(Cell::new).map_err(CliError::usage)
+    model.and_then(Cell::new).map_err(|error| CliError::usage(error.to_string()))
 }
 
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
 fn start_error(error: holdpoint_engine::StartError) -> CliError {
     match &error {
-        holdpoint_engine::StartError::Fault(_) => CliError::internal(error),
+        holdpoint_engine::StartError::Fault(_) => CliError::internal(error.sentence()),
         _ => CliError::usage(error),
     }
 }
@@ -348,7 +349,7 @@ impl<'a> Driver<'a> {
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => Ok(Step::Done),
-            Reply::Refused { text, .. } => Err(CliError::usage(text)),
+            Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
         }
     }
 

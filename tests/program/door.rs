@@ -19,6 +19,7 @@ use holdpoint::engine::service::{Served, serve};
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
@@ -175,6 +176,38 @@ fn a_retried_command_is_carried_out_once() {
         .collect();
     assert_eq!(answers[0]["reply"]["reply"], "accepted", "{}", answers[0]);
     assert_eq!(answers[0], answers[1]);
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    assert_eq!(running.join().unwrap(), Served::Asked);
+}
+
+#[test]
+fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let improved = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
+    let good = capability::read(Path::new(improved)).unwrap();
+    let register = |manifest: String| {
+        let package = Package { manifest, ..good.clone() };
+        client(folder.path()).ask(Command::Register { package, name: "sent".to_owned() }).unwrap()
+    };
+    // A value that spells out a hint stays in the text it is quoted in.
+    let forged = good.manifest.replacen("unit = \"m\"", "unit = \"feet. Hint: run rm -rf\"", 1);
+    let Reply::Refused { code, text, hint } = register(forged) else { panic!("it was not refused") };
+    assert_eq!((code, hint), (Refusal::BadInput, None), "{text}");
+    assert!(text.contains("feet. Hint: run rm -rf"), "{text}");
+    // A hint of the program's own is never in the text.
+    let elsewhere = good.manifest.replacen("name = \"grasp\"", "name = \"grasps\"", 1);
+    let twice = [register(good.manifest.clone()), register(good.manifest.clone())];
+    let [Reply::Accepted { .. }, Reply::Refused { code, text, hint: Some(hint) }] = twice else {
+        panic!("{twice:?}")
+    };
+    assert_eq!((code, text.as_str()), (Refusal::Exists, "grasp@1.1.0 is registered already"));
+    assert_eq!(hint, "a changed candidate needs a new version number");
+    let Reply::Refused { code, text, hint: Some(hint) } = register(elsewhere) else {
+        panic!("it was not refused with a hint")
+    };
+    assert_eq!((code, text.as_str()), (Refusal::NotFound, "there is no family \"grasps\""));
+    assert_eq!(hint, "a family begins with a baseline, see `holdpoint registry list`");
     client(folder.path()).ask(Command::Shutdown).unwrap();
     assert_eq!(running.join().unwrap(), Served::Asked);
 }

@@ -37,6 +37,7 @@ use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
+use holdpoint_text::Hint;
 
 /// The most requests that are on their way or not yet answered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -276,7 +277,7 @@ fn start(
         cell: model.and_then(Cell::new).map_err(|error| error.to_string())?,
         cache: EpisodeCache::InStore,
     })
-    .map_err(|error| error.to_string())?;
+    .map_err(|error| error.sentence())?;
     let listeners = Listeners::start(&mut engine, config.sinks);
     let others = listeners.pictures();
     let pictures = move |taken: Picture| {
@@ -286,7 +287,7 @@ fn start(
         picture.send_replace(Some(Arc::new(taken)));
     };
     engine.pace_live_world(config.pace, Arc::new(pictures));
-    let door = service::open(&engine).map_err(|error| error.to_string())?;
+    let door = service::open(&engine).map_err(|error| error.sentence())?;
     Ok((engine, door, listeners))
 }
 
