@@ -17,15 +17,15 @@ pub mod explain;
 pub mod fault;
 pub mod host;
 pub mod ledger;
-pub mod listeners;
+mod listeners;
 pub mod monitors;
 pub mod people;
 pub mod pipeline;
+pub mod pump;
 pub mod record;
 pub mod recordings;
 mod rehearsal;
 mod restart;
-pub mod service;
 pub mod stages;
 pub mod trial;
 mod view;
@@ -305,6 +305,12 @@ impl Engine {
     /// A script's clock jumps to a deadline. Tells whether it moved.
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
         self.pipeline.jump_to(at_ms)
+    }
+
+    /// Whether time is virtual and moved by a script.
+    #[must_use]
+    pub const fn is_scripted(&self) -> bool {
+        self.pipeline.record().clock().is_scripted()
     }
 
     /// Virtual time, ms.

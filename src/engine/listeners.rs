@@ -72,7 +72,7 @@ impl Listeners {
 
     /// Ends them: closes what is to be closed, and puts it on record.
     pub fn finish(&mut self, engine: &mut Engine) {
-        let scripted = engine.pipeline.record().clock().is_scripted();
+        let scripted = engine.is_scripted();
         let patience = if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE };
         for sink in self.sinks.drain(..) {
             take_in(engine, sink.finish(patience));
@@ -86,7 +86,7 @@ fn setup(engine: &Engine) -> Result<Setup, String> {
     Ok(Setup {
         recordings: engine.layout().recordings(),
         closed: on_record.0.into_keys().collect(),
-        scripted: engine.pipeline.record().clock().is_scripted(),
+        scripted: engine.is_scripted(),
     })
 }
 
