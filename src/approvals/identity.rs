@@ -240,8 +240,9 @@ mod tests {
         for mode in [0o640, 0o604, 0o660, 0o777] {
             let key = folder.path().join("ada.key");
             std::fs::set_permissions(&key, std::fs::Permissions::from_mode(mode)).unwrap();
-            let error = Identity::load(folder.path(), "ada").unwrap_err().to_string();
-            assert!(error.contains(&format!("{mode:04o}")) && error.contains("chmod 600"), "{error}");
+            let error = Identity::load(folder.path(), "ada").unwrap_err();
+            assert!(error.to_string().contains(&format!("{mode:04o}")), "{error}");
+            assert!(error.hint().unwrap().contains("chmod 600"), "{error}");
         }
     }
 
