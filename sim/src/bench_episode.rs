@@ -12,10 +12,11 @@
 use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::build::{self, Cell, Handles};
+use crate::build::{self, Cell};
 use crate::effort::{self, Fidelity, SolverEffort};
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
+use crate::handles::Handles;
 use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;

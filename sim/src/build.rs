@@ -17,50 +17,16 @@ use rapier3d::dynamics::{
 use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
 use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
-use serde::{Deserialize, Serialize};
 
 use crate::effort::SolverEffort;
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
+use crate::handles::{Handles, Kind, to_rapier, to_vector};
 use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
 use crate::scene::{Clutter, Scene, Table, Tray};
 use holdpoint_body::Shape;
 use holdpoint_body::TICK_SECS;
-
-/// What a collider stands for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kind {
-    /// Arm link by index (0 = base).
-    Link(u8),
-    /// A finger other than its pad.
-    Finger(u8),
-    /// A gripping surface.
-    Pad(u8),
-    /// The cube.
-    Object,
-    /// The bench.
-    Table,
-    /// The tray.
-    Tray,
-    /// Clutter by index.
-    Clutter(u8),
-}
-
-/// Handles into the physics world; they stay valid across a snapshot.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Handles {
-    /// Arm links, joint 1 first.
-    pub links: Vec<RigidBodyHandle>,
-    pub fingers: [RigidBodyHandle; 2],
-    /// Any joint of the multibody.
-    pub first_joint: MultibodyJointHandle,
-    /// Multibody link ids: arm joints, then fingers.
-    pub link_ids: Vec<usize>,
-    pub object: RigidBodyHandle,
-    /// Kind of the collider with raw index `i`.
-    pub kinds: Vec<Kind>,
-}
 
 const PROXIMAL: Group = Group::GROUP_1;
 const MIDDLE: Group = Group::GROUP_2;
@@ -68,22 +34,6 @@ const DISTAL: Group = Group::GROUP_3;
 const OBJECT: Group = Group::GROUP_4;
 const FIXTURE: Group = Group::GROUP_5;
 const CLUTTER: Group = Group::GROUP_6;
-
-/// f64 isometry to rapier's f32 pose.
-pub fn to_rapier(isometry: &Isometry3<f64>) -> RapierPose {
-    isometry.cast::<f32>().into()
-}
-
-/// rapier's f32 pose to an f64 isometry.
-pub fn from_rapier(pose: &RapierPose) -> Isometry3<f64> {
-    let isometry: Isometry3<f32> = (*pose).into();
-    isometry.cast::<f64>()
-}
-
-/// An f64 vector as rapier's f32 one.
-pub fn to_vector(v: &[f64; 3]) -> Vector {
-    Vector::new(v[0] as f32, v[1] as f32, v[2] as f32)
-}
 
 /// An empty world with the settings that hold a gripped cube.
 pub fn empty_world() -> PhysicsWorld {

@@ -6,7 +6,7 @@
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::build::{Handles, Kind};
+use crate::handles::{Handles, Kind};
 use crate::readout;
 
 /// How much work the solver does.

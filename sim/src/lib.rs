@@ -16,6 +16,7 @@ pub mod world;
 
 mod build;
 mod effort;
+mod handles;
 mod motors;
 pub mod number;
 mod perception;

@@ -8,7 +8,7 @@ use rapier3d::geometry::ContactPair;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::build::{Handles, Kind, from_rapier};
+use crate::handles::{Handles, Kind, from_rapier};
 use crate::motors;
 use crate::robot::RobotModel;
 use holdpoint_body::{Contacts, JointVec, TICK_SECS};

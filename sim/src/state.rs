@@ -14,10 +14,11 @@ use rapier3d::dynamics::JointAxis;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::build::{self, Handles, from_rapier};
+use crate::build;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::{Faults, RUNAWAY_RAD_S};
+use crate::handles::{Handles, from_rapier};
 use crate::motors::{self, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
@@ -123,7 +124,7 @@ impl State {
     pub fn push_object(&mut self) {
         for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
             if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
-                body.apply_impulse(build::to_vector(&push.impulse_n_s), true);
+                body.apply_impulse(crate::handles::to_vector(&push.impulse_n_s), true);
             }
         }
     }

@@ -19,10 +19,10 @@ use tokio_util::sync::CancellationToken;
 use super::output::Table;
 use super::run::JOBS_MAX;
 use super::{CliError, Exit, Output};
+use holdpoint_lab::refine::objective::Comparison;
 use holdpoint_lab::refine::search::Progress;
-use holdpoint_lab::refine::{
-    Comparison, EPISODES_MAX, GENERATIONS_MAX, RefineError, Report, Settings, refine,
-};
+use holdpoint_lab::refine::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, Settings};
+use holdpoint_lab::refine::{Report, refine};
 use holdpoint_text::Hint;
 
 /// How often the bar is drawn between two evaluations.

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::model::{Model, View};
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;

@@ -1,8 +1,8 @@
 //! Alarms as the engine raises them: into the book, into the store, told as events.
 
 use crate::monitors::Monitors;
+use crate::names::word;
 use crate::record::Record;
-use crate::word;
 use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, Priority};
 use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_protocol::command::{Refusal, Reply};

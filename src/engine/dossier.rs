@@ -7,10 +7,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::stages::confirmation::Confirmation;
+use crate::doubt::{self, Confirmation};
 use crate::trial::measures::ModeMetrics;
 use holdpoint_governance::behavior::BehaviorAssessment;
-use holdpoint_governance::composition::{Condition, Kappas, composite};
+use holdpoint_governance::composition::{Kappas, composite};
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
 use holdpoint_governance::gate::ShadowAssessment;
@@ -126,6 +127,13 @@ impl Dossiers {
     #[must_use]
     pub fn is_held(&self, id: &CapabilityId) -> bool {
         self.of(id).is_some_and(|dossier| dossier.held)
+    }
+
+    /// Whether a version was let in with a doubt that nothing has settled yet.
+    #[must_use]
+    pub fn has_open_doubt(&self, id: &CapabilityId) -> bool {
+        self.of(id)
+            .is_some_and(|dossier| doubt::is_open(dossier.kappas.as_ref(), dossier.confirmation.as_ref()))
     }
 
     /// Takes in what was read from the store.

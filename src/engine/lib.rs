@@ -12,6 +12,7 @@ mod commands;
 pub mod context;
 pub mod door;
 pub mod dossier;
+pub mod doubt;
 pub mod embedded;
 pub mod explain;
 pub mod fault;
@@ -19,6 +20,7 @@ pub mod host;
 pub mod ledger;
 mod listeners;
 pub mod monitors;
+pub mod names;
 pub mod people;
 pub mod pipeline;
 pub mod pump;
@@ -368,15 +370,6 @@ fn refused(text: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint: None }
 }
 
-/// The name that a member of a closed set serialises as.
-#[must_use]
-pub fn word<T: serde::Serialize>(value: &T) -> String {
-    serde_json::to_value(value)
-        .ok()
-        .and_then(|value| value.as_str().map(ToOwned::to_owned))
-        .unwrap_or_else(|| "unknown".to_owned())
-}
-
 /// Where the versions lie that tests read: their working folder is the crate's.
 #[cfg(test)]
-const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");
+pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");

@@ -9,7 +9,7 @@ mod early;
 
 pub use early::{assess_ended, ended, is_lost, is_lost_early};
 
-use super::composition::Condition;
+use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
 use super::ended::Ended;
 use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};

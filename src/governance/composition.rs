@@ -6,68 +6,14 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
+use super::condition::Condition;
 use super::decision::{Answers, Decision, Dimension, Kappa, MadeUnder, Reason, ReasonCode};
 use super::manifest::Manifest;
 use super::outcome::{
     ActivationMode, Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome,
     Recommendation, RecoveryOutcome,
 };
-
-/// A typed condition of use; none of them is free text.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
-pub enum Condition {
-    /// Under the profile `sim` only.
-    SimulationOnly,
-    /// The guard enforces this envelope, tighter than the one declared.
-    TighterEnvelope {
-        /// Largest tool speed, m/s.
-        speed_max_m_s: f64,
-        /// Largest force, N.
-        force_max_n: f64,
-    },
-    /// The monitor's thresholds are scaled by this factor, below 1.
-    StricterThresholds {
-        /// Factor in (0, 1).
-        factor: f64,
-    },
-    /// Shadow has to be worked at this length first.
-    ShadowFirst {
-        /// Sequences.
-        sequences: u32,
-    },
-    /// This many distinct people have to approve.
-    ApprovalRequired {
-        /// People.
-        quorum: u8,
-    },
-    /// Callers go through an adapter that supplies these fields with their defaults.
-    InterfaceAdapter {
-        /// Names of the fields, in order.
-        fields: Vec<String>,
-    },
-    /// The predecessor stays loaded and takes over at the first trip.
-    RollbackCoupled,
-}
-
-/// Weights of the composite (readings 2.1): any other weights must sum to 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Weights {
-    /// `w_I`.
-    pub interface: f64,
-    /// `w_P`.
-    pub policy: f64,
-    /// `w_B`.
-    pub behavior: f64,
-    /// `w_R`.
-    pub recovery: f64,
-}
-
-impl Weights {
-    /// The weights that reproduce the paper's fourteen rows within .004.
-    pub const PAPER: Self = Self { interface: 0.22, policy: 0.25, behavior: 0.30, recovery: 0.23 };
-}
+use super::profile::fields::Weights;
 
 /// The four assessments of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::composition::Condition;
+use super::condition::Condition;
 use super::ids::Digest;
 
 /// The part of the rules a reason belongs to.

@@ -8,7 +8,8 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::approval::{ApprovalOutcome, ApprovalResult};
-use super::composition::{Condition, Kappas, recovery_is_reviewable};
+use super::composition::{Kappas, recovery_is_reviewable};
+use super::condition::Condition;
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
 use super::evidence::{Binding, ShadowEvidence, ShadowSequence};
 use super::outcome::{ActivationMode, Basis, Check};

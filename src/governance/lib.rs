@@ -197,6 +197,7 @@ pub mod alarms;
 pub mod approval;
 pub mod behavior;
 pub mod composition;
+pub mod condition;
 pub mod decision;
 pub mod ended;
 pub mod evidence;

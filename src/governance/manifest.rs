@@ -173,7 +173,7 @@ pub struct Deployment {
     #[schemars(with = "BTreeMap<String, String>")]
     pub dependencies: BTreeMap<Family, semver::VersionReq>,
     /// Profiles it may be used under.
-    pub environments: BTreeSet<super::profile::ProfileName>,
+    pub environments: BTreeSet<super::profile::name::ProfileName>,
     /// Where the code is: `native:<controller>` or a path to a `.wasm` component.
     #[schemars(with = "String")]
     pub bundle: Bundle,

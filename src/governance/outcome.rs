@@ -197,7 +197,7 @@ pub struct Assessment<O> {
     /// Why, the deciding reasons first.
     pub reasons: Vec<Reason>,
     /// Conditions under which it may be used.
-    pub conditions: Vec<super::composition::Condition>,
+    pub conditions: Vec<super::condition::Condition>,
 }
 
 /// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).

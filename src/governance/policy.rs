@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::composition::Condition;
+use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
 use super::exports::Interface;
 use super::manifest::Permissions;

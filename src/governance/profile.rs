@@ -8,57 +8,19 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::composition::Weights;
 use super::ids::Digest;
 use super::mode::Zone;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 
 pub mod fields;
+pub mod name;
+
+use fields::Weights;
+pub use name::{ProfileName, ProfileNameError};
 
 /// The largest profile text, bytes.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
-
-/// The setting a profile is for (paper: `Gamma_sim`, `Gamma_real`, `Gamma_human`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ProfileName {
-    /// Simulation only.
-    Sim,
-    /// A real cell, no people inside.
-    Real,
-    /// People nearby.
-    Human,
-}
-
-impl ProfileName {
-    /// Every profile, the loosest first.
-    pub const ALL: [Self; 3] = [Self::Sim, Self::Real, Self::Human];
-    /// The name in files, policies and records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Sim => "sim",
-            Self::Real => "real",
-            Self::Human => "human",
-        }
-    }
-}
-
-impl std::str::FromStr for ProfileName {
-    type Err = ProfileNameError;
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL
-            .into_iter()
-            .find(|name| name.name() == text)
-            .ok_or_else(|| ProfileNameError(text.to_owned()))
-    }
-}
-
-/// Text that is no profile's name.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the profile {0:?} does not exist; sim, real and human do")]
-pub struct ProfileNameError(pub String);
 
 /// Every number of a profile.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
-use super::composition::Condition;
+use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
 use super::ended::Ended;
 use super::evidence::{Binding, DrillKind, DrillTally, RecoveryEvidence};

@@ -320,7 +320,7 @@ impl<'a> Driver<'a> {
         };
         let given = reasons.iter().map(|reason| Given {
             stage: stage.to_owned(),
-            dimension: holdpoint_engine::word(&reason.dimension),
+            dimension: holdpoint_engine::names::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         self.given.extend(given);
@@ -449,7 +449,7 @@ impl<'a> Driver<'a> {
         };
         let standing = view.reasons.iter().map(|reason| Given {
             stage: expect.stage.clone().unwrap_or_default(),
-            dimension: holdpoint_engine::word(&reason.dimension),
+            dimension: holdpoint_engine::names::word(&reason.dimension),
             code: reason.code.to_string(),
         });
         // What people said is no stage's decision; it stands with the candidate.

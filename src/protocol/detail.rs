@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::event::DimensionResult;
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Flags, State};

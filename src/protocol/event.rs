@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
 use holdpoint_governance::alarms::AlarmSummary;
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{Drills, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};

@@ -15,7 +15,7 @@ use super::change::{
 use super::columns::parsed;
 use super::error::StoreError;
 use super::invariants;
-use super::names::EvidenceKind;
+use super::names::{EvidenceKind, OWN_KINDS};
 use super::rows::{Table, row_digest};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -25,25 +25,6 @@ use holdpoint_governance::lifecycle::State;
 const ALARMS_MAX: u64 = 10_000;
 /// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
-
-/// Kinds of record that only the store writes; callers may not use them.
-pub(crate) const OWN_KINDS: [&str; 15] = [
-    "version-registered",
-    "state-set",
-    "flags-set",
-    "scores-set",
-    "active-set",
-    "family-set",
-    "family-voided",
-    "standing-set",
-    "evidence-put",
-    "approval-requested",
-    "approval-put",
-    "approval-consumed",
-    "context-set",
-    "telemetry-sealed",
-    "alarm-changed",
-];
 
 /// What an approval is checked against beside the database.
 #[derive(Clone, Copy, Debug)]

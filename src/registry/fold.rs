@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 use rusqlite::Connection;
 use serde::Deserialize;
 
-use super::apply::OWN_KINDS;
 use super::audit::{AuditRecord, Head, for_each, head};
 use super::columns::parsed;
+use super::names::OWN_KINDS;
 use super::rows::{Table, all_rows};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;

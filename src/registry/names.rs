@@ -2,6 +2,25 @@
 
 use holdpoint_governance::words;
 
+/// Kinds of record that only the store writes; callers may not use them.
+pub(crate) const OWN_KINDS: [&str; 15] = [
+    "version-registered",
+    "state-set",
+    "flags-set",
+    "scores-set",
+    "active-set",
+    "family-set",
+    "family-voided",
+    "standing-set",
+    "evidence-put",
+    "approval-requested",
+    "approval-put",
+    "approval-consumed",
+    "context-set",
+    "telemetry-sealed",
+    "alarm-changed",
+];
+
 words! {
     /// What a piece of evidence is about.
     EvidenceKind, "kind of evidence", {

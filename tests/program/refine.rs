@@ -8,7 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint::governance::submission::Provenance;
 use holdpoint::lab::refine::journal::FILE;
-use holdpoint::lab::refine::{RefineError, Report, Settings, refine};
+use holdpoint::lab::refine::settings::{RefineError, Settings};
+use holdpoint::lab::refine::{Report, refine};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::TaskKind;
 

@@ -1,7 +1,7 @@
 //! What an engine shows in the middle of a shift, made by hand: every screen has something to show.
 
 use holdpoint_governance::alarms::AlarmSummary;
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::Signature;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};

@@ -6,7 +6,7 @@ use crate::theme::Mark;
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
 use crate::words::{kappa_sign, reason_line, seconds};
-use holdpoint_governance::composition::Condition;
+use holdpoint_governance::condition::Condition;
 use holdpoint_protocol::detail::{DifferenceView, DrillView, ExplainedView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 

@@ -8,8 +8,9 @@
 //! A panic on the engine's thread does not end the process: the pipeline holds with a latched alarm, and the host
 //! goes on answering.
 
-mod outlet;
+mod publisher;
 mod serving;
+mod update;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -22,8 +23,9 @@ use std::time::{Duration, Instant};
 use holdpoint_sim::robot::RobotModel;
 use tokio::sync::{mpsc, watch};
 
-use self::outlet::Outlet;
+use self::publisher::Publisher;
 use self::serving::{Serving, said};
+pub use self::update::{OUTSTANDING_MAX, UPDATES_MAX, Update};
 use super::door::Signals;
 use super::pump::Pump;
 use super::{Config, Engine};
@@ -31,19 +33,12 @@ use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Reply, Request};
-use holdpoint_protocol::event::Event;
+use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
-
-/// The most requests that are on their way or not yet answered.
-pub const OUTSTANDING_MAX: usize = 64;
-
-/// The most updates that wait for the front end.
-pub const UPDATES_MAX: usize = 256;
 
 /// By how much evaluation stands back behind the front end's thread.
 const NICE: i32 = 5;
@@ -73,29 +68,6 @@ impl HostConfig {
         let spare = || std::thread::available_parallelism().map_or(1, usize::from).saturating_sub(1);
         if self.jobs == 0 { spare().max(1) } else { self.jobs }
     }
-}
-
-/// What the engine's thread tells.
-#[derive(Debug)]
-pub enum Update {
-    /// The engine is up.
-    Started,
-    /// What happened, in order.
-    Events(Vec<Event>),
-    /// The answer to a request.
-    Answer {
-        /// The request's id.
-        id: String,
-        /// What was answered.
-        reply: Reply,
-    },
-    /// The front end was too slow: so many events were not told.
-    Lagged {
-        /// How many.
-        missed: u64,
-    },
-    /// The engine has ended; nothing comes after it.
-    Ended(Result<(), String>),
 }
 
 /// A request that was not taken: too many are under way, or the engine has ended.
@@ -150,9 +122,9 @@ impl Host {
         let outstanding = Arc::new(AtomicUsize::new(0));
         let shared = Arc::new(Shared::default());
         let layout = Layout::new(config.data.clone());
-        let outlet = Outlet::new(told, snapshot, Arc::clone(&outstanding));
+        let publisher = Publisher::new(told, snapshot, Arc::clone(&outstanding));
         let own = Arc::clone(&shared);
-        let work = move || run(config, &asked, outlet, picture, &own);
+        let work = move || run(config, &asked, publisher, picture, &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
         Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
@@ -232,7 +204,7 @@ impl Host {
 fn run(
     config: HostConfig,
     asked: &Receiver<Request>,
-    mut outlet: Outlet,
+    mut publisher: Publisher,
     picture: watch::Sender<Option<Arc<Picture>>>,
     shared: &Shared,
 ) -> Result<(), String> {
@@ -249,14 +221,14 @@ fn run(
             if let Some(serve) = pump.serve() {
                 drop(shared.serve.set(serve));
             }
-            outlet.say(Update::Started);
-            Serving::new(pump, asked).run(&mut outlet);
+            publisher.say(Update::Started);
+            Serving::new(pump, asked).run(&mut publisher);
             Ok(())
         }
         Err(text) => Err(text),
     };
-    outlet.flush();
-    outlet.say(Update::Ended(ended.clone()));
+    publisher.flush();
+    publisher.say(Update::Ended(ended.clone()));
     ended
 }
 

@@ -6,8 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
-use super::OUTSTANDING_MAX;
-use super::outlet::Outlet;
+use super::publisher::Publisher;
+use super::update::OUTSTANDING_MAX;
 use crate::pipeline::Progress;
 use crate::pump::Pump;
 use holdpoint_protocol::command::{Command, Reply, Request};
@@ -34,11 +34,11 @@ impl<'a> Serving<'a> {
     }
 
     /// Until the engine has ended.
-    pub(super) fn run(&mut self, outlet: &mut Outlet) {
+    pub(super) fn run(&mut self, publisher: &mut Publisher) {
         let mut next = None;
         loop {
-            let lost = self.requests(next.take(), outlet);
-            if (lost || outlet.is_lost()) && !self.pump.engine.has_ended() {
+            let lost = self.requests(next.take(), publisher);
+            if (lost || publisher.is_lost()) && !self.pump.engine.has_ended() {
                 self.guarded("an end", |serving| {
                     serving
                         .pump
@@ -58,15 +58,15 @@ impl<'a> Serving<'a> {
             self.guarded("the scenes", |serving| {
                 serving.pump.settle();
             });
-            self.tell(outlet);
-            self.answer_waiting(outlet);
-            outlet.flush();
+            self.tell(publisher);
+            self.answer_waiting(publisher);
+            publisher.flush();
             if progress == Progress::Worked {
-                outlet.note_change();
+                publisher.note_change();
             }
-            self.guarded("a snapshot", |serving| outlet.publish(&serving.pump.engine));
+            self.guarded("a snapshot", |serving| publisher.publish(&serving.pump.engine));
             if self.pump.engine.has_ended() {
-                self.end_scenes(outlet);
+                self.end_scenes(publisher);
                 return;
             }
             if progress != Progress::Worked {
@@ -76,19 +76,19 @@ impl<'a> Serving<'a> {
     }
 
     /// Tells what happened to everybody who listens.
-    fn tell(&mut self, outlet: &mut Outlet) {
+    fn tell(&mut self, publisher: &mut Publisher) {
         let events = self.pump.tell();
         self.trial.note(&events);
-        outlet.tell(events);
+        publisher.tell(events);
     }
 
     /// Ends the recordings, which are on record then.
-    fn end_scenes(&mut self, outlet: &mut Outlet) {
+    fn end_scenes(&mut self, publisher: &mut Publisher) {
         let mut events = Vec::new();
         self.guarded("the scenes", |serving| events = serving.pump.finish());
-        outlet.tell(events);
-        self.tell(outlet);
-        outlet.flush();
+        publisher.tell(events);
+        self.tell(publisher);
+        publisher.flush();
     }
 
     /// Does something; a panic in it makes the engine hold, and the loop goes on.
@@ -102,7 +102,7 @@ impl<'a> Serving<'a> {
     }
 
     /// Carries out what was asked meanwhile. Tells whether the front end is gone.
-    fn requests(&mut self, first: Option<Request>, outlet: &mut Outlet) -> bool {
+    fn requests(&mut self, first: Option<Request>, publisher: &mut Publisher) -> bool {
         let mut next = first;
         for _ in 0..OUTSTANDING_MAX {
             let request = match next.take() {
@@ -121,19 +121,19 @@ impl<'a> Serving<'a> {
                 done = true;
             });
             match reply {
-                Some(reply) => outlet.answer(id, reply),
+                Some(reply) => publisher.answer(id, reply),
                 None if done => self.waiting.push(id),
-                None => outlet.answer(id, failed()),
+                None => publisher.answer(id, failed()),
             }
         }
         self.guarded("a request", |serving| serving.pump.requests());
         false
     }
 
-    fn answer_waiting(&mut self, outlet: &mut Outlet) {
+    fn answer_waiting(&mut self, publisher: &mut Publisher) {
         for id in std::mem::take(&mut self.waiting) {
             match self.pump.engine.answer_of(&id) {
-                Some(reply) => outlet.answer(id, reply),
+                Some(reply) => publisher.answer(id, reply),
                 None => self.waiting.push(id),
             }
         }

@@ -13,8 +13,8 @@ use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
+use crate::names::word;
 use crate::record::Record;
-use crate::word;
 
 /// Keeps and tells how far a stage is.
 pub(crate) fn progress(

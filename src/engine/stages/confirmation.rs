@@ -6,15 +6,9 @@
 //! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
 //! 3.8).
 
-use serde::{Deserialize, Serialize};
-
-use holdpoint_governance::behavior::BehaviorAssessment;
-use holdpoint_governance::decision::{Reason, ReasonCode};
-use holdpoint_governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
-use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
 use holdpoint_registry::names::EvidenceKind;
@@ -25,49 +19,14 @@ use super::closing::progress;
 use crate::binding::{binding, party};
 use crate::cell::Conditions;
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
+use crate::dossier::Dossiers;
+use crate::doubt::Confirmation;
 use crate::fault::Fault;
 use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan};
 use crate::trial::trace::keep_trace;
-
-/// What settled a doubt: the raw values and what the rules made of them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Confirmation {
-    /// The fresh pairs.
-    pub pairs: PairedEvidence,
-    /// The fresh drills.
-    pub drills: RecoveryEvidence,
-    /// `kappa_B` of them.
-    pub behavior: BehaviorAssessment,
-    /// `kappa_R` of them.
-    pub recovery: RecoveryAssessment,
-}
-
-impl Confirmation {
-    /// Whether nothing of the doubt is left.
-    #[must_use]
-    pub fn is_settled(&self) -> bool {
-        let (behavior, recovery) = (&self.behavior.assessment, &self.recovery.assessment);
-        behavior.outcome == BehaviorOutcome::Compatible
-            && recovery.outcome == RecoveryOutcome::Compatible
-            && !is_doubtful(behavior, recovery)
-    }
-}
-
-/// Whether an assessment that advances leaves a doubt: suspicious behaviour, recovery under a restriction, or one
-/// kind of drill that passes less often than the active version's.
-fn is_doubtful(behavior: &Assessment<BehaviorOutcome>, recovery: &Assessment<RecoveryOutcome>) -> bool {
-    let leans = |reason: &Reason| {
-        matches!(reason.code, ReasonCode::RecoveryEstablishedWorse | ReasonCode::RecoveryLeaning)
-    };
-    behavior.outcome == BehaviorOutcome::Suspicious
-        || matches!(recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
-        || recovery.reasons.iter().any(leans)
-}
 
 /// A confirmation under way.
 pub struct ConfirmationRun {
@@ -90,22 +49,13 @@ impl ConfirmationRun {
     }
 }
 
-/// Whether a version was let in with a doubt that nothing has settled yet.
-#[must_use]
-pub fn has_open_doubt(dossier: Option<&Dossier>) -> bool {
-    let Some(dossier) = dossier else { return false };
-    let doubted =
-        dossier.kappas.as_ref().is_some_and(|kappas| is_doubtful(&kappas.behavior, &kappas.recovery));
-    doubted && !dossier.confirmation.as_ref().is_some_and(Confirmation::is_settled)
-}
-
 /// The first version whose window is over and whose doubt is open.
 #[must_use]
 pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
     let over = monitors
         .iter()
         .filter(|watched| watched.monitor.is_confirmed() && !watched.restricted && !watched.confirmed);
-    over.map(|watched| &watched.id).find(|id| has_open_doubt(dossiers.of(id))).cloned()
+    over.map(|watched| &watched.id).find(|id| dossiers.has_open_doubt(id)).cloned()
 }
 
 /// Begins one; absent where there is no predecessor to compare the version with.
@@ -217,39 +167,4 @@ fn conclude(
         dossier.reasons = reasons;
     }
     Ok(settled)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use holdpoint_governance::decision::Dimension;
-    use holdpoint_governance::outcome::Basis;
-
-    fn assessment<O>(outcome: O, codes: &[ReasonCode]) -> Assessment<O> {
-        let reason = |code: &ReasonCode| Reason::new(*code, Dimension::Recovery, "as tested");
-        Assessment {
-            outcome,
-            kappa: None,
-            basis: Basis::Measured,
-            reasons: codes.iter().map(reason).collect(),
-            conditions: Vec::new(),
-        }
-    }
-
-    #[test]
-    fn what_leaves_a_doubt() {
-        use BehaviorOutcome::{Compatible as Good, Suspicious};
-        use RecoveryOutcome::{Compatible, Conditional, Fragile};
-        for (behavior, recovery, codes, doubtful) in [
-            (Good, Compatible, [ReasonCode::RecoveryCompatible].as_slice(), false),
-            (Suspicious, Compatible, &[], true),
-            (Good, Conditional, &[], true),
-            (Good, Fragile, &[], true),
-            (Good, Compatible, &[ReasonCode::RecoveryCompatible, ReasonCode::RecoveryLeaning], true),
-            (Good, Compatible, &[ReasonCode::RecoveryEstablishedWorse], true),
-        ] {
-            let found = is_doubtful(&assessment(behavior, &[]), &assessment(recovery, codes));
-            assert_eq!(found, doubtful, "{behavior:?} {recovery:?} {codes:?}");
-        }
-    }
 }

@@ -10,11 +10,11 @@ use holdpoint_registry::Batch;
 use holdpoint_runtime::agent::dispatcher::Dispatched;
 use holdpoint_runtime::task::TaskRecord;
 
-use super::confirmation::has_open_doubt;
 use super::live::Live;
 use crate::fault::Fault;
 use crate::ledger::Note;
-use crate::world::live::{Nobody, SequenceReport};
+use crate::world::listener::Nobody;
+use crate::world::live::SequenceReport;
 use crate::world::painter::{Drawn, Painter};
 use crate::world::sequence::{self, Begun, Worked};
 use crate::world::shadow::Shadow;
@@ -276,7 +276,7 @@ impl Live<'_> {
         if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
             return Ok(());
         }
-        if has_open_doubt(self.dossiers.of(id)) {
+        if self.dossiers.has_open_doubt(id) {
             return Ok(());
         }
         watched.confirmed = true;

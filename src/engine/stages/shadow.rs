@@ -12,14 +12,13 @@ use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
 
 use super::closing::{abort_stage, progress, rejected, stage_note};
-use super::confirmation::has_open_doubt;
 use crate::binding::{binding, made_under, terms_of};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::monitors::Monitors;
+use crate::names::word;
 use crate::record::Record;
-use crate::word;
 use crate::world::shadow::{Shadow, ShadowTrace};
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
@@ -57,11 +56,8 @@ pub fn begin(
     id: &CapabilityId,
 ) -> Result<Box<ShadowRun>, Fault> {
     let settings = &context.profile.evaluation;
-    let budget = if has_open_doubt(dossiers.of(id)) {
-        settings.shadow_sequences_max
-    } else {
-        settings.shadow_sequences
-    };
+    let budget =
+        if dossiers.has_open_doubt(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
     record.start_stage(id, Stage::Shadow, u64::from(budget))?;
     let candidate = record.capability(id)?;
     let binding = binding(context, record.ledger(), &candidate);

@@ -3,8 +3,8 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::dossier::Dossier;
+use crate::names::word;
 use crate::trial::measures::{Metric, ModeMetrics};
-use crate::word;
 use holdpoint_governance::behavior::{self, ComponentName};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::profile::Evaluation;

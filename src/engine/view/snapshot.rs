@@ -92,11 +92,11 @@ impl Pipeline {
             .map(|alarm| AlarmView {
                 alarm: alarm.key.clone(),
                 subject: alarm.group.clone(),
-                state: crate::word(&alarm.state()),
-                priority: crate::word(&alarm.priority),
+                state: crate::names::word(&alarm.state()),
+                priority: crate::names::word(&alarm.priority),
                 text: alarm.text.line().into_string(),
                 since_ms: alarm.first_ms,
-                state_below: crate::word(&alarm.state_below()),
+                state_below: crate::names::word(&alarm.state_below()),
                 latching: alarm.latching,
                 acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
                 shelf: alarm
@@ -115,11 +115,9 @@ impl Pipeline {
         #[allow(clippy::cast_precision_loss, reason = "at most fifty")]
         let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
         let needed = self.context.profile.activation.provisional_episodes;
-        let drift = self
-            .world
-            .cell
-            .drift()
-            .map(|drift| format!("{} {}", crate::word(&drift.kind), crate::word(&drift.magnitude)));
+        let drift = self.world.cell.drift().map(|drift| {
+            format!("{} {}", crate::names::word(&drift.kind), crate::names::word(&drift.magnitude))
+        });
         LiveView {
             sequences: self.world.cell.sequences(),
             recent_success: share,

@@ -16,6 +16,7 @@ use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use super::instrumented::InstrumentedWorld;
+use super::listener::Listener;
 use super::supervisor::Supervisor;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -88,24 +89,6 @@ impl LiveFault {
             Self::TelemetryLost => "telemetry-lost",
             Self::CameraLost => "camera-lost",
         }
-    }
-}
-
-/// Called around the live tasks.
-pub trait Listener {
-    /// A task is about to start on this world.
-    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64);
-    /// One tick of it passed.
-    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
-}
-
-/// Listens to nothing.
-pub struct Nobody;
-
-impl Listener for Nobody {
-    fn before_task(&mut self, _: &World, _: TaskKind, _: u64) {}
-    fn tick(&mut self, _: &World, _: TaskKind, _: &Tick<'_>) -> Supervision {
-        Supervision::Continue
     }
 }
 

@@ -5,6 +5,7 @@
 
 pub mod descent;
 pub mod instrumented;
+pub mod listener;
 pub mod live;
 pub mod pacing;
 pub mod painter;

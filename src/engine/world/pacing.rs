@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use holdpoint_body::{TICK_SECS, TaskKind};
 use holdpoint_sim::world::World;
 
-use super::live::{Listener, SequenceReport};
+use super::listener::Listener;
+use super::live::SequenceReport;
 use super::painter::Painter;
 use super::sequence::{Shadowed, Stopped};
 use super::shadow::Shadow;

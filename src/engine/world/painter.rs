@@ -6,7 +6,7 @@
 use holdpoint_body::{RATE_HZ, TaskKind};
 use holdpoint_sim::world::World;
 
-use super::live::Listener;
+use super::listener::Listener;
 use super::portrait::{self, narrow};
 use super::shadow::Shadow;
 use holdpoint_governance::ids::CapabilityId;
@@ -89,7 +89,7 @@ impl Painter {
             sequence: self.sequence,
             at_ms: portrait::at_ms(&self.clock, world),
             at_secs: world.sim_secs(),
-            task: Some(crate::word(&task)),
+            task: Some(crate::names::word(&task)),
             version: self.at_work(task),
             body: portrait::body(world, seen),
             speed_m_s: narrow(seen.tool_speed_m_s),

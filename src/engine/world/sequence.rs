@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 use holdpoint_body::TaskKind;
 use holdpoint_sim::world::World;
 
-use super::live::{Listener, LiveCell, Outing, SequenceReport};
+use super::listener::Listener;
+use super::live::{LiveCell, Outing, SequenceReport};
 use super::portrait;
 use super::shadow::ShadowTrace;
 use super::supervisor::{Questions, Supervisor};

@@ -9,7 +9,7 @@ use holdpoint_body::{Command, GuardVerdict, Pose, TaskKind};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use super::live::Listener;
+use super::listener::Listener;
 use holdpoint_governance::evidence::ShadowSequence;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_runtime::arm::{Arm, Recorder};

@@ -193,6 +193,25 @@ fn freeze_problem(profile: &Profile) -> Option<(String, String, String)> {
     ))
 }
 
+/// Weights of the composite (readings 2.1): any other weights must sum to 1.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Weights {
+    /// `w_I`.
+    pub interface: f64,
+    /// `w_P`.
+    pub policy: f64,
+    /// `w_B`.
+    pub behavior: f64,
+    /// `w_R`.
+    pub recovery: f64,
+}
+
+impl Weights {
+    /// The weights that reproduce the paper's fourteen rows within .004.
+    pub const PAPER: Self = Self { interface: 0.22, policy: 0.25, behavior: 0.30, recovery: 0.23 };
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;

@@ -192,7 +192,7 @@ fn file_of(cells: &Path, seed: u64, drift: Drift) -> PathBuf {
 
 /// The name a unit variant serialises as.
 pub(super) fn name<T: Serialize>(value: &T) -> String {
-    holdpoint_engine::word(value)
+    holdpoint_engine::names::word(value)
 }
 
 /// A kept cell; one of another setting, or one that cannot be read, is none.

@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::RefineError;
 use super::objective::Score;
+use super::settings::RefineError;
 use holdpoint_governance::ids::Digest;
 
 /// The file's name in its folder.

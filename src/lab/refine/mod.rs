@@ -11,175 +11,23 @@ pub mod journal;
 pub mod objective;
 pub mod package;
 pub mod search;
+pub mod settings;
 pub mod space;
 
-use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_body::TaskKind;
 use serde::Serialize;
 
 use self::journal::Journal;
-use self::objective::{Objective, Score};
+use self::objective::{Comparison, Objective};
 use self::package::Draft;
 use self::search::{Evaluator, Progress};
+use self::settings::{EPISODES_MAX, GENERATIONS_MAX, JOBS_MAX, RefineError, Settings};
 use self::space::Space;
 use holdpoint_engine::baselines;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::policy::PolicyError;
-use holdpoint_governance::text_error::TextError;
-use holdpoint_runtime::capability::{Capability, PackageError};
-use holdpoint_runtime::skill::native::NativeError;
-use holdpoint_text::Hint;
-
-/// The most generations of one search.
-pub const GENERATIONS_MAX: u32 = 1_000;
-
-/// The most episodes per set of parameters. Four times as many fresh ones fit a search's block of seeds.
-pub const EPISODES_MAX: u32 = 500;
-
-/// The most workers.
-pub const JOBS_MAX: usize = 64;
-
-/// What is searched, and with what effort.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Settings<'a> {
-    /// The family.
-    pub task: TaskKind,
-    /// Generations of the search, 1 to [`GENERATIONS_MAX`].
-    pub generations: u32,
-    /// Episodes per set of parameters, 1 to [`EPISODES_MAX`].
-    pub episodes: u32,
-    /// Seed of the search and of the episodes it practises on.
-    pub seed: u32,
-    /// Workers, 1 to [`JOBS_MAX`]; the result is the same for any number.
-    pub jobs: usize,
-    /// The folder in which `<family>-refined` is made.
-    pub out: &'a Path,
-    /// The candidate's version; the parent's next minor one where none is given.
-    pub version: Option<semver::Version>,
-}
-
-/// Why there is no candidate.
-#[derive(Debug, thiserror::Error)]
-pub enum RefineError {
-    /// A setting is outside its range.
-    #[error("{field} = {value} is not allowed; {allowed} is")]
-    Setting {
-        /// Which.
-        field: &'static str,
-        /// What it is.
-        value: String,
-        /// What it may be.
-        allowed: String,
-    },
-    /// The candidate's folder is there already.
-    #[error("{0:?} is there already and is not overwritten")]
-    Exists(PathBuf),
-    /// A file or folder cannot be used.
-    #[error("cannot {what} {path:?}: {source}")]
-    Io {
-        /// What was tried.
-        what: &'static str,
-        /// Where.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
-    /// The kept evaluations are more than any search makes.
-    #[error("{path:?} has {bytes} bytes; up to {allowed} are allowed")]
-    JournalTooLarge {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-        /// What is allowed.
-        allowed: u64,
-    },
-    /// The search was interrupted.
-    #[error("interrupted after {evaluations} evaluations; they are kept in {kept:?}")]
-    Interrupted {
-        /// Evaluations that are done.
-        evaluations: u32,
-        /// Where they are kept.
-        kept: PathBuf,
-    },
-    /// No set of parameters was better than the baseline.
-    #[error("nothing better than {parent} was found in {evaluations} evaluations")]
-    NothingBetter {
-        /// The baseline.
-        parent: CapabilityId,
-        /// How many were tried.
-        evaluations: u32,
-    },
-    /// There is no native baseline to search from.
-    #[error("the family {0} has no native baseline with parameters")]
-    NoBaseline(Family),
-    /// A package does not load.
-    #[error(transparent)]
-    Package(#[from] PackageError),
-    /// Parameters do not parse.
-    #[error(transparent)]
-    Native(#[from] NativeError),
-    /// A text of the baseline cannot be edited.
-    #[error("the baseline's {file} cannot be edited: {source}")]
-    Edit {
-        /// Which text.
-        file: &'static str,
-        /// Why not.
-        source: toml_edit::TomlError,
-    },
-    /// An embedded profile does not parse.
-    #[error(transparent)]
-    Profile(#[from] TextError),
-    /// The embedded policies do not compile.
-    #[error(transparent)]
-    Policy(#[from] PolicyError),
-    /// The simulation failed.
-    #[error("the simulation failed: {0}")]
-    Sim(#[from] holdpoint_sim::SimError),
-    /// The optimiser refused its box.
-    #[error("the optimiser refused the search: {0}")]
-    Optimiser(String),
-}
-
-impl Hint for RefineError {
-    fn hint(&self) -> Option<Cow<'static, str>> {
-        match self {
-            Self::Exists(_) => Some("remove it, or name another folder with --out".into()),
-            Self::JournalTooLarge { .. } => Some("remove it, and the search begins anew".into()),
-            Self::Interrupted { .. } => Some("the same command goes on from there".into()),
-            Self::NothingBetter { .. } => Some("more --generations, or another --seed".into()),
-            Self::Package(error) => error.hint(),
-            Self::Native(error) => error.hint(),
-            Self::Profile(error) => error.hint(),
-            Self::Policy(error) => error.hint(),
-            Self::Setting { .. }
-            | Self::Io { .. }
-            | Self::NoBaseline(_)
-            | Self::Edit { .. }
-            | Self::Sim(_)
-            | Self::Optimiser(_) => None,
-        }
-    }
-}
-
-impl RefineError {
-    pub(crate) fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Io { what, path, source }
-    }
-}
-
-/// The objective of the baseline and of what was found, on the same episodes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Comparison {
-    /// The baseline.
-    pub before: Score,
-    /// What was found.
-    pub after: Score,
-}
+use holdpoint_runtime::capability::Capability;
 
 /// A parameter that was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -20,7 +20,7 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
-use super::RefineError;
+use super::settings::RefineError;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::episodes::{Job, batch, cache_key};
 use holdpoint_engine::trial::seeds::practice_seed;
@@ -151,11 +151,20 @@ impl<'a> Objective<'a> {
     }
 }
 
+/// The objective of the baseline and of what was found, on the same episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Comparison {
+    /// The baseline.
+    pub before: Score,
+    /// What was found.
+    pub after: Score,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::refine::EPISODES_MAX;
     use crate::refine::search::FRESH_FACTOR;
+    use crate::refine::settings::EPISODES_MAX;
     use holdpoint_engine::trial::seeds::PRACTICE_FROM;
 
     /// (better, worse): episodes, successes, ticks.

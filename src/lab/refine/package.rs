@@ -9,8 +9,9 @@ use std::path::Path;
 
 use toml_edit::DocumentMut;
 
+use super::objective::Comparison;
+use super::settings::{RefineError, Settings};
 use super::space::Space;
-use super::{Comparison, RefineError, Settings};
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_runtime::capability::Capability;

@@ -16,7 +16,7 @@ use basin::{
 use super::journal::Journal;
 use super::objective::{FRESH_FROM, Objective, Score};
 use super::package::Draft;
-use super::{RefineError, Settings};
+use super::settings::{RefineError, Settings};
 use holdpoint_runtime::capability::Capability;
 
 /// The first spread, in shares of each range: wide enough to leave the baseline, narrow enough that a part of the

@@ -5,7 +5,7 @@
 
 use toml_edit::DocumentMut;
 
-use super::RefineError;
+use super::settings::RefineError;
 use holdpoint_governance::manifest::Bundle;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::native::Controller;

@@ -1,7 +1,6 @@
 //! What is no number, is missing or is of other circumstances never passes.
 
 use holdpoint_governance::behavior;
-use holdpoint_governance::composition::Weights;
 use holdpoint_governance::composition::composite;
 use holdpoint_governance::decision::Kappa;
 use holdpoint_governance::evidence::{Binding, EpisodeValues, Signature};
@@ -9,6 +8,7 @@ use holdpoint_governance::gate;
 use holdpoint_governance::monitor::{Monitor, MonitorAction};
 use holdpoint_governance::outcome::Check;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::fields::Weights;
 use holdpoint_governance::recovery;
 use proptest::prelude::*;
 

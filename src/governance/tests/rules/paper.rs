@@ -1,9 +1,10 @@
 //! The paper's own numbers: table 11, the drifts of its text, and its sensitivity study.
 
 use holdpoint_governance::behavior::{ComponentName, kappa as behavior_kappa};
-use holdpoint_governance::composition::{PsiContext, Weights, composite, psi};
+use holdpoint_governance::composition::{PsiContext, composite, psi};
 use holdpoint_governance::interface::{Deviation, Deviations};
 use holdpoint_governance::outcome::Recommendation;
+use holdpoint_governance::profile::fields::Weights;
 use holdpoint_governance::profile::{ProfileName, ThresholdPreset, Thresholds};
 use holdpoint_governance::recovery;
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
 
-use super::{OUTSTANDING_MAX, Update};
+use super::update::{OUTSTANDING_MAX, Update};
 use crate::Engine;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
@@ -22,7 +22,7 @@ const SNAPSHOT_EVERY: Duration = Duration::from_millis(50);
 const SNAPSHOT_AT_LEAST: Duration = Duration::from_secs(1);
 
 /// The engine's side of the channels.
-pub(super) struct Outlet {
+pub(super) struct Publisher {
     updates: mpsc::Sender<Update>,
     snapshot: watch::Sender<Option<Arc<Snapshot>>>,
     outstanding: Arc<AtomicUsize>,
@@ -32,7 +32,7 @@ pub(super) struct Outlet {
     published: Option<Instant>,
 }
 
-impl Outlet {
+impl Publisher {
     pub(super) const fn new(
         updates: mpsc::Sender<Update>,
         snapshot: watch::Sender<Option<Arc<Snapshot>>>,
@@ -127,11 +127,11 @@ mod tests {
     use holdpoint_protocol::command::Refusal;
     use holdpoint_protocol::event::EventKind;
 
-    fn outlet() -> (Outlet, mpsc::Receiver<Update>) {
+    fn publisher() -> (Publisher, mpsc::Receiver<Update>) {
         let (updates, receiver) = mpsc::channel(UPDATES_MAX);
         let outstanding = Arc::new(AtomicUsize::new(OUTSTANDING_MAX));
-        let outlet = Outlet::new(updates, watch::channel(None).0, outstanding);
-        (outlet, receiver)
+        let publisher = Publisher::new(updates, watch::channel(None).0, outstanding);
+        (publisher, receiver)
     }
 
     fn no() -> Reply {
@@ -144,14 +144,14 @@ mod tests {
 
     #[test]
     fn a_slow_reader_loses_events_and_no_answer() {
-        let (mut outlet, mut receiver) = outlet();
+        let (mut publisher, mut receiver) = publisher();
         for seq in 0..1_000 {
-            outlet.tell(vec![event(seq)]);
+            publisher.tell(vec![event(seq)]);
         }
         for id in 0..OUTSTANDING_MAX {
-            outlet.answer(id.to_string(), no());
+            publisher.answer(id.to_string(), no());
         }
-        outlet.tell(vec![event(1_000)]);
+        publisher.tell(vec![event(1_000)]);
         let (mut events, mut answers, mut missed) = (0, 0, 0);
         for _ in 0..2 {
             while let Ok(update) = receiver.try_recv() {
@@ -162,7 +162,7 @@ mod tests {
                     Update::Started | Update::Ended(_) => {}
                 }
             }
-            outlet.flush();
+            publisher.flush();
         }
         while let Ok(Update::Lagged { missed: some }) = receiver.try_recv() {
             missed += some;
@@ -170,6 +170,6 @@ mod tests {
         assert_eq!(answers, OUTSTANDING_MAX);
         assert_eq!(events + missed, 1_001);
         assert!(missed > 0);
-        assert_eq!(outlet.outstanding.load(Ordering::Acquire), 0);
+        assert_eq!(publisher.outstanding.load(Ordering::Acquire), 0);
     }
 }

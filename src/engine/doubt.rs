@@ -1,0 +1,90 @@
+//! The doubt that a version may be let in with, and what settles it.
+//!
+//! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under restrictions; the
+//! doubt stays on the version until fresh evidence settles it (design rules 3.6, 3.8).
+
+use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
+use holdpoint_governance::recovery::RecoveryAssessment;
+use serde::{Deserialize, Serialize};
+
+/// What settled a doubt: the raw values and what the rules made of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Confirmation {
+    /// The fresh pairs.
+    pub pairs: PairedEvidence,
+    /// The fresh drills.
+    pub drills: RecoveryEvidence,
+    /// `kappa_B` of them.
+    pub behavior: BehaviorAssessment,
+    /// `kappa_R` of them.
+    pub recovery: RecoveryAssessment,
+}
+
+impl Confirmation {
+    /// Whether nothing of the doubt is left.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        let (behavior, recovery) = (&self.behavior.assessment, &self.recovery.assessment);
+        behavior.outcome == BehaviorOutcome::Compatible
+            && recovery.outcome == RecoveryOutcome::Compatible
+            && !is_doubtful(behavior, recovery)
+    }
+}
+
+/// Whether an assessment that advances leaves a doubt: suspicious behaviour, recovery under a restriction, or one
+/// kind of drill that passes less often than the active version's.
+fn is_doubtful(behavior: &Assessment<BehaviorOutcome>, recovery: &Assessment<RecoveryOutcome>) -> bool {
+    let leans = |reason: &Reason| {
+        matches!(reason.code, ReasonCode::RecoveryEstablishedWorse | ReasonCode::RecoveryLeaning)
+    };
+    behavior.outcome == BehaviorOutcome::Suspicious
+        || matches!(recovery.outcome, RecoveryOutcome::Fragile | RecoveryOutcome::Conditional)
+        || recovery.reasons.iter().any(leans)
+}
+
+/// Whether assessments leave a doubt that `confirmation` has not settled.
+#[must_use]
+pub fn is_open(kappas: Option<&Kappas>, confirmation: Option<&Confirmation>) -> bool {
+    kappas.is_some_and(|kappas| is_doubtful(&kappas.behavior, &kappas.recovery))
+        && !confirmation.is_some_and(Confirmation::is_settled)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::decision::Dimension;
+    use holdpoint_governance::outcome::Basis;
+
+    fn assessment<O>(outcome: O, codes: &[ReasonCode]) -> Assessment<O> {
+        let reason = |code: &ReasonCode| Reason::new(*code, Dimension::Recovery, "as tested");
+        Assessment {
+            outcome,
+            kappa: None,
+            basis: Basis::Measured,
+            reasons: codes.iter().map(reason).collect(),
+            conditions: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_leaves_a_doubt() {
+        use BehaviorOutcome::{Compatible as Good, Suspicious};
+        use RecoveryOutcome::{Compatible, Conditional, Fragile};
+        for (behavior, recovery, codes, doubtful) in [
+            (Good, Compatible, [ReasonCode::RecoveryCompatible].as_slice(), false),
+            (Suspicious, Compatible, &[], true),
+            (Good, Conditional, &[], true),
+            (Good, Fragile, &[], true),
+            (Good, Compatible, &[ReasonCode::RecoveryCompatible, ReasonCode::RecoveryLeaning], true),
+            (Good, Compatible, &[ReasonCode::RecoveryEstablishedWorse], true),
+        ] {
+            let found = is_doubtful(&assessment(behavior, &[]), &assessment(recovery, codes));
+            assert_eq!(found, doubtful, "{behavior:?} {recovery:?} {codes:?}");
+        }
+    }
+}

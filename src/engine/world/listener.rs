@@ -1,0 +1,23 @@
+//! Who looks on while the live world is worked.
+
+use holdpoint_body::TaskKind;
+use holdpoint_runtime::task::{Supervision, Tick};
+use holdpoint_sim::world::World;
+
+/// Called around the live tasks.
+pub trait Listener {
+    /// A task is about to start on this world.
+    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64);
+    /// One tick of it passed.
+    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
+}
+
+/// Listens to nothing.
+pub struct Nobody;
+
+impl Listener for Nobody {
+    fn before_task(&mut self, _: &World, _: TaskKind, _: u64) {}
+    fn tick(&mut self, _: &World, _: TaskKind, _: &Tick<'_>) -> Supervision {
+        Supervision::Continue
+    }
+}
