@@ -1,7 +1,7 @@
 //! `holdpoint completions`: prints a completion script, which completes the store's versions and families too.
 //!
 //! clap writes the scripts from the command line's definition. Where an argument is the name of a version or a
-//! family ([`Names::of`]) the script asks this program at each tab: `completions --list versions`.
+//! family the script asks this program at each tab: `completions --list versions`.
 
 use std::path::Path;
 
@@ -179,19 +179,17 @@ fn fish(script: String) -> String {
     let called =
         |names: Names| (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()));
     let mut script = format!("{}\n{}", include_str!("completions/stored.fish"), with_calls(script, called));
-    for place in places(&Cli::command()).into_iter().filter(|place| place.option.is_none()) {
-        let Place { verbs, names, .. } = place;
+    for Place { verbs, option, names, or_path } in places(&Cli::command()) {
         let seen = match verbs.as_slice() {
-            [verb] => format!("__fish_holdpoint_using_subcommand {verb}"),
-            [verb, inner] => {
+            [verb] if option.is_none() => format!("__fish_holdpoint_using_subcommand {verb}"),
+            [verb, inner] if option.is_none() => {
                 format!("__fish_holdpoint_using_subcommand {verb}; and __fish_seen_subcommand_from {inner}")
             }
             _ => continue,
         };
-        script.push_str(&format!(
-            "complete -c holdpoint -n \"{seen}\" -a \"(__holdpoint_stored {})\"\n",
-            names.name()
-        ));
+        let files = if or_path { "" } else { " -f" };
+        let call = format!("(__holdpoint_stored {})", names.name());
+        script.push_str(&format!("complete -c holdpoint -n \"{seen}\"{files} -a \"{call}\"\n"));
     }
     script
 }
@@ -201,6 +199,8 @@ struct Place {
     verbs: Vec<String>,
     option: Option<String>,
     names: Names,
+    /// A folder or a file may stand there as well.
+    or_path: bool,
 }
 
 /// Every such argument, verb by verb.
@@ -208,7 +208,10 @@ fn places(command: &Command) -> Vec<Place> {
     fn walk(command: &Command, verbs: &[String], found: &mut Vec<Place>) {
         for arg in command.get_arguments() {
             let option = arg.get_long().map(str::to_owned);
-            found.extend(Names::of(arg).map(|names| Place { verbs: verbs.to_vec(), option, names }));
+            let named =
+                |name: &str| arg.get_value_names().is_some_and(|names| names.iter().any(|one| one == name));
+            let or_path = named("VERSION|FOLDER") || named("UPGRADE");
+            found.extend(Names::of(arg).map(|names| Place { verbs: verbs.to_vec(), option, names, or_path }));
         }
         for verb in command.get_subcommands() {
             let verbs: Vec<String> = verbs.iter().cloned().chain([verb.get_name().to_owned()]).collect();

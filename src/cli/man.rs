@@ -58,7 +58,8 @@ fn built() -> Command {
 }
 
 fn page(command: &Command) -> Result<Page, CliError> {
-    let man = Man::new(command.clone()).manual("Holdpoint");
+    let source = concat!("holdpoint ", env!("CARGO_PKG_VERSION"));
+    let man = Man::new(command.clone()).source(source).manual("Holdpoint");
     let mut roff = Vec::new();
     man.render(&mut roff).map_err(CliError::internal)?;
     Ok(Page { name: man.get_filename(), roff: String::from_utf8(roff).map_err(CliError::internal)? })
@@ -112,6 +113,10 @@ mod tests {
             assert!(names.iter().any(|there| there == name), "{name} is not in {names:?}");
             let text = fs::read_to_string(folder.join(name)).unwrap();
             assert!(text.contains(".SH SYNOPSIS"), "{name}");
+            assert!(
+                text.contains(concat!("\"holdpoint ", env!("CARGO_PKG_VERSION"), "\" Holdpoint")),
+                "{text}"
+            );
         }
         assert_eq!(fs::read_dir(&folder).unwrap().count(), names.len());
         // Once more over what is there; but not into a file.

@@ -22,7 +22,7 @@ fn printed(data: &Path, line: &[&str]) -> String {
 fn every_argument_with_a_stored_name_is_known() {
     let found: Vec<String> = places(&Cli::command())
         .into_iter()
-        .map(|Place { verbs, option, names }| {
+        .map(|Place { verbs, option, names, .. }| {
             let option = option.map(|option| format!(" --{option}")).unwrap_or_default();
             format!("{}{option} {}", verbs.join(" "), names.name())
         })
@@ -83,9 +83,10 @@ fn no_script_has_a_marker_left() {
     assert!(zsh.contains(":_holdpoint_subjects'"), "{zsh}");
     let fish = printed(Path::new("/nowhere"), &["fish"]);
     for line in [
-        "-n \"__fish_holdpoint_using_subcommand approve\" -a \"(__holdpoint_stored versions)\"",
-        "-n \"__fish_holdpoint_using_subcommand registry; and __fish_seen_subcommand_from history\" -a \
+        "-n \"__fish_holdpoint_using_subcommand approve\" -f -a \"(__holdpoint_stored versions)\"",
+        "-n \"__fish_holdpoint_using_subcommand registry; and __fish_seen_subcommand_from history\" -f -a \
          \"(__holdpoint_stored families)\"",
+        "-n \"__fish_holdpoint_using_subcommand explain\" -a \"(__holdpoint_stored versions)\"",
     ] {
         assert!(fish.contains(line), "{line}");
     }
