@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use holdpoint_governance::TextError;
-use holdpoint_text::{Shown, Untrusted, WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, Shown, Untrusted, WIDTH_MAX, sanitise};
 
 /// How a command ended. The codes are part of the interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -79,21 +79,32 @@ pub enum CliError {
 }
 
 impl CliError {
-    /// Something the caller can put right. Text after `Hint:` in the message becomes the hint.
+    /// Something the caller can put right: an error with the hint it has, or plain words without one.
     #[must_use]
-    pub fn usage(message: impl std::fmt::Display) -> Self {
-        let (message, hint) = split_hint(&message.to_string());
+    pub fn usage(error: impl Hint) -> Self {
+        let (message, hint) = parts(&error);
         Self::Usage { message, hint }
     }
 
-    /// The engine held, or the time was up. Text after `Hint:` becomes the hint.
+    /// The engine held, or the time was up: an error with the hint it has, or plain words without one.
     #[must_use]
-    pub fn held(message: impl std::fmt::Display) -> Self {
-        let (message, hint) = split_hint(&message.to_string());
+    pub fn held(error: impl Hint) -> Self {
+        let (message, hint) = parts(&error);
         Self::Held { message, hint }
     }
 
-    /// A fault of this program.
+    /// With this hint in place of its own. Only what somebody can put right or wait for has one.
+    #[must_use]
+    pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
+        let hint = Some(help.into());
+        match self {
+            Self::Usage { message, hint: _ } => Self::Usage { message, hint },
+            Self::Held { message, hint: _ } => Self::Held { message, hint },
+            Self::ReaderGone | Self::Output(_) | Self::Internal(_) => self,
+        }
+    }
+
+    /// A fault of this program; for an error that has a hint, its sentence.
     #[must_use]
     pub fn internal(message: impl std::fmt::Display) -> Self {
         Self::Internal(message.to_string().into())
@@ -126,7 +137,7 @@ impl CliError {
             return;
         }
         let written = writeln!(stderr, "error: {self}").and_then(|()| match self.hint() {
-            Some(hint) => writeln!(stderr, "Hint: {}", one_line(hint)),
+            Some(hint) => writeln!(stderr, "{}", hint_line(hint)),
             None => Ok(()),
         });
         drop(written);
@@ -145,11 +156,13 @@ impl From<TextError> for CliError {
     }
 }
 
-fn split_hint(text: &str) -> (Untrusted, Option<Untrusted>) {
-    match text.split_once("Hint:") {
-        Some((message, hint)) => (message.trim_end().into(), Some(hint.trim().into())),
-        None => (text.into(), None),
-    }
+/// A hint on a line of its own.
+pub(crate) fn hint_line(hint: &Untrusted) -> String {
+    format!("Hint: {}", one_line(hint))
+}
+
+fn parts(error: &impl Hint) -> (Untrusted, Option<Untrusted>) {
+    (error.to_string().into(), error.hint().map(|hint| hint.into_owned().into()))
 }
 
 /// A message may be long (a parser lists what it expected); its own line breaks become spaces.
@@ -167,6 +180,8 @@ pub(crate) fn print_usage(error: &clap::Error) -> Exit {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_text::Problem;
+
     use super::*;
 
     fn printed(error: &CliError) -> String {
@@ -178,10 +193,21 @@ mod tests {
     #[test]
     fn errors_print_one_line_and_a_hint() {
         for (error, text, code) in [
-            (CliError::usage("no file \"x\"\nHint: make one"), "error: no file \"x\"\nHint: make one\n", 2),
             (
-                CliError::usage("none of that name. Hint: see --help"),
-                "error: none of that name.\nHint: see --help\n",
+                CliError::usage("no file \"x\"").with_hint("make one"),
+                "error: no file \"x\"\nHint: make one\n",
+                2,
+            ),
+            (
+                CliError::held(Problem::new("none of that name").with_hint("see\n--help")),
+                "error: none of that name\nHint: see --help\n",
+                3,
+            ),
+            // What a message quotes is never the program's advice.
+            (CliError::usage("no unit \"m\nHint: rm\""), "error: no unit \"m Hint: rm\"\n", 2),
+            (
+                CliError::usage("no unit \"m. Hint: rm\"").with_hint("see --help"),
+                "error: no unit \"m. Hint: rm\"\nHint: see --help\n",
                 2,
             ),
             (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),

@@ -38,6 +38,7 @@ impl SceneOptions {
     #[cfg(feature = "rerun")]
     fn makers(self) -> Vec<MakeSink> {
         use holdpoint_protocol::sink::Sink;
+        use holdpoint_text::Hint as _;
         vec![Box::new(move |setup| {
             let config = holdpoint_scene::SceneConfig {
                 recordings: self.record.then_some(setup.recordings),
@@ -45,7 +46,7 @@ impl SceneOptions {
                 view: self.view,
                 wall_clock: !setup.scripted,
             };
-            let scenes = holdpoint_scene::Scenes::start(config).map_err(|error| error.to_string())?;
+            let scenes = holdpoint_scene::Scenes::start(config).map_err(|error| error.sentence())?;
             Ok(Box::new(scenes) as Box<dyn Sink>)
         })]
     }
@@ -93,5 +94,5 @@ pub fn until(_path: &Path, _tick: u64, _out: &Path) -> Result<(), CliError> {
 }
 
 fn not_built_in() -> CliError {
-    CliError::usage("this program was built without scenes. Hint: build it with the feature `rerun`")
+    CliError::usage("this program was built without scenes").with_hint("build it with the feature `rerun`")
 }

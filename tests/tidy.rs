@@ -45,9 +45,12 @@ fn sources(folder: &str) -> Vec<PathBuf> {
     found
 }
 
+/// A file of tests alone; the folder that the clone lies in may be called as it likes.
 fn is_test_file(path: &Path) -> bool {
+    let path = path.strip_prefix(env!("CARGO_MANIFEST_DIR")).unwrap();
     let name = path.file_name().unwrap_or_default();
-    name == "tests.rs" || name == "reference.rs" || path.components().any(|part| part.as_os_str() == "tests")
+    ["tests.rs", "reference.rs", "walk.rs"].iter().any(|tests| name == *tests)
+        || path.components().any(|part| part.as_os_str() == "tests")
 }
 
 /// The code of a file outside its tests; `#[cfg(test)] mod tests { .. }` ends a file by custom.

@@ -1,5 +1,6 @@
 //! Identities: a name, a role and an ed25519 key in `keys/identities/<name>.{key,pub}`.
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -10,6 +11,7 @@ use super::signed::{Approval, SignedApproval};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::is_name;
 use holdpoint_governance::words::WordError;
+use holdpoint_text::Hint;
 
 /// The longest identity or role name, bytes.
 pub const WORD_LEN_MAX: usize = holdpoint_governance::ids::NAME_LEN_MAX;
@@ -25,9 +27,7 @@ pub enum IdentityError {
     )]
     Name(String),
     /// Its public file names a role that does not exist.
-    #[error(
-        "the identity {name:?} cannot decide anything: {source}. Hint: make another identity with one of these"
-    )]
+    #[error("the identity {name:?} cannot decide anything: {source}")]
     Role {
         /// The name.
         name: String,
@@ -35,12 +35,10 @@ pub enum IdentityError {
         source: WordError,
     },
     /// There is one of that name.
-    #[error("there is an identity {0:?} already. Hint: choose another name; keys are never replaced")]
+    #[error("there is an identity {0:?} already")]
     Exists(String),
     /// There is none of that name.
-    #[error(
-        "there is no identity {name:?} in {folder:?}. Hint: make one with `holdpoint identity new {name}`"
-    )]
+    #[error("there is no identity {name:?} in {folder:?}")]
     Unknown {
         /// The name.
         name: String,
@@ -56,6 +54,20 @@ pub enum IdentityError {
     /// A key file cannot be used.
     #[error(transparent)]
     Key(#[from] KeyError),
+}
+
+impl Hint for IdentityError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Role { .. } => Some("make another identity with one of these".into()),
+            Self::Exists(_) => Some("choose another name; keys are never replaced".into()),
+            Self::Unknown { name, .. } => {
+                Some(format!("make one with `holdpoint identity new {name}`").into())
+            }
+            Self::Name(_) | Self::Mismatch(_) | Self::TooMany(_) => None,
+            Self::Key(error) => error.hint(),
+        }
+    }
 }
 
 /// Who someone is, without the secret.
@@ -228,8 +240,9 @@ mod tests {
         for mode in [0o640, 0o604, 0o660, 0o777] {
             let key = folder.path().join("ada.key");
             std::fs::set_permissions(&key, std::fs::Permissions::from_mode(mode)).unwrap();
-            let error = Identity::load(folder.path(), "ada").unwrap_err().to_string();
-            assert!(error.contains(&format!("{mode:04o}")) && error.contains("chmod 600"), "{error}");
+            let error = Identity::load(folder.path(), "ada").unwrap_err();
+            assert!(error.to_string().contains(&format!("{mode:04o}")), "{error}");
+            assert!(error.hint().unwrap().contains("chmod 600"), "{error}");
         }
     }
 

@@ -2,12 +2,14 @@
 //!
 //! The secret is 64 hexadecimal digits and a line feed; it is wiped from memory after use.
 
+use std::borrow::Cow;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
+use holdpoint_text::Hint;
 use zeroize::Zeroizing;
 
 /// A key that cannot be read or written.
@@ -24,9 +26,7 @@ pub enum KeyError {
         source: std::io::Error,
     },
     /// Others can read the secret.
-    #[error(
-        "the key {path:?} has mode {mode:04o}; others must have no access. Hint: chmod 600 it, or make a new key"
-    )]
+    #[error("the key {path:?} has mode {mode:04o}; others must have no access")]
     Permissions {
         /// The file.
         path: PathBuf,
@@ -42,6 +42,15 @@ pub enum KeyError {
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
+}
+
+impl Hint for KeyError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Permissions { .. } => Some("chmod 600 it, or make a new key".into()),
+            Self::Io { .. } | Self::Malformed { .. } | Self::Random(_) => None,
+        }
+    }
 }
 
 fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> KeyError {

@@ -1,5 +1,7 @@
 //! The approval object: what a person decided, bound to exactly what was shown, used once.
 
+use std::borrow::Cow;
+
 use ed25519_dalek::{Signature, VerifyingKey};
 use serde::{Deserialize, Serialize};
 
@@ -7,6 +9,7 @@ use super::identity::IdentityInfo;
 use super::keyfile::{hex, parse_public, unhex};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_text::Hint;
 
 /// Separates these bytes from everything else that is ever signed.
 const DOMAIN: &str = "holdpoint/approval/v1";
@@ -168,6 +171,19 @@ pub enum ApprovalError {
     /// The reason is too long.
     #[error("the reason has {0} bytes; at most 4096 are allowed")]
     ReasonTooLong(usize),
+}
+
+impl Hint for ApprovalError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Nonce(_)
+            | Self::Random(_)
+            | Self::Signature(_)
+            | Self::Key(_)
+            | Self::Role { .. }
+            | Self::ReasonTooLong(_) => None,
+        }
+    }
 }
 
 impl SignedApproval {

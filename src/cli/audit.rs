@@ -121,9 +121,8 @@ pub fn run(context: &Context, args: &AuditArgs, out: &mut Output<'_>) -> Result<
 pub(super) fn open(data: &Path) -> Result<Views, CliError> {
     let database = Layout::new(data).database();
     if !database.is_file() {
-        return Err(CliError::usage(format!(
-            "there is no store in {data:?}\nHint: `holdpoint run` makes one; --data DIR names another"
-        )));
+        return Err(CliError::usage(format!("there is no store in {data:?}"))
+            .with_hint("`holdpoint run` makes one; --data DIR names another"));
     }
     Views::open(&database).map_err(CliError::usage)
 }

@@ -8,6 +8,7 @@ use super::output::Table;
 use super::{CliError, Exit, Output};
 use holdpoint_lab::bench::stats::{self, Stated};
 use holdpoint_lab::bench::{self, Report};
+use holdpoint_text::Hint;
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -53,11 +54,11 @@ pub struct StatsArgs {
 /// Where the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     if let Some(What::Stats(args)) = args.what {
-        let report = stats::run(args.runs).map_err(CliError::internal)?;
+        let report = stats::run(args.runs).map_err(|error| CliError::internal(error.sentence()))?;
         out.answer(&report, |out| show_study(&report, out))?;
         return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
     }
-    let report = bench::run(args.quick).map_err(CliError::internal)?;
+    let report = bench::run(args.quick).map_err(|error| CliError::internal(error.sentence()))?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
 }

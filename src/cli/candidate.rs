@@ -109,10 +109,8 @@ impl Folder {
     /// [`CliError::Usage`] that names the file, what is wrong and what is allowed.
     pub fn read(path: &Path) -> Result<Self, CliError> {
         let dir = Dir::open_ambient_dir(path, ambient_authority()).map_err(|error| {
-            CliError::usage(format!(
-                "cannot open the candidate's folder {path:?}: {error}\nHint: name a folder with manifest.toml and \
-                 submission.toml"
-            ))
+            CliError::usage(format!("cannot open the candidate's folder {path:?}: {error}"))
+                .with_hint("name a folder with manifest.toml and submission.toml")
         })?;
         let manifest =
             Manifest::parse("manifest.toml", &read(&dir, path, "manifest.toml", MANIFEST_BYTES_MAX)?)?;

@@ -17,7 +17,7 @@ use holdpoint_engine::host::HostConfig;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Problem, Untrusted};
 
 /// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
 const PACE_DEFAULT: Pace = Pace::Times(1.0);
@@ -99,23 +99,22 @@ struct Candidates {
 }
 
 impl Candidates {
-    fn reader(mut self) -> impl FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, String> {
+    fn reader(mut self) -> impl FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem> {
         move |folder, known| match folder {
             Some(folder) => register(folder),
             None => self.next(known),
         }
     }
 
-    fn next(&mut self, known: &[CapabilityId]) -> Result<Command, String> {
+    fn next(&mut self, known: &[CapabilityId]) -> Result<Command, Problem> {
         let is_open = |name: &&'static str| {
             let loaded = embedded::package(name).and_then(|package| Capability::load(name, package).ok());
             let is_new = loaded.is_some_and(|capability| !known.contains(&capability.id()));
             is_new && !self.submitted.contains(name)
         };
         let Some(name) = embedded::names().find(is_open) else {
-            return Err(
-                "every demonstration candidate is registered. Hint: `:register DIR` takes others".into()
-            );
+            let problem = Problem::new("every demonstration candidate is registered");
+            return Err(problem.with_hint("`:register DIR` takes others"));
         };
         self.submitted.push(name);
         register(name)
@@ -123,15 +122,17 @@ impl Candidates {
 }
 
 /// What is wrong with a folder is said before the engine is asked.
-fn register(folder: &str) -> Result<Command, String> {
-    let package = embedded::read(Path::new(folder)).map_err(|error| error.to_string())?;
+fn register(folder: &str) -> Result<Command, Problem> {
+    let package = embedded::read(Path::new(folder)).map_err(|error| Problem::of(&error))?;
     let name = Untrusted::new(folder).line().into_string();
-    Capability::load(&name, package.clone()).map_err(|error| error.to_string())?;
+    Capability::load(&name, package.clone()).map_err(|error| Problem::of(&error))?;
     Ok(Command::Register { package, name })
 }
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_text::Hint as _;
+
     use super::*;
 
     #[test]
@@ -144,7 +145,7 @@ mod tests {
             seen.insert(name);
         }
         assert_eq!(seen.len(), count);
-        assert!(read(None, &[]).unwrap_err().contains(":register DIR"));
+        assert!(read(None, &[]).unwrap_err().hint().unwrap().contains(":register DIR"));
         assert!(matches!(
             read(Some("manifests/candidates/grasp-improved"), &[]),
             Ok(Command::Register { .. })

@@ -11,7 +11,8 @@ use super::CliError;
 pub fn folder(given: Option<&Path>) -> Result<PathBuf, CliError> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from);
     folder_from(given, variable("XDG_DATA_HOME"), variable("HOME")).ok_or_else(|| {
-        CliError::usage("there is no place for the store: neither XDG_DATA_HOME nor HOME is set\nHint: name one with --data DIR")
+        CliError::usage("there is no place for the store: neither XDG_DATA_HOME nor HOME is set")
+            .with_hint("name one with --data DIR")
     })
 }
 

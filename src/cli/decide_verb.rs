@@ -49,18 +49,15 @@ fn approve(
     known_version(views, &args.version)?;
     let who = identity(context, &args.signature)?;
     let Some(client) = running(context)? else {
-        return Err(CliError::held(
-            "held: no engine is running on this store, so nothing waits for an approval\nHint: start one with \
-             `holdpoint run`; it asks again on the evidence as stored",
-        ));
+        let text = "held: no engine is running on this store, so nothing waits for an approval";
+        return Err(CliError::held(text)
+            .with_hint("start one with `holdpoint run`; it asks again on the evidence as stored"));
     };
     let mut side = Side::Running(client);
     let snapshot = side.snapshot()?;
     let Some(prompt) = open_prompt(&snapshot, &args.version) else {
-        return Err(CliError::held(format!(
-            "held: nothing waits for a decision on {}\nHint: see `holdpoint status {}`",
-            args.version, args.version
-        )));
+        let text = format!("held: nothing waits for a decision on {}", args.version);
+        return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
     };
     check_digest(args.digest.as_deref(), prompt)?;
     sign(&mut side, &who, prompt, Answer::Approve, &args.signature, out)?;
@@ -74,14 +71,15 @@ fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError
     let waits = prompt.evidence.short();
     match given {
         Some(given) if given == waits => Ok(()),
-        Some(given) => Err(CliError::held(format!(
-            "held: {} waits with the evidence {waits}, not {given}\nHint: read it again, then approve that",
-            prompt.version
-        ))),
-        None if prompt.profile == ProfileName::Human.name() => Err(CliError::usage(format!(
-            "the profile {:?} needs --digest with the evidence that was read\nHint: `holdpoint status` shows it",
-            prompt.profile
-        ))),
+        Some(given) => {
+            let text = format!("held: {} waits with the evidence {waits}, not {given}", prompt.version);
+            Err(CliError::held(text).with_hint("read it again, then approve that"))
+        }
+        None if prompt.profile == ProfileName::Human.name() => {
+            let text =
+                format!("the profile {:?} needs --digest with the evidence that was read", prompt.profile);
+            Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))
+        }
         None => Ok(()),
     }
 }
@@ -205,10 +203,8 @@ pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(),
     if views.version(version).map_err(CliError::usage)?.is_some() {
         return Ok(());
     }
-    Err(CliError::usage(format!(
-        "there is no version {:?} in the store\nHint: `holdpoint registry list` names all",
-        version.to_string()
-    )))
+    let text = format!("there is no version {:?} in the store", version.to_string());
+    Err(CliError::usage(text).with_hint("`holdpoint registry list` names all"))
 }
 
 pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {

@@ -11,6 +11,7 @@ use super::recordings::{counted, size};
 use super::{CliError, Context, Exit, Output};
 use holdpoint_recordings::{folder, viewer};
 use holdpoint_registry::Layout;
+use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.
 const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
@@ -194,7 +195,7 @@ fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
         Ok(found) => {
             finding("viewer", Standing::Ok, format!("rerun {} in {}", found.version, found.program.display()))
         }
-        Err(error) => finding("viewer", Standing::Limited, error.to_string()),
+        Err(error) => finding("viewer", Standing::Limited, error.sentence()),
     }
 }
 

@@ -14,7 +14,7 @@ use super::{CliError, Exit, Output};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::experiment::ExperimentError;
 use holdpoint_lab::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
-use holdpoint_text::{WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -92,7 +92,7 @@ fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     };
     let report = drift::run(&options, &tell).map_err(|error| match error {
         error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::internal(error),
+        error => CliError::internal(error.sentence()),
     })?;
     out.answer(&report, |out| show(&report, &options, out))?;
     Ok(Exit::Confirmed)

@@ -33,10 +33,8 @@ pub fn run(context: &Context, args: &ExplainArgs, out: &mut Output<'_>) -> Resul
     let views = audit::open(&context.data)?;
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
-        return Err(CliError::usage(format!(
-            "{id} is not in the store {:?}\nHint: see `holdpoint registry list`",
-            context.data
-        )));
+        let text = format!("{id} is not in the store {:?}", context.data);
+        return Err(CliError::usage(text).with_hint("see `holdpoint registry list`"));
     };
     out.answer(&explanation, |out| show(&explanation, out))?;
     Ok(Exit::Confirmed)
@@ -51,9 +49,8 @@ fn version(subject: &str) -> Result<CapabilityId, CliError> {
     let package =
         known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
     let Some(package) = package else {
-        return Err(CliError::usage(format!(
-            "{subject:?} is neither a version nor a candidate's folder\nHint: a version is <family>@<version>, such as align@1.1.0"
-        )));
+        let text = format!("{subject:?} is neither a version nor a candidate's folder");
+        return Err(CliError::usage(text).with_hint("a version is <family>@<version>, such as align@1.1.0"));
     };
     Capability::load(subject, package).map(|capability| capability.id()).map_err(CliError::usage)
 }

@@ -15,7 +15,7 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::experiment::ExperimentError;
 use holdpoint_lab::experiment::per_candidate::{self, Report};
 use holdpoint_lab::experiment::verdict::{Shown, Summary};
-use holdpoint_text::{WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment per-candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -81,7 +81,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
 fn failed(error: ExperimentError) -> CliError {
     match &error {
         ExperimentError::Pool(_) | ExperimentError::File { .. } => CliError::usage(error),
-        _ => CliError::internal(error),
+        _ => CliError::internal(error.sentence()),
     }
 }
 

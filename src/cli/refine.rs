@@ -23,6 +23,7 @@ use holdpoint_lab::refine::search::Progress;
 use holdpoint_lab::refine::{
     Comparison, EPISODES_MAX, GENERATIONS_MAX, RefineError, Report, Settings, refine,
 };
+use holdpoint_text::Hint;
 
 /// How often the bar is drawn between two evaluations.
 const DRAW_EVERY: Duration = Duration::from_millis(200);
@@ -122,7 +123,7 @@ fn error(error: RefineError) -> CliError {
         | RefineError::Profile(_)
         | RefineError::Policy(_)
         | RefineError::Sim(_)
-        | RefineError::Optimiser(_) => CliError::internal(error),
+        | RefineError::Optimiser(_) => CliError::internal(error.sentence()),
     }
 }
 

@@ -106,10 +106,8 @@ pub fn run(context: &Context, args: &RegistryArgs, out: &mut Output<'_>) -> Resu
         }
         RegistryVerb::Show { version } => {
             let detail = views.version(version).map_err(CliError::usage)?.ok_or_else(|| {
-                CliError::usage(format!(
-                    "there is no version {:?}\nHint: `holdpoint registry list` names all",
-                    version.to_string()
-                ))
+                CliError::usage(format!("there is no version {:?}", version.to_string()))
+                    .with_hint("`holdpoint registry list` names all")
             })?;
             out.answer(&detail_json(&detail), |out| show(&detail, out))?;
         }
@@ -194,10 +192,8 @@ fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), C
     let status =
         views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
     let Some(status) = status else {
-        return Err(CliError::usage(format!(
-            "there is no family {:?}\nHint: `holdpoint registry list` names all",
-            family.as_str()
-        )));
+        return Err(CliError::usage(format!("there is no family {:?}", family.as_str()))
+            .with_hint("`holdpoint registry list` names all"));
     };
     let filter = VersionFilter { family: Some(family.to_string()), ..VersionFilter::default() };
     let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;

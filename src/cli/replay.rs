@@ -17,6 +17,7 @@ use serde_json::json;
 use super::recordings::{check, on_record};
 use super::run::ColorArg;
 use super::{CliError, Context, Exit, Output};
+use crate::error::hint_line;
 use holdpoint_console::options::{Flags, Options};
 use holdpoint_console::replay::speed::Speed;
 use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
@@ -26,6 +27,7 @@ use holdpoint_recordings::folder::{self, Filed};
 use holdpoint_recordings::record::Check;
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
+use holdpoint_text::Hint;
 
 /// How long a viewer is watched after its start: one that cannot draw ends within this time.
 const WATCHED: Duration = Duration::from_millis(1_500);
@@ -133,7 +135,8 @@ fn replay(
     }
     if !problems.is_empty() && !args.force {
         if !out.is_json() {
-            out.line("Hint: `holdpoint audit verify` checks the record; --force opens it all the same")?;
+            let hint = "`holdpoint audit verify` checks the record; --force opens it all the same";
+            out.line(&hint_line(&hint.into()))?;
         }
         return Ok(Exit::Rejected);
     }
@@ -165,10 +168,8 @@ fn files(context: &Context, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
                 CliError::usage(format!("cannot read the recordings in {folder:?}: {error}"))
             })?;
             if found.is_empty() {
-                return Err(CliError::usage(format!(
-                    "there is no recording of {:?} in {folder:?}\nHint: `holdpoint recordings list` names all",
-                    version.to_string()
-                )));
+                let text = format!("there is no recording of {:?} in {folder:?}", version.to_string());
+                return Err(CliError::usage(text).with_hint("`holdpoint recordings list` names all"));
             }
             Ok(found)
         }
@@ -246,8 +247,8 @@ fn in_viewer(
     out: &mut Output<'_>,
 ) -> Result<(), CliError> {
     let with_way_out = |error: viewer::ViewerError| {
-        let (what, hint) = error.what_and_hint();
-        CliError::usage(format!("{what}\nHint: {hint}--terminal shows it here"))
+        let install = error.hint().map_or_else(String::new, |hint| format!("{hint}; "));
+        CliError::usage(error).with_hint(format!("{install}--terminal shows it here"))
     };
     let viewer = viewer::find(around.path.as_deref()).map_err(with_way_out)?;
     if !around.has_screen {
@@ -262,10 +263,8 @@ fn in_viewer(
     let logs = if logs.is_dir() { logs } else { scratch.unwrap_or(logs) };
     let opened = viewer.open(&shown, &logs).map_err(with_way_out)?;
     if opened.ended_within(WATCHED) == Some(false) {
-        return Err(CliError::usage(format!(
-            "the scene viewer {:?} ended at once; {:?} says why\nHint: --terminal shows it here",
-            viewer.program, opened.log
-        )));
+        let text = format!("the scene viewer {:?} ended at once; {:?} says why", viewer.program, opened.log);
+        return Err(CliError::usage(text).with_hint("--terminal shows it here"));
     }
     let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
     out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))

@@ -13,6 +13,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
+use holdpoint_text::{Hint, Problem};
 
 /// Who carries out a verb.
 pub(super) enum Side {
@@ -114,7 +115,7 @@ fn last_profile(context: &Context) -> Result<ProfileName, CliError> {
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
 pub(super) fn start_error(error: StartError) -> CliError {
     match &error {
-        StartError::Fault(_) => CliError::internal(error),
+        StartError::Fault(_) => CliError::internal(error.sentence()),
         StartError::Store(_)
         | StartError::Ledger(_)
         | StartError::Profile(_)
@@ -139,12 +140,9 @@ pub(super) fn door_error(error: DoorError) -> CliError {
 
 /// What a refusal is to the caller: something wrong with the command, or something to wait for.
 pub(super) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
-    let message = match hint {
-        Some(hint) => format!("{text}\nHint: {hint}"),
-        None => text.to_owned(),
-    };
+    let problem = Problem::from((text.to_owned(), hint.map(ToOwned::to_owned)));
     match code {
-        Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(message),
-        Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding => CliError::held(message),
+        Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(problem),
+        Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding => CliError::held(problem),
     }
 }

@@ -213,3 +213,94 @@ fn a_fresh_store_can_be_read_and_verified() {
         "not replaced"
     );
 }
+
+/// The lines of a source file that are neither comments nor tests.
+fn code(text: &str) -> impl Iterator<Item = &str> {
+    let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or(text);
+    code.lines().map(|line| line.split("// ").next().unwrap_or(line)).filter(|line| !line.contains("//"))
+}
+
+/// Every source file of the program, tests aside.
+fn sources() -> Vec<std::path::PathBuf> {
+    let mut folders = vec![std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let is_code = path.extension().is_some_and(|is| is == "rs") && !path.ends_with("tests.rs");
+            if path.is_dir() {
+                folders.push(path);
+            } else if is_code {
+                files.push(path);
+            }
+        }
+    }
+    files
+}
+
+/// Whether the command, or one of its verbs, has this option.
+fn has_option(command: &clap::Command, name: &str) -> bool {
+    command.get_arguments().any(|argument| argument.get_long() == Some(name))
+        || command.get_subcommands().any(|verb| has_option(verb, name))
+}
+
+/// What is wrong with a command line that a text names: a verb or an option that does not exist.
+fn problem(words: &str) -> Option<String> {
+    let root = Cli::command();
+    let (mut command, mut verbs) = (&root, 0);
+    for word in words.split_whitespace() {
+        match (word.strip_prefix("--"), command.find_subcommand(word)) {
+            (Some(option), _) => {
+                let own = command.get_arguments().chain(root.get_arguments());
+                if !own.into_iter().any(|argument| argument.get_long() == Some(option)) {
+                    return Some(format!("there is no option {word} of {}", command.get_name()));
+                }
+            }
+            (None, Some(verb)) => (command, verbs) = (verb, verbs + 1),
+            // The value of an argument.
+            (None, None) if verbs > 0 && !command.has_subcommands() => {}
+            (None, None) => return Some(format!("there is no verb {word} of {}", command.get_name())),
+        }
+    }
+    (verbs == 0).then(|| "there is no verb".to_owned())
+}
+
+#[test]
+fn what_a_text_tells_people_to_type_exists() {
+    let root = Cli::command();
+    let (mut commands, mut options) = (0, 0);
+    for path in sources() {
+        let text = std::fs::read_to_string(&path).unwrap();
+        for line in code(&text) {
+            for named in line.split("`holdpoint ").skip(1) {
+                let words = named.split('`').next().unwrap_or(named);
+                assert_eq!(problem(words), None, "{path:?}: {words}");
+                commands += 1;
+            }
+            for (at, _) in line.match_indices("--") {
+                let (before, after) = (&line[..at], &line[at + 2..]);
+                let name: String =
+                    after.chars().take_while(|ch| ch.is_ascii_lowercase() || *ch == '-').collect();
+                // A string that is nothing but an option is handed to some program, not told to people.
+                let is_told = before.ends_with([' ', '`'])
+                    || before.ends_with('"') && !after[name.len()..].starts_with('"');
+                if is_told && name.starts_with(|ch: char| ch.is_ascii_lowercase()) {
+                    assert!(has_option(&root, &name), "{path:?}: --{name}");
+                    options += 1;
+                }
+            }
+        }
+    }
+    assert!(commands >= 20 && options >= 20, "{commands} commands, {options} options");
+    for (words, is_there) in [
+        ("run --plain", true),
+        ("identity new mara", true),
+        ("registry list --data x", true),
+        ("registry lists", false),
+        ("registry", true),
+        ("run --plane", false),
+        ("--plain", false),
+    ] {
+        assert_eq!(problem(words).is_none(), is_there, "{words}");
+    }
+}

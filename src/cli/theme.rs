@@ -105,7 +105,7 @@ fn list(themes: &Themes, out: &mut Output<'_>) -> Result<(), CliError> {
 fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Result<Look, CliError> {
     let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     let chosen = theme.map(|name| themes.get(&name)).transpose();
-    let chosen = chosen.map_err(|error| CliError::usage(error.to_string()))?;
+    let chosen = chosen.map_err(CliError::usage)?;
     let options = LookOptions {
         theme: None,
         color: match color {
@@ -120,7 +120,7 @@ fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Re
         colorterm: set("COLORTERM"),
         light_background: None,
     };
-    let look = Look::detect(&options).map_err(|error| CliError::usage(error.to_string()))?;
+    let look = Look::detect(&options).map_err(CliError::usage)?;
     Ok(chosen.map_or(look.clone(), |theme| look.with_theme(theme)))
 }
 

@@ -14,7 +14,6 @@ use std::path::PathBuf;
 
 use tokio::sync::mpsc;
 
-use self::people::Problem;
 use self::viewer::Shown;
 use super::effect::Effect;
 use super::look::Look;
@@ -26,14 +25,14 @@ use super::theme::Themes;
 use holdpoint_engine::host::Host;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Problem, Untrusted};
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
 const BELL_INTERVAL_MS: u64 = 10_000;
 
 /// Reads a candidate for registration: the folder, or the next demonstration candidate that is none of the known
-/// versions. Answers the engine's command, or one sentence.
-pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, String>>;
+/// versions. Answers the engine's command, or what is wrong.
+pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem>>;
 
 /// What an effect is carried out on.
 pub struct Place<'a> {
@@ -95,13 +94,13 @@ impl Hands {
             Effect::Operate { id, confirmed } => self.ask(id, confirmed.into_command()),
             Effect::Decide { id, decision } => match people::sign(&self.host.identities(), &decision) {
                 Ok(command) => self.ask(id, command),
-                Err(problem) => refused(id, Refusal::BadInput, problem),
+                Err(problem) => refused(id, Refusal::BadInput, &problem),
             },
             Effect::Register { id, folder } => {
                 let known = known(place.model);
                 match (self.candidates)(folder.as_deref(), &known) {
                     Ok(command) => self.ask(id, command),
-                    Err(text) => refused(id, Refusal::BadInput, Problem::new(text)),
+                    Err(problem) => refused(id, Refusal::BadInput, &problem),
                 }
             }
             Effect::ReadIdentities => match people::list(&self.host.identities()) {
@@ -127,7 +126,7 @@ impl Hands {
                     *place.look = place.look.with_theme(theme);
                     Outcome::Told(What::Theme(name))
                 }
-                Err(error) => bad(error.to_string()),
+                Err(error) => bad(error.sentence()),
             },
             Effect::TakeMouse(take) => {
                 place.terminal.take_mouse(take)?;
@@ -145,7 +144,7 @@ impl Hands {
             Ok(()) => Outcome::Quiet,
             Err(_) => {
                 let hint = "wait for its answers, then ask again";
-                refused(id, Refusal::NotNow, Problem::new("the engine is busy").hint(hint))
+                refused(id, Refusal::NotNow, &Problem::new("the engine is busy").with_hint(hint))
             }
         }
     }
@@ -195,7 +194,6 @@ fn bad(text: String) -> Outcome {
     Outcome::Told(What::Done { text: Untrusted::new(text).line().into_string(), bad: true })
 }
 
-fn refused(id: String, code: Refusal, problem: Problem) -> Outcome {
-    let (text, hint) = problem.into_parts();
-    Outcome::Told(What::Answer { id, reply: Box::new(Reply::Refused { code, text, hint }) })
+fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {
+    Outcome::Told(What::Answer { id, reply: Box::new(Reply::refused(code, problem)) })
 }

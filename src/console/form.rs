@@ -7,6 +7,7 @@ use super::line::Line;
 use super::model::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_text::{Hint, Problem};
 
 /// The longest shelf a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
@@ -212,7 +213,9 @@ impl Form {
             // Stopping needs no name: nobody must look for an identity first.
             (None, Intent::Abort(_)) => "console".to_owned(),
             (None, Intent::Quit) => return Ok(None),
-            (None, _) => return Err("nobody has said who sits here. Hint: `:as NAME`".to_owned()),
+            (None, _) => {
+                return Err(Problem::new("nobody has said who sits here").with_hint("`:as NAME`").sentence());
+            }
         };
         let reason = self.reason.text().trim().to_owned();
         if self.intent.needs_reason() && reason.is_empty() {

@@ -11,6 +11,7 @@ pub mod pace;
 pub mod screen;
 mod session;
 
+use std::borrow::Cow;
 use std::io;
 use std::net::SocketAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -28,6 +29,7 @@ use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
 use holdpoint_engine::host::HostConfig;
+use holdpoint_text::Hint;
 
 /// What a console is started with.
 pub struct Console {
@@ -74,11 +76,21 @@ pub enum ConsoleError {
     #[error(transparent)]
     Theme(#[from] ThemeError),
     /// The terminal, or what is needed beside it, cannot be used.
-    #[error("cannot use this terminal: {0}. Hint: `holdpoint run --plain` needs none")]
+    #[error("cannot use this terminal: {0}")]
     Terminal(#[from] io::Error),
     /// A fault of the console's own; it is in the words that were printed before.
     #[error("the console failed; the engine was left holding")]
     Failed,
+}
+
+impl Hint for ConsoleError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Theme(error) => error.hint(),
+            Self::Terminal(_) => Some("`holdpoint run --plain` needs none".into()),
+            Self::Failed => None,
+        }
+    }
 }
 
 /// Runs a console on this terminal to its end. Both standard input and output are a terminal's.

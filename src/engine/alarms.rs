@@ -8,6 +8,7 @@ use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
+use holdpoint_text::Hint;
 
 impl Record {
     /// Raises an alarm and says so.
@@ -41,11 +42,11 @@ impl Record {
         match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
             Ok(changes) => {
                 if let Err(error) = self.take_in(&changes, Vec::new()) {
-                    self.hold_silently(&error.to_string());
+                    self.hold_silently(&error.sentence());
                 }
             }
             Err(error) => {
-                self.hold_silently(&error.to_string());
+                self.hold_silently(&error.sentence());
             }
         }
     }
@@ -91,7 +92,7 @@ impl Record {
         };
         match self.take_in(&changes, reason_of(event)) {
             Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
-            Err(error) => Reply::Refused { code: Refusal::Store, text: error.to_string(), hint: None },
+            Err(error) => Reply::refused(Refusal::Store, &error),
         }
     }
 
@@ -180,9 +181,5 @@ fn refused(error: &AlarmError) -> Reply {
         AlarmError::ShelveCritical(_) => Refusal::NotAllowed,
         AlarmError::Full(_) => Refusal::Holding,
     };
-    let text = error.to_string();
-    match text.split_once("\nHint: ") {
-        Some((text, hint)) => Reply::Refused { code, text: text.to_owned(), hint: Some(hint.to_owned()) },
-        None => Reply::Refused { code, text, hint: None },
-    }
+    Reply::refused(code, error)
 }

@@ -13,6 +13,7 @@ use crate::fault::Fault;
 use crate::pipeline::{Pipeline, Progress, Work};
 use crate::stages::confirmation;
 use crate::world::sequence::{Shadowed, Worked};
+use holdpoint_text::Hint;
 
 /// When a command may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +77,7 @@ impl Pipeline {
         if let Some(landed) = landed
             && let Err(fault) = landed.and_then(|worked| self.land(worked))
         {
-            self.hold(&fault.to_string());
+            self.hold(&fault.sentence());
         }
         !self.world.is_out()
     }

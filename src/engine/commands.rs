@@ -21,7 +21,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::StoreError;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 /// Paces of the live world, simulated seconds in a second.
 const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
@@ -50,10 +50,10 @@ impl Pipeline {
         match self.carry_out(command) {
             Ok(reply) => reply,
             Err(fault) => match fault.refusal() {
-                Some((code, hint)) => Reply::Refused { code, text: fault.to_string(), hint },
+                Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.to_string());
-                    refuse_held(&fault.to_string())
+                    self.hold(&fault.sentence());
+                    refuse_held(&fault.sentence())
                 }
             },
         }
@@ -131,7 +131,7 @@ impl Pipeline {
         let candidate = match Capability::load(&shown, package) {
             Ok(candidate) => candidate,
             Err(error) => {
-                return Ok(Reply::Refused { code: Refusal::BadInput, text: error.to_string(), hint: None });
+                return Ok(Reply::refused(Refusal::BadInput, &error));
             }
         };
         let id = candidate.id();

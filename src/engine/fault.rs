@@ -1,9 +1,13 @@
 //! Faults of the engine's own.
 
+use std::borrow::Cow;
+
 use holdpoint_body::BodyError;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 use holdpoint_sim::SimError;
+
+use holdpoint_text::Hint;
 
 use crate::ledger::LedgerError;
 
@@ -32,23 +36,33 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The refusal of a command that was itself at fault, so that nothing has changed; absent for a fault of the
+    /// Why a command is refused that was itself at fault, so that nothing has changed; absent for a fault of the
     /// engine's own, after which it holds.
     #[must_use]
-    pub fn refusal(&self) -> Option<(Refusal, Option<String>)> {
+    pub const fn refusal(&self) -> Option<Refusal> {
         match self {
             Self::Ledger(LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_)) => {
-                Some((Refusal::NotFound, Some("see `holdpoint registry list`".to_owned())))
+                Some(Refusal::NotFound)
             }
-            Self::Ledger(LedgerError::Exists(_)) => Some((Refusal::Exists, None)),
-            Self::Ledger(LedgerError::Refused(_)) => Some((Refusal::NotNow, None)),
+            Self::Ledger(LedgerError::Exists(_)) => Some(Refusal::Exists),
+            Self::Ledger(LedgerError::Refused(_)) => Some(Refusal::NotNow),
             Self::Store(error) | Self::Ledger(LedgerError::Store(error)) => match error {
-                StoreError::Invalid { .. } => Some((Refusal::BadInput, None)),
-                StoreError::DiskFull { .. } => Some((Refusal::Store, None)),
-                StoreError::Approval { .. } => Some((Refusal::NotAllowed, None)),
+                StoreError::Invalid { .. } => Some(Refusal::BadInput),
+                StoreError::DiskFull { .. } => Some(Refusal::Store),
+                StoreError::Approval { .. } => Some(Refusal::NotAllowed),
                 _ => None,
             },
             Self::Ledger(_) | Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
+        }
+    }
+}
+
+impl Hint for Fault {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Ledger(error) => error.hint(),
+            Self::Store(error) => error.hint(),
+            Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
         }
     }
 }

@@ -4,6 +4,7 @@
 //! changes, the store writes all of it with its audit record or nothing, and only then does the
 //! memory follow. It decides nothing.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
@@ -14,18 +15,19 @@ use holdpoint_governance::submission::Package;
 use holdpoint_registry::{ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, Views};
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_text::Hint;
 
 /// Why a transition did not take place. Nothing has changed then.
 #[derive(Debug, thiserror::Error)]
 pub enum LedgerError {
     /// There is no such family.
-    #[error("there is no family {0:?}; Hint: a family begins with a baseline, see `holdpoint registry list`")]
+    #[error("there is no family {0:?}")]
     UnknownFamily(String),
     /// There is no such version.
     #[error("there is no version {0} in the registry")]
     UnknownVersion(CapabilityId),
     /// It is there already.
-    #[error("{0} is registered already; Hint: a changed candidate needs a new version number")]
+    #[error("{0} is registered already")]
     Exists(CapabilityId),
     /// The lifecycle does not allow it.
     #[error(transparent)]
@@ -61,6 +63,22 @@ pub enum LedgerError {
         /// What was recorded.
         recorded: Digest,
     },
+}
+
+impl Hint for LedgerError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::UnknownFamily(_) => {
+                Some("a family begins with a baseline, see `holdpoint registry list`".into())
+            }
+            Self::UnknownVersion(_) => Some("see `holdpoint registry list`".into()),
+            Self::Exists(_) => Some("a changed candidate needs a new version number".into()),
+            Self::Refused(error) => error.hint(),
+            Self::Store(error) => error.hint(),
+            Self::Load { source, .. } => source.hint(),
+            Self::Record { .. } | Self::DigestDiffers { .. } => None,
+        }
+    }
 }
 
 /// What goes into the transaction of an event beside what the event itself changes.

@@ -17,20 +17,21 @@ pub mod explain;
 pub mod fault;
 pub mod host;
 pub mod ledger;
-pub mod listeners;
+mod listeners;
 pub mod monitors;
 pub mod people;
 pub mod pipeline;
+pub mod pump;
 pub mod record;
 pub mod recordings;
 mod rehearsal;
 mod restart;
-pub mod service;
 pub mod stages;
 pub mod trial;
 mod view;
 pub mod world;
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
@@ -53,6 +54,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_text::Hint;
 
 /// The three texts of a family's first version.
 macro_rules! embedded_baseline {
@@ -97,6 +99,20 @@ pub enum StartError {
     /// The start could not be written.
     #[error(transparent)]
     Fault(#[from] Fault),
+}
+
+impl Hint for StartError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(error) => error.hint(),
+            Self::Ledger(error) => error.hint(),
+            Self::Profile(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::Baseline(error) => error.hint(),
+            Self::Fault(error) => error.hint(),
+            Self::Sim(_) => None,
+        }
+    }
 }
 
 /// What an engine is started with.
@@ -289,6 +305,12 @@ impl Engine {
     /// A script's clock jumps to a deadline. Tells whether it moved.
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
         self.pipeline.jump_to(at_ms)
+    }
+
+    /// Whether time is virtual and moved by a script.
+    #[must_use]
+    pub const fn is_scripted(&self) -> bool {
+        self.pipeline.record().clock().is_scripted()
     }
 
     /// Virtual time, ms.

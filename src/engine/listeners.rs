@@ -8,6 +8,7 @@ use std::time::Duration;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::{Closed, MakeSink, Pictures, Report, Serve, Setup, Sink};
 use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_text::Hint;
 
 use crate::Engine;
 use crate::recordings;
@@ -71,7 +72,7 @@ impl Listeners {
 
     /// Ends them: closes what is to be closed, and puts it on record.
     pub fn finish(&mut self, engine: &mut Engine) {
-        let scripted = engine.pipeline.record().clock().is_scripted();
+        let scripted = engine.is_scripted();
         let patience = if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE };
         for sink in self.sinks.drain(..) {
             take_in(engine, sink.finish(patience));
@@ -80,12 +81,12 @@ impl Listeners {
 }
 
 fn setup(engine: &Engine) -> Result<Setup, String> {
-    let views = engine.pipeline.record().ledger().store().views().map_err(|error| error.to_string())?;
-    let on_record = recordings::on_record(&views).map_err(|error| error.to_string())?;
+    let views = engine.pipeline.record().ledger().store().views().map_err(|error| error.sentence())?;
+    let on_record = recordings::on_record(&views).map_err(|error| error.sentence())?;
     Ok(Setup {
         recordings: engine.layout().recordings(),
         closed: on_record.0.into_keys().collect(),
-        scripted: engine.pipeline.record().clock().is_scripted(),
+        scripted: engine.is_scripted(),
     })
 }
 
@@ -123,5 +124,5 @@ fn put_on_record(engine: &mut Engine, closed: Closed) -> Result<(), String> {
     let body = serde_json::to_string(&recorded).map_err(|error| error.to_string())?;
     let dropped = [dropped.0, dropped.1];
     let told = EventKind::RecordingKept { version: version.clone(), file, digest, bytes, pictures, dropped };
-    engine.pipeline.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.to_string())
+    engine.pipeline.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.sentence())
 }

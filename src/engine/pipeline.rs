@@ -39,6 +39,7 @@ use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
 use crate::world::LiveWorld;
 use crate::world::pacing::Switch;
+use holdpoint_text::Hint;
 
 /// What a pipeline is made with.
 pub struct Settings {
@@ -206,7 +207,7 @@ impl Pipeline {
             // Interrupted on purpose: the stage stays marked as running and is run again at the next start.
             Err(_) if self.trials.is_cancelled() => Progress::Idle { next_ms: None },
             Err(fault) => {
-                self.hold(&fault.to_string());
+                self.hold(&fault.sentence());
                 Progress::Idle { next_ms: None }
             }
         }
@@ -490,7 +491,7 @@ impl Pipeline {
         if self.record.holding().is_none()
             && let Err(fault) = self.live().end_resumptions()
         {
-            self.hold(&fault.to_string());
+            self.hold(&fault.sentence());
         }
     }
 }

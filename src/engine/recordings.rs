@@ -1,7 +1,10 @@
 //! What a store's audit chain says of recordings.
 
+use std::borrow::Cow;
+
 use holdpoint_recordings::record::{KIND, OnRecord, REMOVED_KIND, RecordError};
 use holdpoint_registry::{AuditFilter, AuditRecord, PAGE_ROWS_MAX, StoreError, Views};
+use holdpoint_text::Hint;
 
 /// Why the records cannot be told.
 #[derive(Debug, thiserror::Error)]
@@ -12,6 +15,15 @@ pub enum OnRecordError {
     /// A record has another form.
     #[error(transparent)]
     Form(#[from] RecordError),
+}
+
+impl Hint for OnRecordError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(error) => error.hint(),
+            Self::Form(error) => error.hint(),
+        }
+    }
 }
 
 /// Reads what is on record of every recording.

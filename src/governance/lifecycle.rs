@@ -7,8 +7,6 @@ use serde::{Deserialize, Serialize};
 
 mod apply;
 mod rules;
-#[cfg(test)]
-mod walk;
 
 pub use apply::apply;
 pub use rules::Refusal;
@@ -372,3 +370,6 @@ impl FamilyState {
         self.get(version)?.predecessor.filter(|target| self.state(*target) == Some(State::Superseded))
     }
 }
+
+#[cfg(test)]
+mod walk;

@@ -5,7 +5,10 @@
 //! restricts; an escalation nobody answers rolls back. Time comes in as ticks; nothing here reads a clock.
 //! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
+use std::borrow::Cow;
+
 use holdpoint_body::RATE_HZ;
+use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Dimension, Reason, ReasonCode};
@@ -208,6 +211,15 @@ pub enum MonitorError {
     /// The charts cannot be tuned with these settings.
     #[error("the monitor's charts cannot be set up: {0}")]
     Stats(#[from] StatsError),
+}
+
+impl Hint for MonitorError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Rate { .. } => None,
+            Self::Stats(error) => error.hint(),
+        }
+    }
 }
 
 /// What is normal for a version: for each rate the upper bound that the episodes of its twins leave open at .10, so

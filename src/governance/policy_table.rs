@@ -5,6 +5,7 @@
 //! refused as a whole, a mode whose evaluation errs is uncovered (Cedar itself skips an erroring `forbid`),
 //! and a permit that does not name both command kind and zone covers nothing.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
@@ -19,6 +20,7 @@ use super::ids::Digest;
 use super::mode::ModeKey;
 use super::profile::{Profile, ProfileName};
 use super::submission::{Provenance, Risk};
+use holdpoint_text::Hint;
 
 /// The largest policy text, bytes.
 pub const POLICY_BYTES_MAX: usize = 64 * 1024;
@@ -140,7 +142,7 @@ pub enum PolicyError {
         message: String,
     },
     /// A name that does not exist, a type that does not fit, or a form this table has no place for.
-    #[error("{file}: the policy {policy:?}: {message}\nHint: {hint}")]
+    #[error("{file}: the policy {policy:?}: {message}")]
     Policy {
         /// The file's name.
         file: String,
@@ -154,6 +156,15 @@ pub enum PolicyError {
     /// The program's own schema or a request could not be built.
     #[error("the policy vocabulary could not be built: {0}")]
     Vocabulary(String),
+}
+
+impl Hint for PolicyError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Policy { hint, .. } => Some((*hint).into()),
+            Self::TooMany { .. } | Self::Syntax { .. } | Self::Vocabulary(_) => None,
+        }
+    }
 }
 
 impl PolicyTable {

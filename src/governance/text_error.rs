@@ -2,6 +2,9 @@
 //!
 //! Owns the shape of the message (file, line, field, value, what is allowed). Opens no file.
 
+use std::borrow::Cow;
+
+use holdpoint_text::Hint;
 use serde::de::DeserializeOwned;
 
 /// A text that was refused; nothing was taken from it.
@@ -43,6 +46,15 @@ pub enum TextError {
         /// What is allowed.
         allowed: String,
     },
+}
+
+impl Hint for TextError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            // The message says what is allowed.
+            Self::TooLarge { .. } | Self::Syntax { .. } | Self::Value { .. } => None,
+        }
+    }
 }
 
 impl TextError {

@@ -8,10 +8,10 @@ use holdpoint_sim::robot::RobotModel;
 use super::script::{DriftStep, Expect, Say, Script, Wait};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::cell::Cell;
+use holdpoint_engine::door::Signals;
 use holdpoint_engine::embedded;
-use holdpoint_engine::listeners::Listeners;
 use holdpoint_engine::pipeline::Progress;
-use holdpoint_engine::service;
+use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
@@ -24,6 +24,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::words;
+use holdpoint_text::{Hint, Problem};
 
 /// A scripted run.
 pub struct RunScript<'a> {
@@ -93,7 +94,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
             fresh.path()
         }
     };
-    let mut engine = Engine::start(Config {
+    let engine = Engine::start(Config {
         data,
         profile: script.profile,
         seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
@@ -103,12 +104,12 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
         cache: run.cache.map_or(EpisodeCache::InStore, |folder| EpisodeCache::Shared(folder.to_owned())),
     })
     .map_err(start_error)?;
-    let listeners = Listeners::start(&mut engine, run.sinks);
-    if let Some(pictures) = listeners.pictures() {
-        engine.draw_live_world(pictures);
+    let mut pump = Pump::new(engine, run.sinks);
+    if let Some(pictures) = pump.pictures() {
+        pump.engine.draw_live_world(pictures);
     }
-    let mut driver = Driver::new(engine, listeners, Printer { out, json: run.json, gone: false });
-    driver.pump()?;
+    let mut driver = Driver::new(pump, Printer { out, json: run.json, gone: false });
+    driver.take_events()?;
     for (index, step) in script.steps.iter().enumerate() {
         let done = if let Some(folder) = &step.register {
             driver.register(folder)
@@ -141,7 +142,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
 /// # Errors
 /// As [`run_script`].
 pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let mut engine = Engine::start(Config {
+    let engine = Engine::start(Config {
         data: run.data,
         profile: run.profile,
         seed: run.seed,
@@ -151,19 +152,19 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         cache: EpisodeCache::InStore,
     })
     .map_err(start_error)?;
-    let listeners = Listeners::start(&mut engine, run.sinks);
-    match (run.pace, listeners.pictures()) {
+    let mut pump = Pump::new(engine, run.sinks);
+    match (run.pace, pump.pictures()) {
         // Nobody looks at the pictures.
-        (Some(pace), None) => engine.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
-        (Some(pace), Some(pictures)) => engine.pace_live_world(Some(pace), pictures),
-        (None, Some(pictures)) => engine.draw_live_world(pictures),
+        (Some(pace), None) => pump.engine.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
+        (Some(pace), Some(pictures)) => pump.engine.pace_live_world(Some(pace), pictures),
+        (None, Some(pictures)) => pump.engine.draw_live_world(pictures),
         (None, None) => {}
     }
-    let mut door = service::open(&engine).map_err(CliError::usage)?;
-    let mut driver = Driver::new(engine, listeners, Printer { out, json: run.json, gone: false });
-    driver.pump()?;
+    pump.open_door(Signals::Taken).map_err(CliError::usage)?;
+    let mut driver = Driver::new(pump, Printer { out, json: run.json, gone: false });
+    driver.take_events()?;
     let known: Vec<CapabilityId> =
-        driver.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
+        driver.pump.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
     let is_open = |name: &&str| {
         let loaded = embedded::package(name)
             .and_then(|package| holdpoint_runtime::capability::Capability::load(name, package).ok());
@@ -177,21 +178,17 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     driver.note(&format!("submitting the demonstration candidate {name}"))?;
     driver.register(name)?;
     loop {
-        service::step_requests(&mut driver.engine, &mut door);
-        let progress = driver.engine.advance();
-        driver.listeners.settle(&mut driver.engine);
-        let events = driver.engine.drain_events();
-        door.publish(&events);
+        let (progress, events) = driver.pump.turn();
         driver.tell(&events)?;
         let idle = matches!(progress, Progress::Idle { .. });
         // With a pace an idle engine may wait for the live cell in the middle of a stage.
         let works = |view: &CandidateView| run.pace.is_some() && view.flags.running.is_some();
         let settled = driver.view().is_some_and(|view| driver.is_settled(&view, idle) && !works(&view));
-        if settled || driver.printer.gone || driver.engine.has_ended() {
+        if settled || driver.printer.gone || driver.pump.engine.has_ended() {
             return driver.finish();
         }
         if idle {
-            door.wait(if run.pace.is_some() { PACED_PAUSE } else { IDLE_PAUSE });
+            driver.pump.wait(if run.pace.is_some() { PACED_PAUSE } else { IDLE_PAUSE });
         }
     }
 }
@@ -201,13 +198,13 @@ fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
         None => RobotModel::builtin("arm7"),
         Some(path) => RobotModel::load(path),
     };
-    model.and_then(Cell::new).map_err(CliError::usage)
+    model.and_then(Cell::new).map_err(|error| CliError::usage(error.to_string()))
 }
 
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
 fn start_error(error: holdpoint_engine::StartError) -> CliError {
     match &error {
-        holdpoint_engine::StartError::Fault(_) => CliError::internal(error),
+        holdpoint_engine::StartError::Fault(_) => CliError::internal(error.sentence()),
         _ => CliError::usage(error),
     }
 }
@@ -258,8 +255,7 @@ struct Given {
 }
 
 struct Driver<'a> {
-    engine: Engine,
-    listeners: Listeners,
+    pump: Pump,
     printer: Printer<'a>,
     requests: u64,
     candidate: Option<CapabilityId>,
@@ -269,10 +265,9 @@ struct Driver<'a> {
 }
 
 impl<'a> Driver<'a> {
-    fn new(engine: Engine, listeners: Listeners, printer: Printer<'a>) -> Self {
+    fn new(pump: Pump, printer: Printer<'a>) -> Self {
         Self {
-            engine,
-            listeners,
+            pump,
             printer,
             requests: 0,
             candidate: None,
@@ -291,19 +286,18 @@ impl<'a> Driver<'a> {
     }
 
     /// Takes and prints what the engine tells.
-    fn pump(&mut self) -> Result<(), CliError> {
-        let events = self.engine.drain_events();
+    fn take_events(&mut self) -> Result<(), CliError> {
+        let events = self.pump.tell();
         self.tell(&events)
     }
 
     /// Prints events, and holds where the engine does.
     fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
-        self.listeners.events(&self.engine, events);
         for event in events {
             self.learn(&event.kind);
             self.printer.event(event)?;
         }
-        match self.engine.holding() {
+        match self.pump.engine.holding() {
             None => Ok(()),
             Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
         }
@@ -335,8 +329,8 @@ impl<'a> Driver<'a> {
     fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
         self.requests += 1;
         let request = Request { id: format!("script-{}", self.requests), command };
-        let reply = self.engine.submit(request);
-        self.pump()?;
+        let reply = self.pump.engine.submit(request);
+        self.take_events()?;
         Ok(reply)
     }
 
@@ -348,7 +342,7 @@ impl<'a> Driver<'a> {
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => Ok(Step::Done),
-            Reply::Refused { text, .. } => Err(CliError::usage(text)),
+            Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
         }
     }
 
@@ -367,13 +361,13 @@ impl<'a> Driver<'a> {
 
     fn view(&self) -> Option<CandidateView> {
         let candidate = self.candidate.as_ref()?;
-        self.engine.snapshot().candidates.into_iter().find(|view| view.version == *candidate)
+        self.pump.engine.snapshot().candidates.into_iter().find(|view| view.version == *candidate)
     }
 
     /// Works until what is waited for is so, or the time is over.
     fn wait(&mut self, wait: &Wait) -> Result<Step, CliError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
-        let deadline_ms = self.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
+        let deadline_ms = self.pump.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
         loop {
             if self.printer.gone {
                 return Ok(Step::TimedOut);
@@ -381,17 +375,17 @@ impl<'a> Driver<'a> {
             if self.waited_for(wait, false) {
                 return Ok(Step::Done);
             }
-            if self.engine.now_ms() >= deadline_ms {
+            if self.pump.engine.now_ms() >= deadline_ms {
                 return Ok(Step::TimedOut);
             }
-            let progress = self.engine.advance();
-            self.pump()?;
+            let progress = self.pump.engine.advance();
+            self.take_events()?;
             if let Progress::Idle { next_ms } = progress {
                 if self.waited_for(wait, true) {
                     return Ok(Step::Done);
                 }
                 let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);
-                if !self.engine.jump_to(next_ms) {
+                if !self.pump.engine.jump_to(next_ms) {
                     return Ok(Step::TimedOut);
                 }
             }
@@ -400,7 +394,7 @@ impl<'a> Driver<'a> {
 
     fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
         if let Some(prompt) = &wait.prompt {
-            let prompts = self.engine.snapshot().prompts;
+            let prompts = self.pump.engine.snapshot().prompts;
             return prompts.iter().any(|open| prompt == "any" || open.version.to_string() == *prompt);
         }
         let Some(view) = self.view() else { return false };
@@ -415,17 +409,17 @@ impl<'a> Driver<'a> {
     /// Nothing more happens to the candidate by itself.
     fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
         let ended = view.state.is_terminal() || self.confirmed;
-        ended || (idle && self.engine.snapshot().prompts.is_empty() && !view.flags.provisional)
+        ended || (idle && self.pump.engine.snapshot().prompts.is_empty() && !view.flags.provisional)
     }
 
     /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
     fn say(&mut self, say: &Say, decision: Answer) -> Result<Step, CliError> {
-        let snapshot = self.engine.snapshot();
+        let snapshot = self.pump.engine.snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let command = approver::answer(&self.engine, &prompt, &say.who, decision, &say.reason)
+        let command = approver::answer(&self.pump.engine, &prompt, &say.who, decision, &say.reason)
             .map_err(CliError::usage)?;
         self.accept(command)
     }
@@ -488,11 +482,11 @@ impl<'a> Driver<'a> {
         };
         self.requests += 1;
         let id = format!("script-{}", self.requests);
-        self.engine.submit(Request { id, command: Command::Shutdown });
-        self.pump()?;
+        self.pump.engine.submit(Request { id, command: Command::Shutdown });
+        self.take_events()?;
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
-        self.listeners.finish(&mut self.engine);
-        self.pump()?;
+        let events = self.pump.finish();
+        self.tell(&events)?;
         self.note(&format!("outcome: {}", outcome(exit)))?;
         Ok(exit)
     }

@@ -1,5 +1,7 @@
 //! What can be asked of the engine, and what it answers. Plain serde values: the one door for all front ends.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
@@ -8,6 +10,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
+use holdpoint_text::Hint;
 
 /// Something asked of the engine. A command grants nothing: the engine checks every one of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -206,6 +209,14 @@ pub enum Reply {
         /// All of it.
         verified: Verified,
     },
+}
+
+impl Reply {
+    /// A refusal in an error's own words, with its hint.
+    #[must_use]
+    pub fn refused(code: Refusal, error: &impl Hint) -> Self {
+        Self::Refused { code, text: error.to_string(), hint: error.hint().map(Cow::into_owned) }
+    }
 }
 
 /// Why a command was refused.

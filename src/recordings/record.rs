@@ -3,11 +3,13 @@
 //! Owns the form of these records and reads them. Must not write them: the engine does at closure, in this form, and
 //! who removes a recording before it is gone.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::Hint;
 
 /// The kind of record that a closed recording leaves; its subject is the version.
 pub const KIND: &str = "recording";
@@ -86,6 +88,12 @@ pub struct RecordError {
     pub kind: String,
     /// Why.
     pub source: serde_json::Error,
+}
+
+impl Hint for RecordError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        None
+    }
 }
 
 impl OnRecord {

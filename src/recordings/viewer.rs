@@ -4,6 +4,7 @@
 //! this program. Must not wait for it: what it does, and whether it lives, changes nothing here. Knows no recording's
 //! insides and needs no scene crate.
 
+use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::fs::{File, OpenOptions};
@@ -15,6 +16,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
+
+use holdpoint_text::Hint;
 
 /// The oldest viewer that reads what this program writes.
 pub const OLDEST: Version = Version([0, 36, 0]);
@@ -82,10 +85,10 @@ pub struct Viewer {
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// None is installed.
-    #[error("there is no scene viewer: no `rerun` on PATH. Hint: {INSTALL}")]
+    #[error("there is no scene viewer: no `rerun` on PATH")]
     NotFound,
     /// The installed one is too old.
-    #[error("the scene viewer {program:?} is version {found}; {OLDEST} or newer is needed. Hint: {INSTALL}")]
+    #[error("the scene viewer {program:?} is version {found}; {OLDEST} or newer is needed")]
     TooOld {
         /// The program.
         program: PathBuf,
@@ -104,7 +107,7 @@ pub enum ViewerError {
         source: std::io::Error,
     },
     /// It cannot be started.
-    #[error("cannot start the scene viewer {program:?}: {source}. Hint: {INSTALL}")]
+    #[error("cannot start the scene viewer {program:?}: {source}")]
     Start {
         /// The program.
         program: PathBuf,
@@ -113,14 +116,11 @@ pub enum ViewerError {
     },
 }
 
-impl ViewerError {
-    /// What is wrong, and what would help, with `; ` behind it for more to follow; empty where nothing is known to.
-    #[must_use]
-    pub fn what_and_hint(&self) -> (String, String) {
-        let text = self.to_string();
-        match text.split_once(". Hint: ") {
-            Some((what, hint)) => (what.to_owned(), format!("{hint}; ")),
-            None => (text, String::new()),
+impl Hint for ViewerError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::NotFound | Self::TooOld { .. } | Self::Start { .. } => Some(INSTALL.into()),
+            Self::NoScreen | Self::Log { .. } => None,
         }
     }
 }
@@ -351,11 +351,11 @@ mod tests {
         program(root.path(), "rerun-cli 0.35.2 (base)");
         let error = find(Some(root.path().as_os_str())).unwrap_err();
         assert!(matches!(error, ViewerError::TooOld { found: Version([0, 35, 2]), .. }), "{error}");
-        assert!(error.to_string().ends_with("Hint: pip install rerun-sdk==0.36.3"), "{error}");
+        assert!(error.sentence().ends_with(". Hint: pip install rerun-sdk==0.36.3"), "{error}");
         let program = root.path().join(PROGRAM);
         std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();
         let error = find(Some(root.path().as_os_str())).unwrap_err();
-        assert!(error.to_string().contains("pip install rerun-sdk==0.36.3"), "{error}");
+        assert_eq!(error.hint().as_deref(), Some(INSTALL), "{error}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Owns what a record's bytes are and how one is appended and read. It hashes virtual time and never wall time, so
 //! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify()).
 
+use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -10,6 +11,7 @@ use serde::Serialize;
 
 use super::error::StoreError;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::Hint;
 
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";
@@ -168,6 +170,14 @@ pub enum ExportError {
     /// A record has no JSON form.
     #[error("the audit record cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
+}
+
+impl Hint for ExportError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Read(_) | Self::Write(_) | Self::Json(_) => None,
+        }
+    }
 }
 
 /// Writes the chain from `from_seq` on as JSON lines and returns how many; a reader that goes away is a clean end.

@@ -1,8 +1,10 @@
 //! What can go wrong with the store, said once.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_text::Hint;
 
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed where one is returned,
 /// except that of [`StoreError::Unknown`] the outcome is not known and the command may be retried with the same id.
@@ -19,7 +21,7 @@ pub enum StoreError {
         source: std::io::Error,
     },
     /// Another engine has the store.
-    #[error("the store {path:?} is in use by {owner}. Hint: send commands to that engine, or end it first")]
+    #[error("the store {path:?} is in use by {owner}")]
     InUse {
         /// The store's folder.
         path: PathBuf,
@@ -27,7 +29,7 @@ pub enum StoreError {
         owner: String,
     },
     /// The file is not ours, is newer than this program, is cut short or damaged. It was not modified.
-    #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed. Hint: {hint}")]
+    #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed")]
     Refused {
         /// The file.
         path: PathBuf,
@@ -45,9 +47,7 @@ pub enum StoreError {
         source: rusqlite::Error,
     },
     /// The disk is full. The transaction was undone.
-    #[error(
-        "the disk is full: the store could not {what}; nothing was changed. Hint: free some space and retry"
-    )]
+    #[error("the disk is full: the store could not {what}; nothing was changed")]
     DiskFull {
         /// What was tried.
         what: &'static str,
@@ -69,9 +69,7 @@ pub enum StoreError {
         name: String,
     },
     /// Someone else changed the version first.
-    #[error(
-        "{version} has changed: expected {expected}, found {found}. Hint: look at it again and decide again"
-    )]
+    #[error("{version} has changed: expected {expected}, found {found}")]
     Stale {
         /// The version.
         version: CapabilityId,
@@ -115,13 +113,33 @@ pub enum StoreError {
         found_ms: u64,
     },
     /// The writer has ended; the outcome of the command is not known.
-    #[error(
-        "the store's writer has ended; the outcome of the command is not known. Hint: restart and retry it"
-    )]
+    #[error("the store's writer has ended; the outcome of the command is not known")]
     Unknown,
     /// A test asked for a failure here.
     #[error("failpoint {0:?}")]
     Failpoint(&'static str),
+}
+
+impl Hint for StoreError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::InUse { .. } => Some("send commands to that engine, or end it first".into()),
+            Self::Refused { hint, .. } => Some((*hint).into()),
+            Self::DiskFull { .. } => Some("free some space and retry".into()),
+            Self::Stale { .. } => Some("look at it again and decide again".into()),
+            Self::Unknown => Some("restart and retry it".into()),
+            Self::Io { .. }
+            | Self::Sqlite { .. }
+            | Self::NotFound { .. }
+            | Self::Exists { .. }
+            | Self::Approval { .. }
+            | Self::CommandReused(_)
+            | Self::Invariant(_)
+            | Self::Invalid { .. }
+            | Self::ClockBack { .. }
+            | Self::Failpoint(_) => None,
+        }
+    }
 }
 
 impl StoreError {

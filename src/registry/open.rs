@@ -18,10 +18,10 @@ use super::migrate::{Schema, migrate};
 const SQLITE_MIN: i32 = 3_051_003;
 /// Bytes of an SQLite file header.
 const HEADER_BYTES: usize = 100;
-/// The end of every message about a damaged file.
-const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --store";
-/// The end of every message about a file that is not ours.
-const HINT_FOREIGN: &str = "choose another folder with --store";
+/// What helps with a damaged file.
+const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --data";
+/// What helps with a file that is not ours.
+const HINT_FOREIGN: &str = "choose another folder with --data";
 
 /// How hard a database is forced to disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

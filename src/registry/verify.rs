@@ -3,6 +3,7 @@
 //! Needs the database file and, to judge checkpoints, the store's public key. Looks at `checkpoints/` and
 //! `telemetry.db` beside the file where they are there. Never writes.
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
@@ -19,6 +20,7 @@ use super::open::open_reader;
 use super::telemetry::{BatchState, check_batch};
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::Hint;
 
 /// What was found sound.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -99,6 +101,21 @@ pub enum VerifyError {
         /// How.
         problem: String,
     },
+}
+
+impl Hint for VerifyError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Unreadable(error) => error.hint(),
+            Self::Damaged(_)
+            | Self::Record { .. }
+            | Self::State { .. }
+            | Self::Invariant(_)
+            | Self::Checkpoint { .. }
+            | Self::Approval { .. }
+            | Self::Telemetry { .. } => None,
+        }
+    }
 }
 
 fn unreadable(source: rusqlite::Error) -> VerifyError {

@@ -1,5 +1,6 @@
 //! A registered version as the pipeline works with it: manifest, submission and loaded bundle.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,15 +14,13 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::submission::{Package, Submission};
 use holdpoint_governance::text_error::TextError;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 /// Why a version could not be taken in.
 #[derive(Debug, thiserror::Error)]
 pub enum PackageError {
     /// A file of the package cannot be read.
-    #[error(
-        "cannot read {file}: {source}. Hint: a candidate is a folder with manifest.toml, submission.toml and the files they name"
-    )]
+    #[error("cannot read {file}: {source}")]
     Read {
         /// Which file, already made safe to print.
         file: String,
@@ -51,9 +50,7 @@ pub enum PackageError {
     #[error(transparent)]
     Native(#[from] NativeError),
     /// The kind of bundle is not supported by this build.
-    #[error(
-        "{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run. Hint: use native:<controller>"
-    )]
+    #[error("{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run")]
     NoWasm {
         /// The manifest.
         file: String,
@@ -61,9 +58,7 @@ pub enum PackageError {
         bundle: String,
     },
     /// A native bundle without parameters.
-    #[error(
-        "{file}: deployment.params is missing. Hint: a native bundle needs a parameter file, e.g. params = \"params.toml\""
-    )]
+    #[error("{file}: deployment.params is missing")]
     NoParams {
         /// The manifest.
         file: String,
@@ -76,6 +71,23 @@ pub enum PackageError {
         /// Why.
         source: serde_json::Error,
     },
+}
+
+impl Hint for PackageError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Read { .. } => Some(
+                "a candidate is a folder with manifest.toml, submission.toml and the files they name".into(),
+            ),
+            Self::Content(error) => error.hint(),
+            Self::Native(error) => error.hint(),
+            Self::NoWasm { .. } => Some("use native:<controller>".into()),
+            Self::NoParams { .. } => {
+                Some("a native bundle needs a parameter file, e.g. params = \"params.toml\"".into())
+            }
+            Self::TooLarge { .. } | Self::NotText { .. } | Self::Canonical { .. } => None,
+        }
+    }
 }
 
 /// A version with its bundle loaded.

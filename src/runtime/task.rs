@@ -220,6 +220,8 @@ pub struct Tick<'a> {
     pub checked: Option<PolicyHit>,
     /// What the guard measured past a limit, where it did.
     pub measured: Option<PolicyHit>,
+    /// The skill is done and the world settles before it is inspected.
+    pub settling: bool,
 }
 
 /// Called after every tick: how a drill injects a failure, a shadow listens, a console draws and a
@@ -294,6 +296,7 @@ pub fn run<B: Body>(
             raised: &raised,
             checked: checked.hit,
             measured,
+            settling: false,
         };
         match supervise(handle, &passed) {
             Supervision::Continue => {}
@@ -319,6 +322,9 @@ pub fn run<B: Body>(
     }
     record.timeout = !done && !wants_recovery && tick >= terms.limit_ticks;
     record.time_secs = tick_secs(tick);
+    if done && !wants_recovery {
+        wants_recovery = settle(handle, guard, &mut watcher, &mut record, (tick, verdict), supervise)?;
+    }
     if wants_recovery || record.timeout {
         record.recovery = true;
         let report = recovery::abort(handle, skill, guard, &mut watcher, terms.abort_secs)?;
@@ -330,15 +336,47 @@ pub fn run<B: Body>(
             record.hard_stop = Some(HardStop::MotionAfterStop);
         }
         record.recovered = Some(report);
-    } else {
-        for _ in 0..INSPECT_AFTER_TICKS {
-            handle.step(&Command::Hold)?;
-            watcher.observe(&handle.telemetry());
-        }
     }
     record.success = done && !record.recovery && handle.inspect();
     close(&mut record, &watcher, &attempts, tick);
     Ok(record)
+}
+
+/// The ticks between a skill's word that it is done and the inspection: nobody commands, and everything is measured
+/// and supervised as before. Tells whether the arm is to be stopped.
+fn settle<B: Body>(
+    handle: &mut ActuatorHandle<'_, B>,
+    guard: &mut Guard,
+    watcher: &mut Watcher,
+    record: &mut TaskRecord,
+    (from_tick, verdict): (u64, GuardVerdict),
+    supervise: &mut Supervisor<'_, B>,
+) -> Result<bool, BodyError> {
+    let observation = handle.observe(verdict);
+    for tick in from_tick + 1..=from_tick + INSPECT_AFTER_TICKS {
+        handle.step(&Command::Hold)?;
+        let seen = handle.telemetry();
+        let raised = watcher.observe(&seen);
+        let measured = guard.measure(&seen);
+        if let Some(hit) = measured {
+            note_hit(record, tick, hit);
+        }
+        let passed = Tick {
+            tick,
+            observation: &observation,
+            command: &Command::Hold,
+            seen: &seen,
+            raised: &raised,
+            checked: None,
+            measured,
+            settling: true,
+        };
+        // A signal of the watcher is kept; whether the work came out is what the inspection says.
+        if supervise(handle, &passed) == Supervision::Abort || measured.is_some() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, tick: u64) {
@@ -380,3 +418,6 @@ fn tick_secs(tick: u64) -> f64 {
 const fn ticks_to_ms(ticks: u64) -> u64 {
     ticks * 1000 / RATE_HZ as u64
 }
+
+#[cfg(test)]
+mod tests;

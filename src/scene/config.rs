@@ -1,9 +1,10 @@
 //! What the sink is asked for, and why it refuses.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 /// What is kept and served.
 #[derive(Clone, Debug, Default)]
@@ -22,9 +23,7 @@ pub struct SceneConfig {
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The folder of the recordings cannot be made or listed.
-    #[error(
-        "cannot use the folder of the recordings \"{path}\": {source}. Hint: make it writable, or name another"
-    )]
+    #[error("cannot use the folder of the recordings \"{path}\": {source}")]
     Folder {
         /// The folder.
         path: String,
@@ -32,15 +31,24 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// No thread.
-    #[error("cannot start the scene thread: {0}. Hint: close other programs, or raise the limit of threads")]
+    #[error("cannot start the scene thread: {0}")]
     Thread(std::io::Error),
+}
+
+impl Hint for SceneError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some(match self {
+            Self::Folder { .. } => "make it writable, or name another".into(),
+            Self::Thread(_) => "close other programs, or raise the limit of threads".into(),
+        })
+    }
 }
 
 /// Why a recording cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be opened, read or written.
-    #[error("cannot use the recording \"{path}\": {source}. Hint: check that it exists and is readable")]
+    #[error("cannot use the recording \"{path}\": {source}")]
     File {
         /// The file.
         path: String,
@@ -48,15 +56,22 @@ pub enum ReadError {
         source: std::io::Error,
     },
     /// It is no recording of this program.
-    #[error(
-        "\"{path}\" is no recording of an upgrade: {text}. Hint: name a file from the folder of the recordings"
-    )]
+    #[error("\"{path}\" is no recording of an upgrade: {text}")]
     Foreign {
         /// The file.
         path: String,
         /// What is missing or wrong.
         text: String,
     },
+}
+
+impl Hint for ReadError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some(match self {
+            Self::File { .. } => "check that it exists and is readable".into(),
+            Self::Foreign { .. } => "name a file from the folder of the recordings".into(),
+        })
+    }
 }
 
 impl ReadError {

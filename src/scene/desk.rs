@@ -20,7 +20,7 @@ use holdpoint_protocol::sink::{Closed, Report};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_recordings::folder::file_stem;
 use holdpoint_recordings::recording::About;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Problem, Untrusted};
 
 /// What a recording begins with.
 #[derive(Debug, Default)]
@@ -151,9 +151,8 @@ impl Desk {
     fn begin(&mut self, version: &CapabilityId, at_ms: u64) {
         let Some(digest) = self.known.digests.get(version).copied() else { return };
         if self.writers.len() >= OPEN_MAX {
-            let text =
-                format!("{OPEN_MAX} recordings are open, which is as many as can be. Hint: end an upgrade");
-            self.fail(version, text);
+            let text = format!("{OPEN_MAX} recordings are open, which is as many as can be");
+            self.fail(version, Problem::new(text).with_hint("end an upgrade"));
             return;
         }
         let head = self.known.head(version, digest);
@@ -256,16 +255,15 @@ impl Desk {
         }
     }
 
-    fn fail(&mut self, version: &CapabilityId, text: String) {
+    fn fail(&mut self, version: &CapabilityId, problem: Problem) {
         self.failed.insert(version.clone());
-        self.reports.push(Report::Failed { version: Some(version.clone()), text });
+        self.reports.push(Report::Failed { version: Some(version.clone()), text: problem.sentence() });
     }
 }
 
-/// One sentence for whoever looks.
-fn cannot_write(error: &std::io::Error) -> String {
+fn cannot_write(error: &std::io::Error) -> Problem {
     let why = Untrusted::new(error.to_string()).line().into_string();
-    format!("the recording cannot be written: \"{why}\". Hint: make room on the disk")
+    Problem::new(format!("the recording cannot be written: \"{why}\"")).with_hint("make room on the disk")
 }
 
 impl Known {

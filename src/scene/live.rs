@@ -14,6 +14,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Report;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::Problem;
 
 /// A server and its drawing.
 pub struct Live {
@@ -27,8 +28,8 @@ impl Live {
     /// Serves at an address.
     ///
     /// # Errors
-    /// One sentence for whoever asked.
-    pub fn start(address: SocketAddr) -> Result<(Self, Report), String> {
+    /// Why it cannot be served, for whoever asked.
+    pub fn start(address: SocketAddr) -> Result<(Self, Report), Problem> {
         let server = Server::start(address)?;
         let report = Report::Serving { url: server.url().to_owned() };
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();

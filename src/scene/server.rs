@@ -9,6 +9,7 @@ use rerun::sink::LogSink;
 use rerun::{MemoryLimit, ServerOptions};
 
 use super::limits::SERVER_BYTES_MAX;
+use holdpoint_text::Problem;
 
 /// A running server.
 pub struct Server {
@@ -20,10 +21,11 @@ impl Server {
     /// Serves at an address and at no other.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or the address is not this machine's.
-    pub fn start(address: SocketAddr) -> Result<Self, String> {
+    /// The port is taken, or the address is not this machine's.
+    pub fn start(address: SocketAddr) -> Result<Self, Problem> {
         let refused = |error: &dyn std::fmt::Display| {
-            format!("cannot serve a viewer at \"{address}\": {error}. Hint: name another address or port")
+            Problem::new(format!("cannot serve a viewer at \"{address}\": {error}"))
+                .with_hint("name another address or port")
         };
         // The server itself would say nothing about a port that is taken.
         let probe = TcpListener::bind(address).map_err(|error| refused(&error))?;
@@ -92,7 +94,7 @@ mod tests {
     fn a_port_that_is_taken_is_told() {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = taken.local_addr().unwrap();
-        let text = Server::start(address).err().unwrap();
+        let text = Server::start(address).err().unwrap().to_string();
         assert!(text.contains(&address.to_string()), "{text}");
     }
 }

@@ -17,6 +17,7 @@ use super::{SceneConfig, SceneError};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::{Pictures, Report, Serve, Sink};
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::Hint;
 
 /// The running sink. Dropped, it ends by itself and nobody waits for it.
 #[derive(Debug)]
@@ -217,7 +218,7 @@ impl Worker {
                 self.live = Some(live);
                 self.say(report);
             }
-            Err(text) => self.say(Report::NotServing { text }),
+            Err(problem) => self.say(Report::NotServing { text: problem.sentence() }),
         }
     }
 

@@ -6,15 +6,19 @@
 //! bidirectional overrides, tag and zero-width characters, unusual spaces, private and unassigned code points.
 //! It also bounds the width in columns and the bytes of one grapheme, as a pile of accents makes one huge cell.
 //!
+//! An error keeps what would help ([`Hint`]) apart from its message, because messages quote foreign text.
+//!
 //! What this module must not do: judge whether text is honest. Look-alike letters stay; ids and digests are
 //! compared, never read.
 
+mod hint;
 mod sanitise;
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use hint::{Hint, Problem};
 pub use sanitise::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, sanitise};
 
 /// The width, in columns, for errors, logs and other places without a width of their own.

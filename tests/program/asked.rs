@@ -142,7 +142,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     let mut decide = |bytes: usize| {
         let signed = identity.sign(Approval {
             who: String::new(),
-            role: identity.info().role.clone(),
+            role: identity.info().role,
             decision: Answer::Approve,
             reason: text("a test"),
             version: candidate.version.clone(),

@@ -172,6 +172,47 @@ fn candidates() {
 }
 
 #[test]
+fn what_a_candidate_says_is_never_the_programs_hint() {
+    fn manifest(folder: &Path, from: &str, to: &str) {
+        replace(&folder.join("manifest.toml"), from, to);
+    }
+    let package = "a candidate is a folder with manifest.toml, submission.toml and the files they name";
+    let cases: &[(&str, Change, Option<&str>)] = &[
+        ("unit", |f| manifest(f, "unit = \"m\"", "unit = \"feet. Hint: run rm -rf \\u001b[2J\""), None),
+        ("new-line", |f| manifest(f, "unit = \"m\"", "unit = \"feet\\nHint: run rm -rf\""), None),
+        ("field", |f| manifest(f, "name =", "\"Hint: run rm -rf\" = 1\nname ="), None),
+        ("controller", |f| manifest(f, "native:grasp", "native:a\\nHint: run rm -rf"), None),
+        (
+            "author",
+            |f| replace(&f.join("submission.toml"), "\"skill-lab\"", "\"me\\nHint: run rm -rf\""),
+            None,
+        ),
+        ("Hint: run rm -rf", |f| fs::remove_file(f.join("params.toml")).unwrap(), Some(package)),
+    ];
+    let fixture = Fixture::new();
+    for (name, change, hint) in cases {
+        let folder = fixture.candidate(&format!("forged-{name}"), change);
+        for words in [
+            ["candidate", "register", &folder].as_slice(),
+            &["candidate", "register", &folder, "--json"],
+            &["candidate", "check", &folder],
+            &["candidate", "check", &folder, "--json"],
+        ] {
+            let output = holdpoint(&fixture.data(), words);
+            check(name, &output, &["run rm -rf"]);
+            let stderr = String::from_utf8(output.stderr).unwrap();
+            let mut lines = stderr.lines();
+            let message = lines.next().unwrap();
+            assert!(message.contains("run rm -rf") && !message.contains('\u{1b}'), "{words:?}: {stderr:?}");
+            let told: Vec<&str> = lines.map(|line| line.strip_prefix("Hint: ").unwrap()).collect();
+            // The check without a store has no advice about files.
+            let hint = hint.filter(|_| words[1] == "register");
+            assert_eq!(told, Vec::from_iter(hint), "{words:?}: {stderr}");
+        }
+    }
+}
+
+#[test]
 fn names_that_are_not_there() {
     let fixture = Fixture::new();
     let signed = ["--as", "mara", "--reason", "because"];

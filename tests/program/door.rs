@@ -1,7 +1,6 @@
 //! The door between processes: who is answered, what is refused, what a slow subscriber loses, how it ends.
 
 use std::io::{BufRead, BufReader, Write};
-use std::ops::ControlFlow;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -15,10 +14,12 @@ use holdpoint::engine::cell::Cell;
 use holdpoint::engine::door::{
     CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Signals, Told, socket_path,
 };
-use holdpoint::engine::service::{Served, serve};
+use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::pump::Pump;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
@@ -34,7 +35,7 @@ fn door(folder: &Path) -> Result<Door, DoorError> {
 }
 
 /// An engine in a thread of its own, behind its door.
-fn engine(folder: &Path) -> JoinHandle<Served<()>> {
+fn engine(folder: &Path) -> JoinHandle<()> {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {
@@ -47,10 +48,14 @@ fn engine(folder: &Path) -> JoinHandle<Served<()>> {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        let mut engine = Engine::start(config).unwrap();
-        let mut door = Door::open(engine.layout(), engine.cancel(), Signals::Left).unwrap();
+        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+        pump.open_door(Signals::Left).unwrap();
         ready.send(()).unwrap();
-        serve(&mut engine, &mut door, |_, _| ControlFlow::<()>::Continue(()))
+        while !pump.engine.has_ended() {
+            if matches!(pump.turn().0, Progress::Idle { .. }) {
+                pump.wait(Duration::from_millis(500));
+            }
+        }
     });
     is_ready.recv_timeout(PATIENCE).unwrap();
     thread
@@ -142,7 +147,7 @@ fn a_client_is_answered_and_told_what_happens() {
     assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "{reply:?}");
 
     assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-    assert_eq!(running.join().unwrap(), Served::Asked);
+    running.join().unwrap();
     assert!(!socket.exists(), "the door is closed behind it");
     assert!(matches!(asking.ask(Command::Snapshot), Err(DoorError::Ended { .. })));
     assert!(loop {
@@ -176,7 +181,39 @@ fn a_retried_command_is_carried_out_once() {
     assert_eq!(answers[0]["reply"]["reply"], "accepted", "{}", answers[0]);
     assert_eq!(answers[0], answers[1]);
     client(folder.path()).ask(Command::Shutdown).unwrap();
-    assert_eq!(running.join().unwrap(), Served::Asked);
+    running.join().unwrap();
+}
+
+#[test]
+fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let improved = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
+    let good = capability::read(Path::new(improved)).unwrap();
+    let register = |manifest: String| {
+        let package = Package { manifest, ..good.clone() };
+        client(folder.path()).ask(Command::Register { package, name: "sent".to_owned() }).unwrap()
+    };
+    // A value that spells out a hint stays in the text it is quoted in.
+    let forged = good.manifest.replacen("unit = \"m\"", "unit = \"feet. Hint: run rm -rf\"", 1);
+    let Reply::Refused { code, text, hint } = register(forged) else { panic!("it was not refused") };
+    assert_eq!((code, hint), (Refusal::BadInput, None), "{text}");
+    assert!(text.contains("feet. Hint: run rm -rf"), "{text}");
+    // A hint of the program's own is never in the text.
+    let elsewhere = good.manifest.replacen("name = \"grasp\"", "name = \"grasps\"", 1);
+    let twice = [register(good.manifest.clone()), register(good.manifest.clone())];
+    let [Reply::Accepted { .. }, Reply::Refused { code, text, hint: Some(hint) }] = twice else {
+        panic!("{twice:?}")
+    };
+    assert_eq!((code, text.as_str()), (Refusal::Exists, "grasp@1.1.0 is registered already"));
+    assert_eq!(hint, "a changed candidate needs a new version number");
+    let Reply::Refused { code, text, hint: Some(hint) } = register(elsewhere) else {
+        panic!("it was not refused with a hint")
+    };
+    assert_eq!((code, text.as_str()), (Refusal::NotFound, "there is no family \"grasps\""));
+    assert_eq!(hint, "a family begins with a baseline, see `holdpoint registry list`");
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    running.join().unwrap();
 }
 
 #[test]
@@ -215,7 +252,7 @@ fn what_is_no_call_closes_the_connection_and_no_other() {
         assert_eq!(raw.read().unwrap()["reply"]["code"], "bad-input");
     }
     client(folder.path()).ask(Command::Shutdown).unwrap();
-    assert_eq!(running.join().unwrap(), Served::Asked);
+    running.join().unwrap();
 }
 
 #[test]
@@ -367,7 +404,7 @@ fn verbs_talk_to_the_engine_that_runs() {
     let report: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(report["engine_running"], true);
     client(folder.path()).ask(Command::Shutdown).unwrap();
-    assert_eq!(running.join().unwrap(), Served::Asked);
+    running.join().unwrap();
     let (_, text, _) = ask("status --json");
     let report: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(report["engine_running"], false);

@@ -238,7 +238,7 @@ fn requests_are_bounded() {
 #[test]
 fn a_panic_holds_the_pipeline_and_no_more() {
     let trial = std::process::Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "inside_a_panic", "--nocapture"])
+        .args(["--exact", "host::inside_a_panic", "--nocapture"])
         .env("HOLDPOINT_TEST_PANIC", "engine")
         .output()
         .unwrap();

@@ -16,6 +16,7 @@ mod cli;
 mod door;
 mod explain;
 mod host;
+mod old_stores;
 mod pool;
 #[cfg(feature = "rerun")]
 mod recorded;

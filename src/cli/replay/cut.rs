@@ -68,15 +68,12 @@ pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<Pa
 /// Where there are several files or `out` is there already; else as [`cut`].
 pub(super) fn write(files: &[PathBuf], tick: u64, out: &Path) -> Result<(), CliError> {
     let [path] = files else {
-        return Err(CliError::usage(format!(
-            "the recording has {} files, and one can be cut at a time\nHint: name the file in place of the version",
-            files.len()
-        )));
+        let text = format!("the recording has {} files, and one can be cut at a time", files.len());
+        return Err(CliError::usage(text).with_hint("name the file in place of the version"));
     };
     if fs::symlink_metadata(out).is_ok() {
-        return Err(CliError::usage(format!(
-            "cannot write {out:?}: it is there already\nHint: name a new file"
-        )));
+        let text = format!("cannot write {out:?}: it is there already");
+        return Err(CliError::usage(text).with_hint("name a new file"));
     }
     scenes::until(path, tick, out)
 }

@@ -14,7 +14,7 @@ use ratatui::layout::Rect;
 use crate::frame;
 use crate::look::{Look, LookOptions};
 use crate::model::{Model, View};
-use holdpoint_text::{Untrusted, escape_json};
+use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
 const TEXT_SIZE: (u16, u16) = (160, 100);
@@ -72,7 +72,7 @@ fn new_file(path: &Path, text: &str) -> io::Result<()> {
 /// The view as it is drawn, in ASCII and without styles.
 fn text(view: View, model: &Model) -> Result<String, String> {
     let options = LookOptions { ascii: true, ..LookOptions::default() };
-    let look = Look::detect(&options).map_err(|error| error.to_string())?;
+    let look = Look::detect(&options).map_err(|error| error.sentence())?;
     let shown = Model { view, overlay: None, typing: None, ..model.clone() };
     let area = Rect::new(0, 0, TEXT_SIZE.0, TEXT_SIZE.1);
     let mut buffer = Buffer::empty(area);

@@ -7,54 +7,16 @@ use std::path::Path;
 
 use crate::model::Operator;
 use crate::prompt::Decision;
-use holdpoint_approvals::{Identity, IdentityInfo};
+use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
 use holdpoint_protocol::command::Command;
-
-/// What went wrong, and what would help.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problem {
-    text: String,
-    hint: Option<String>,
-}
-
-impl Problem {
-    /// A problem in one sentence. Text after `Hint:` becomes the hint.
-    pub fn new(text: impl Into<String>) -> Self {
-        let text: String = text.into();
-        match text.split_once("Hint:") {
-            Some((text, hint)) => {
-                Self { text: text.trim_end().to_owned(), hint: Some(hint.trim().to_owned()) }
-            }
-            None => Self { text, hint: None },
-        }
-    }
-
-    /// With this hint in place of its own.
-    pub fn hint(self, hint: &str) -> Self {
-        Self { hint: Some(hint.to_owned()), ..self }
-    }
-
-    /// Both in one line.
-    pub fn sentence(&self) -> String {
-        match &self.hint {
-            Some(hint) => format!("{}. Hint: {hint}", self.text),
-            None => self.text.clone(),
-        }
-    }
-
-    /// Both.
-    pub fn into_parts(self) -> (String, Option<String>) {
-        (self.text, self.hint)
-    }
-}
+use holdpoint_text::Problem;
 
 /// Everybody who could sit here; nobody where no identity was made yet.
-pub fn list(folder: &Path) -> Result<Vec<Operator>, Problem> {
+pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let known = Identity::list(folder).map_err(|error| Problem::new(error.to_string()))?;
-    Ok(known.known.iter().map(operator).collect())
+    Ok(Identity::list(folder)?.known.iter().map(operator).collect())
 }
 
 /// Somebody by name.
@@ -62,16 +24,15 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
     let made = format!("`holdpoint identity new {name}` makes one");
     Identity::find(folder, name)
         .map(|info| operator(&info))
-        .map_err(|error| Problem::new(error.to_string()).hint(&made))
+        .map_err(|error| Problem::new(error.to_string()).with_hint(made))
 }
 
 /// The engine's command for a decision, signed by who made it.
 pub fn sign(folder: &Path, decision: &Decision) -> Result<Command, Problem> {
-    let problem = |error: &dyn std::fmt::Display| Problem::new(error.to_string());
-    let identity = Identity::load(folder, decision.by()).map_err(|error| problem(&error))?;
+    let identity = Identity::load(folder, decision.by()).map_err(|error| Problem::of(&error))?;
     let shown = Some(decision.shown().to_owned());
     let command = decision.over().answer(&identity, decision.answer(), decision.reason(), shown);
-    command.map_err(|error| problem(&error))
+    command.map_err(|error| Problem::of(&error))
 }
 
 fn operator(info: &IdentityInfo) -> Operator {
@@ -82,6 +43,7 @@ fn operator(info: &IdentityInfo) -> Operator {
 mod tests {
     use super::*;
     use holdpoint_governance::approval::Role;
+    use holdpoint_text::Hint as _;
 
     #[test]
     fn people_are_found_by_name_and_strangers_get_a_hint() {

@@ -15,7 +15,7 @@ use crate::effects::Outcome;
 use crate::msg::What;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_recordings::{folder, viewer};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 /// Where the live scene is served when the console asks for it: on this machine alone.
 pub(super) const LIVE: SocketAddr =
@@ -63,9 +63,9 @@ pub(super) fn open(shown: Shown, logs: PathBuf, tell: mpsc::Sender<What>) -> Out
 }
 
 fn start(shown: &Shown, logs: &Path) -> Result<String, String> {
-    let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.to_string())?;
+    let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.sentence())?;
     if !viewer::has_screen() {
-        return Err(viewer::ViewerError::NoScreen.to_string());
+        return Err(viewer::ViewerError::NoScreen.sentence());
     }
     let (arguments, what): (Vec<OsString>, String) = match shown {
         Shown::Files(files) => {
@@ -78,7 +78,7 @@ fn start(shown: &Shown, logs: &Path) -> Result<String, String> {
             (vec![format!("rerun+http://{address}/proxy").into()], format!("the live scene at {address}"))
         }
     };
-    let opened = found.open(&arguments, logs).map_err(|error| error.to_string())?;
+    let opened = found.open(&arguments, logs).map_err(|error| error.sentence())?;
     if opened.ended_within(FAILS_WITHIN) == Some(false) {
         let log = Untrusted::new(opened.log.display().to_string()).line().into_string();
         return Err(format!("the scene viewer ended at once; {log} says why"));

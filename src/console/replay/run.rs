@@ -2,6 +2,7 @@
 //!
 //! Owns terminal and clock while a replay is open. Nothing wakes it while nothing changes.
 
+use std::borrow::Cow;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
@@ -26,6 +27,7 @@ use crate::terminal::log::{LogFile, state_folder};
 use crate::terminal::{TerminalGuard, background, panic};
 use crate::theme::Themes;
 use holdpoint_recordings::recording::Recording;
+use holdpoint_text::Hint;
 
 /// Keys that are folded in before a frame is drawn.
 const BATCH_MAX: usize = 64;
@@ -50,18 +52,25 @@ pub enum ReplayError {
     #[error(transparent)]
     Theme(#[from] ThemeError),
     /// The recording has no moment.
-    #[error(
-        "the recording of \"{0}\" holds neither pictures nor events. Hint: `holdpoint explain` needs none"
-    )]
+    #[error("the recording of \"{0}\" holds neither pictures nor events")]
     Empty(String),
     /// The terminal, or what is needed beside it, cannot be used.
-    #[error(
-        "cannot use this terminal: {0}. Hint: without one `holdpoint replay --terminal` prints the events"
-    )]
+    #[error("cannot use this terminal: {0}")]
     Terminal(#[from] io::Error),
     /// A fault of the replay's own; it is in the words that were printed before.
     #[error("the replay failed; nothing was changed")]
     Failed,
+}
+
+impl Hint for ReplayError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Theme(error) => error.hint(),
+            Self::Empty(_) => Some("`holdpoint explain` needs none".into()),
+            Self::Terminal(_) => Some("without one `holdpoint replay --terminal` prints the events".into()),
+            Self::Failed => None,
+        }
+    }
 }
 
 /// Replays a recording on this terminal until somebody leaves or a signal comes. Both standard input and output are

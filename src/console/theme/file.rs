@@ -1,5 +1,6 @@
 //! Theme files: roles with colours and modifiers, on top of the theme they inherit from.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -9,6 +10,7 @@ use toml::Spanned;
 
 use super::paint::{Colour, NAMES, Paint};
 use super::{Role, Theme, names};
+use holdpoint_text::Hint;
 
 /// The largest theme file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
@@ -20,7 +22,7 @@ const PROBLEMS_MAX: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ThemeError {
     /// No theme of that name.
-    #[error("there is no theme {name:?}; allowed are {allowed}\nHint: `holdpoint theme list`")]
+    #[error("there is no theme {name:?}; allowed are {allowed}")]
     Unknown {
         /// The name.
         name: String,
@@ -45,6 +47,15 @@ pub enum ThemeError {
         /// The key, what is wrong with it, and what is allowed; one line each.
         what: String,
     },
+}
+
+impl Hint for ThemeError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Unknown { .. } => Some("`holdpoint theme list`".into()),
+            Self::TooMany { .. } | Self::File { .. } => None,
+        }
+    }
 }
 
 #[derive(Debug, Deserialize)]

@@ -11,6 +11,7 @@ use holdpoint_protocol::detail::Group;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
+use holdpoint_text::{Hint, Problem};
 
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
@@ -59,9 +60,8 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             Vec::new()
         }
         Reply::Refused { text, hint, .. } => {
-            let hint = hint.map_or_else(String::new, |hint| format!(". Hint: {hint}"));
             let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
-            tell(model, format!("{asked}{text}{hint}"), true);
+            tell(model, format!("{asked}{}", Problem::from((text, hint)).sentence()), true);
             Vec::new()
         }
         // The engine publishes snapshots by itself; one that is asked for is as good.

@@ -11,6 +11,7 @@ mod client;
 mod server;
 mod socket;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -29,6 +30,7 @@ use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
+use holdpoint_text::Hint;
 
 /// The most connections at a time.
 pub const CONNECTIONS_MAX: usize = 32;
@@ -43,10 +45,7 @@ pub const EVENTS_KEPT: usize = 1024;
 #[derive(Debug, thiserror::Error)]
 pub enum DoorError {
     /// The socket's path does not fit.
-    #[error(
-        "the socket's path {path:?} has {bytes} bytes; at most {allowed} are allowed. Hint: choose a shorter \
-         folder with --data"
-    )]
+    #[error("the socket's path {path:?} has {bytes} bytes; at most {allowed} are allowed")]
     PathTooLong {
         /// The path.
         path: PathBuf,
@@ -62,6 +61,8 @@ pub enum DoorError {
         path: PathBuf,
         /// What is there.
         problem: &'static str,
+        /// What to do about it.
+        hint: &'static str,
     },
     /// A step failed.
     #[error("cannot {what} {path:?}: {source}")]
@@ -82,9 +83,7 @@ pub enum DoorError {
         uid: u32,
     },
     /// The other side does not speak this protocol.
-    #[error(
-        "{path:?} answers something else than expected: {problem}. Hint: use the same version of holdpoint"
-    )]
+    #[error("{path:?} answers something else than expected: {problem}")]
     Protocol {
         /// The socket.
         path: PathBuf,
@@ -110,6 +109,18 @@ pub enum DoorError {
     /// The system gave no random numbers for a command's id.
     #[error(transparent)]
     Random(#[from] holdpoint_approvals::ApprovalError),
+}
+
+impl Hint for DoorError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::PathTooLong { .. } => Some("choose a shorter folder with --data".into()),
+            Self::Taken { hint, .. } => Some((*hint).into()),
+            Self::Protocol { .. } => Some("use the same version of holdpoint".into()),
+            Self::Random(error) => error.hint(),
+            Self::Io { .. } | Self::Foreign { .. } | Self::NoAnswer { .. } | Self::Ended { .. } => None,
+        }
+    }
 }
 
 impl DoorError {

@@ -26,12 +26,12 @@ pub(super) fn bind(path: &Path) -> Result<UnixListener, DoorError> {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
         Err(error) => return Err(DoorError::io("look at", path)(error)),
         Ok(found) if !found.file_type().is_socket() => {
-            let problem = "is not a socket. Hint: move it away, or choose another folder with --data";
-            return Err(DoorError::Taken { path: path.to_owned(), problem });
+            let hint = "move it away, or choose another folder with --data";
+            return Err(DoorError::Taken { path: path.to_owned(), problem: "is not a socket", hint });
         }
         Ok(_) if UnixStream::connect(path).is_ok() => {
-            let problem = "is served by another engine. Hint: end that one first";
-            return Err(DoorError::Taken { path: path.to_owned(), problem });
+            let (problem, hint) = ("is served by another engine", "end that one first");
+            return Err(DoorError::Taken { path: path.to_owned(), problem, hint });
         }
         Ok(_) => fs::remove_file(path).map_err(DoorError::io("remove the old socket", path))?,
     }

@@ -24,9 +24,9 @@ use tokio::sync::{mpsc, watch};
 
 use self::outlet::Outlet;
 use self::serving::{Serving, said};
-use super::door::Door;
-use super::listeners::Listeners;
-use super::{Config, Engine, service};
+use super::door::Signals;
+use super::pump::Pump;
+use super::{Config, Engine};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
@@ -37,6 +37,7 @@ use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
+use holdpoint_text::Hint;
 
 /// The most requests that are on their way or not yet answered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -240,16 +241,16 @@ fn run(
     let started = catch_unwind(AssertUnwindSafe(|| start(config, picture)));
     let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
     let ended = match started {
-        Ok((engine, door, listeners)) => {
+        Ok(pump) => {
             // Both are set once, here.
-            if let Some(own) = engine.switch() {
+            if let Some(own) = pump.engine.switch() {
                 drop(shared.switch.set(own));
             }
-            if let Some(serve) = listeners.serve() {
+            if let Some(serve) = pump.serve() {
                 drop(shared.serve.set(serve));
             }
             outlet.say(Update::Started);
-            Serving::new(engine, door, listeners, asked).run(&mut outlet);
+            Serving::new(pump, asked).run(&mut outlet);
             Ok(())
         }
         Err(text) => Err(text),
@@ -259,15 +260,12 @@ fn run(
     ended
 }
 
-fn start(
-    config: HostConfig,
-    picture: watch::Sender<Option<Arc<Picture>>>,
-) -> Result<(Engine, Door, Listeners), String> {
+fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Result<Pump, String> {
     let model = match &config.robot {
         None => RobotModel::builtin("arm7"),
         Some(path) => RobotModel::load(path),
     };
-    let mut engine = Engine::start(Config {
+    let engine = Engine::start(Config {
         data: &config.data,
         profile: config.profile,
         seed: config.seed,
@@ -276,18 +274,18 @@ fn start(
         cell: model.and_then(Cell::new).map_err(|error| error.to_string())?,
         cache: EpisodeCache::InStore,
     })
-    .map_err(|error| error.to_string())?;
-    let listeners = Listeners::start(&mut engine, config.sinks);
-    let others = listeners.pictures();
+    .map_err(|error| error.sentence())?;
+    let mut pump = Pump::new(engine, config.sinks);
+    let others = pump.pictures();
     let pictures = move |taken: Picture| {
         if let Some(take) = &others {
             take(taken.clone());
         }
         picture.send_replace(Some(Arc::new(taken)));
     };
-    engine.pace_live_world(config.pace, Arc::new(pictures));
-    let door = service::open(&engine).map_err(|error| error.to_string())?;
-    Ok((engine, door, listeners))
+    pump.engine.pace_live_world(config.pace, Arc::new(pictures));
+    pump.open_door(Signals::Taken).map_err(|error| error.sentence())?;
+    Ok(pump)
 }
 
 #[cfg(test)]

@@ -8,10 +8,8 @@ use std::time::Duration;
 
 use super::OUTSTANDING_MAX;
 use super::outlet::Outlet;
-use crate::door::Door;
-use crate::listeners::Listeners;
 use crate::pipeline::Progress;
-use crate::{Engine, service};
+use crate::pump::Pump;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 
@@ -23,9 +21,7 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 
 /// The loop: requests between slices, from the front end and from the socket.
 pub(super) struct Serving<'a> {
-    engine: Engine,
-    door: Door,
-    listeners: Listeners,
+    pump: Pump,
     asked: &'a Receiver<Request>,
     /// Requests whose answer comes after the sequence that runs.
     waiting: Vec<String>,
@@ -33,13 +29,8 @@ pub(super) struct Serving<'a> {
 }
 
 impl<'a> Serving<'a> {
-    pub(super) fn new(
-        engine: Engine,
-        door: Door,
-        listeners: Listeners,
-        asked: &'a Receiver<Request>,
-    ) -> Self {
-        Self { engine, door, listeners, asked, waiting: Vec::new(), trial: Trial::new() }
+    pub(super) fn new(pump: Pump, asked: &'a Receiver<Request>) -> Self {
+        Self { pump, asked, waiting: Vec::new(), trial: Trial::new() }
     }
 
     /// Until the engine has ended.
@@ -47,13 +38,14 @@ impl<'a> Serving<'a> {
         let mut next = None;
         loop {
             let lost = self.requests(next.take(), outlet);
-            if (lost || outlet.is_lost()) && !self.engine.has_ended() {
+            if (lost || outlet.is_lost()) && !self.pump.engine.has_ended() {
                 self.guarded("an end", |serving| {
                     serving
+                        .pump
                         .engine
                         .submit(Request { id: "front-end-lost".to_owned(), command: Command::Shutdown });
                 });
-                if !self.engine.has_ended() {
+                if !self.pump.engine.has_ended() {
                     // Even the end failed: what is on disk is whole, and nothing more is begun.
                     return;
                 }
@@ -61,10 +53,10 @@ impl<'a> Serving<'a> {
             let mut progress = Progress::Worked;
             self.guarded("a slice", |serving| {
                 serving.trial.at_slice();
-                progress = serving.engine.advance();
+                progress = serving.pump.engine.advance();
             });
             self.guarded("the scenes", |serving| {
-                serving.listeners.settle(&mut serving.engine);
+                serving.pump.settle();
             });
             self.tell(outlet);
             self.answer_waiting(outlet);
@@ -72,8 +64,8 @@ impl<'a> Serving<'a> {
             if progress == Progress::Worked {
                 outlet.note_change();
             }
-            self.guarded("a snapshot", |serving| outlet.publish(&serving.engine));
-            if self.engine.has_ended() {
+            self.guarded("a snapshot", |serving| outlet.publish(&serving.pump.engine));
+            if self.pump.engine.has_ended() {
                 self.end_scenes(outlet);
                 return;
             }
@@ -85,18 +77,16 @@ impl<'a> Serving<'a> {
 
     /// Tells what happened to everybody who listens.
     fn tell(&mut self, outlet: &mut Outlet) {
-        let events = self.engine.drain_events();
+        let events = self.pump.tell();
         self.trial.note(&events);
-        self.door.publish(&events);
-        self.listeners.events(&self.engine, &events);
         outlet.tell(events);
     }
 
     /// Ends the recordings, which are on record then.
     fn end_scenes(&mut self, outlet: &mut Outlet) {
-        self.guarded("the scenes", |serving| {
-            serving.listeners.finish(&mut serving.engine);
-        });
+        let mut events = Vec::new();
+        self.guarded("the scenes", |serving| events = serving.pump.finish());
+        outlet.tell(events);
         self.tell(outlet);
         outlet.flush();
     }
@@ -107,7 +97,7 @@ impl<'a> Serving<'a> {
         if let Err(panic) = done {
             let text = format!("the engine failed in {what}: {}", said(&*panic));
             // Holding writes an alarm; where even that fails, the alarm is at least in the book or the fault is told.
-            drop(catch_unwind(AssertUnwindSafe(|| self.engine.fail(&text))));
+            drop(catch_unwind(AssertUnwindSafe(|| self.pump.engine.fail(&text))));
         }
     }
 
@@ -127,7 +117,7 @@ impl<'a> Serving<'a> {
             let mut reply = None;
             let mut done = false;
             self.guarded("a request", |serving| {
-                reply = serving.engine.offer(request);
+                reply = serving.pump.engine.offer(request);
                 done = true;
             });
             match reply {
@@ -136,13 +126,13 @@ impl<'a> Serving<'a> {
                 None => outlet.answer(id, failed()),
             }
         }
-        self.guarded("a request", |serving| service::step_requests(&mut serving.engine, &mut serving.door));
+        self.guarded("a request", |serving| serving.pump.requests());
         false
     }
 
     fn answer_waiting(&mut self, outlet: &mut Outlet) {
         for id in std::mem::take(&mut self.waiting) {
-            match self.engine.answer_of(&id) {
+            match self.pump.engine.answer_of(&id) {
                 Some(reply) => outlet.answer(id, reply),
                 None => self.waiting.push(id),
             }

@@ -21,7 +21,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::PromptView;
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, AuditBody, Change};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -250,8 +250,8 @@ impl Approvals {
         let identity = match Identity::find(&record.ledger().store().layout().identities(), &said.who) {
             Ok(identity) => identity,
             Err(error) => {
-                let hint = Some("make an identity with `holdpoint identity new`");
-                return refuse(Refusal::NotAllowed, error.to_string(), hint);
+                let hint = error.hint().unwrap_or("make an identity with `holdpoint identity new`".into());
+                return refuse(Refusal::NotAllowed, error.to_string(), Some(&hint));
             }
         };
         if let Err(error) = signed.verify(&identity) {

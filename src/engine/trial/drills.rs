@@ -104,7 +104,9 @@ fn attempt(
     let mut reached = false;
     let task_terms = terms.task(task, seed, version.abort_secs());
     task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, passed| {
-        reached = passed.tick >= point && !matches!(passed.command, Command::Done | Command::Fail { .. });
+        reached = passed.tick >= point
+            && !passed.settling
+            && !matches!(passed.command, Command::Done | Command::Fail { .. });
         if reached { Supervision::Release } else { Supervision::Continue }
     })?;
     if !reached {

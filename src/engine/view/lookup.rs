@@ -20,6 +20,7 @@ use holdpoint_registry::{
     AuditFilter, AuditRecord, EvidenceEntry, VersionFilter, VersionGroup, VersionSummary,
 };
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
 
 /// The most bytes of record bodies in one answer; a page that would be longer ends there.
 const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
@@ -101,7 +102,7 @@ impl Pipeline {
                     report.batches
                 ),
             },
-            Err(error) => Verified { holds: false, records: head, text: error.to_string() },
+            Err(error) => Verified { holds: false, records: head, text: error.sentence() },
         };
         Ok(Reply::Verified { verified })
     }

@@ -243,7 +243,9 @@ impl Listener for Shadow {
     }
 
     fn tick(&mut self, _: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+        // The live skill is done: there is nothing left to compare with.
         if task == self.task()
+            && !passed.settling
             && let Some(skill) = &mut self.skill
         {
             let mut seen = passed.observation.clone();

@@ -16,11 +16,12 @@
 mod apply;
 mod flood;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 pub use apply::apply;
 pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
@@ -239,7 +240,7 @@ pub enum AlarmError {
     #[error("the alarm {0:?} needs a reason")]
     NoReason(Untrusted),
     /// A reset while the condition is still there.
-    #[error("the alarm {0:?} cannot be reset: its condition is still present\nHint: acknowledge it")]
+    #[error("the alarm {0:?} cannot be reset: its condition is still present")]
     StillPresent(Untrusted),
     /// A reset of an alarm that waits for none.
     #[error("the alarm {0:?} does not wait for a reset")]
@@ -259,8 +260,25 @@ pub enum AlarmError {
     #[error("the alarm {0:?} is not shelved")]
     NotShelved(Untrusted),
     /// Nothing normal is left to drop. The caller must hold: alarms are being lost.
-    #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit\nHint: hold the pipeline")]
+    #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit")]
     Full(Untrusted),
+}
+
+impl Hint for AlarmError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::StillPresent(_) => Some("acknowledge it".into()),
+            Self::Full(_) => Some("hold the pipeline".into()),
+            Self::Unknown(_)
+            | Self::Key(_)
+            | Self::Identity(_)
+            | Self::NoReason(_)
+            | Self::NotLatched(_)
+            | Self::ShelveCritical(_)
+            | Self::ShelfTime { .. }
+            | Self::NotShelved(_) => None,
+        }
+    }
 }
 
 /// All alarms that are not long normal.

@@ -1,6 +1,9 @@
 //! Refusals, and the rules of the lifecycle by name.
 
+use std::borrow::Cow;
+
 use super::{Stage, State};
+use holdpoint_text::Hint;
 
 /// Why an event was refused; nothing changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize)]
@@ -32,7 +35,7 @@ pub enum Refusal {
         running: Option<Stage>,
     },
     /// Evidence, gate pass or approval is missing, or of earlier circumstances.
-    #[error("the {what} is missing or was made under other circumstances\nHint: repeat the stage")]
+    #[error("the {what} is missing or was made under other circumstances")]
     Stale {
         /// Which.
         what: &'static str,
@@ -41,7 +44,7 @@ pub enum Refusal {
     #[error("a rollback is under way")]
     RollbackPending,
     /// The family is safe-stopped.
-    #[error("the family is safe-stopped\nHint: re-arm it with a version that was active before")]
+    #[error("the family is safe-stopped")]
     SafeStopped,
     /// The version is a rollback target.
     #[error("the version is the rollback target of another one and has to stay")]
@@ -52,6 +55,22 @@ pub enum Refusal {
         /// Which.
         why: &'static str,
     },
+}
+
+impl Hint for Refusal {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Stale { .. } => Some("repeat the stage".into()),
+            Self::SafeStopped => Some("re-arm it with a version that was active before".into()),
+            Self::UnknownVersion { .. }
+            | Self::State { .. }
+            | Self::Paused
+            | Self::Running { .. }
+            | Self::RollbackPending
+            | Self::Pinned
+            | Self::Condition { .. } => None,
+        }
+    }
 }
 
 fn names(states: &[State]) -> String {

@@ -14,6 +14,9 @@ mod proportion;
 mod special;
 mod wilcoxon;
 
+use std::borrow::Cow;
+
+use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{RESAMPLES_MAX, bca, percentile};
@@ -104,11 +107,24 @@ pub enum StatsError {
         total: u64,
     },
     /// All observations are equal, so the method knows nothing of their spread.
-    #[error("all {n} observations are equal; their spread is unknown\nHint: use a method with a known range")]
+    #[error("all {n} observations are equal; their spread is unknown")]
     NoSpread {
         /// How many observations.
         n: usize,
     },
+}
+
+impl Hint for StatsError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::NoSpread { .. } => Some("use a method with a known range".into()),
+            Self::TooFew { .. }
+            | Self::TooMany { .. }
+            | Self::NotFinite { .. }
+            | Self::Parameter { .. }
+            | Self::Counts { .. } => None,
+        }
+    }
 }
 
 /// Passes a probability in the open interval (0, 1) on.

@@ -11,6 +11,8 @@ pub mod stats;
 mod storage;
 mod subjects;
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 pub use measure::{Clock, Effort, Entry, Unit};
@@ -21,6 +23,7 @@ use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
 use holdpoint_registry::{StoreError, VerifyError};
 use holdpoint_runtime::capability::PackageError;
+use holdpoint_text::Hint;
 
 /// Everything that was measured in one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -61,13 +64,13 @@ pub enum BenchError {
     #[error("the engine does not start: {0}")]
     Start(#[from] StartError),
     /// The scratch store failed.
-    #[error("the scratch store failed: {0}. Hint: TMPDIR names the folder it is made in")]
+    #[error("the scratch store failed: {0}")]
     Store(#[from] StoreError),
     /// The scratch store does not verify.
     #[error("the scratch store does not verify: {0}")]
     Verify(#[from] VerifyError),
     /// No scratch folder.
-    #[error("cannot make a scratch folder: {0}. Hint: TMPDIR names the folder it is made in")]
+    #[error("cannot make a scratch folder: {0}")]
     Scratch(#[from] std::io::Error),
     /// A value has no canonical form.
     #[error("a value has no canonical form: {0}")]
@@ -95,6 +98,25 @@ pub enum BenchError {
         /// Samples needed.
         needed: usize,
     },
+}
+
+impl Hint for BenchError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(_) | Self::Scratch(_) => Some("TMPDIR names the folder it is made in".into()),
+            Self::Text(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::Package(error) => error.hint(),
+            Self::Start(error) => error.hint(),
+            Self::Verify(error) => error.hint(),
+            Self::Sim(_)
+            | Self::Body(_)
+            | Self::Canonical(_)
+            | Self::Table(_)
+            | Self::Unexpected { .. }
+            | Self::TooFew { .. } => None,
+        }
+    }
 }
 
 /// Measures everything; `quick` takes fewer samples and leaves out the whole candidate.

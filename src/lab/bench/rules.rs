@@ -28,6 +28,7 @@ use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
 
 /// Calls in a sample of what takes some ten microseconds.
 const CALLS: u64 = 50;
@@ -285,7 +286,7 @@ fn monitor_update(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchEr
     let expected =
         behavior::signature(std::iter::once(&CLEAN)).ok_or_else(|| unexpected("no signature".to_owned()))?;
     let mut monitor =
-        Monitor::new(&subjects.profile, &expected, 0).map_err(|error| unexpected(error.to_string()))?;
+        Monitor::new(&subjects.profile, &expected, 0).map_err(|error| unexpected(error.sentence()))?;
     let mut now_tick = 0;
     repeated("monitor, one episode", "mean of 500 episodes", CALLS_SHORT, effort, || {
         now_tick += 1000;

@@ -24,6 +24,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, EventKind};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::{Hint, Problem};
 
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;
@@ -103,7 +104,7 @@ pub struct CandidateEnd {
 /// Where the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
 pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<CandidateEnd, ExperimentError> {
     let version = Capability::load(name, package.clone())
-        .map_err(|error| ExperimentError::candidate(name, error.to_string()))?
+        .map_err(|error| ExperimentError::candidate(name, error.sentence()))?
         .id();
     let store = super::scratch()?;
     let engine = Engine::start(Config {
@@ -154,7 +155,9 @@ impl Drive<'_> {
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => self.learn(),
-            Reply::Refused { text, .. } => Err(ExperimentError::candidate(self.name, text)),
+            Reply::Refused { text, hint, .. } => {
+                Err(ExperimentError::candidate(self.name, Problem::from((text, hint)).sentence()))
+            }
         }
     }
 
@@ -176,7 +179,7 @@ impl Drive<'_> {
                 };
                 let decision = Answer::Approve;
                 let command = approver::answer(&self.engine, &prompt, who, decision, "agrees to everything")
-                    .map_err(|error| ExperimentError::candidate(self.name, error.to_string()))?;
+                    .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
                 self.submit(command)?;
                 continue;
             }

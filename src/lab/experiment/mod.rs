@@ -10,6 +10,8 @@ mod drift_run;
 pub mod per_candidate;
 pub mod verdict;
 
+use holdpoint_text::Hint;
+use std::borrow::Cow;
 use std::path::Path;
 
 pub use drift::{DriftOptions, DriftReport};
@@ -67,6 +69,24 @@ pub enum ExperimentError {
     /// Something that cannot be is.
     #[error("{0}")]
     Unexpected(String),
+}
+
+impl Hint for ExperimentError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Pool(error) => error.hint(),
+            Self::Start(error) => error.hint(),
+            Self::Fault(error) => error.hint(),
+            Self::Stats(error) => error.hint(),
+            Self::Option { .. }
+            | Self::File { .. }
+            | Self::Sim(_)
+            | Self::Candidate { .. }
+            | Self::Json(_)
+            | Self::Plot(_)
+            | Self::Unexpected(_) => None,
+        }
+    }
 }
 
 impl ExperimentError {

@@ -20,6 +20,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability;
+use holdpoint_text::Hint;
 
 /// What is to be run.
 #[derive(Clone, Debug)]
@@ -85,7 +86,7 @@ pub fn run(plan: &Plan, tell: &Tell<'_>) -> Result<Report, ExperimentError> {
 fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
     let read = |candidate: &PoolCandidate| {
         let package = capability::read(&pool.folder(candidate))
-            .map_err(|error| ExperimentError::candidate(&candidate.name, error.to_string()))?;
+            .map_err(|error| ExperimentError::candidate(&candidate.name, error.sentence()))?;
         Ok((candidate.name.clone(), package))
     };
     pool.index.candidates.iter().map(read).collect()
@@ -150,7 +151,7 @@ fn work(
 /// One candidate, or what is kept of it from an earlier run of the same build.
 fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
     let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
-        .map_err(|error| ExperimentError::candidate(task.name, error.to_string()))?;
+        .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
     let parts = [
         task.package.manifest.as_bytes(),
         task.package.submission.as_bytes(),

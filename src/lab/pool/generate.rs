@@ -19,6 +19,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::submission::Provenance;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
 
 /// The most sets of a pool.
 pub const SETS_MAX: u32 = 400;
@@ -74,8 +75,7 @@ pub fn draw(order: Order) -> Result<Drawn, PoolError> {
     }
     let fault = |name: &str, problem: String| PoolError::Generated { name: name.to_owned(), problem };
     let recipes = recipes().map_err(|error| fault("(the table)", error.to_string()))?;
-    let baselines =
-        holdpoint_engine::baselines().map_err(|error| fault("(a baseline)", error.to_string()))?;
+    let baselines = holdpoint_engine::baselines().map_err(|error| fault("(a baseline)", error.sentence()))?;
     let mut candidates = Vec::new();
     let mut entries = Vec::new();
     let mut packages = Vec::new();
@@ -95,7 +95,7 @@ pub fn draw(order: Order) -> Result<Drawn, PoolError> {
             draft.manifest.insert("version".to_owned(), Value::from(version.to_string()));
             let package = draft.package(&submission(&mut stream));
             let loaded =
-                Capability::load(&name, package.clone()).map_err(|error| fault(&name, error.to_string()))?;
+                Capability::load(&name, package.clone()).map_err(|error| fault(&name, error.sentence()))?;
             let id = loaded.id();
             candidates.push(PoolCandidate { name: name.clone(), family: id.family, version: id.version });
             let what = draft.differences();

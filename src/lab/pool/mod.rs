@@ -11,13 +11,14 @@ pub mod ranges;
 pub mod structure;
 pub mod truth;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use holdpoint_governance::ids::Family;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint, Untrusted};
 
 pub use kind::Preset;
 pub use truth::{Class, Truth, TruthEntry};
@@ -95,10 +96,7 @@ pub enum PoolError {
         problem: String,
     },
     /// The truth file is not the one the index was made with.
-    #[error(
-        "{file}: its SHA-256 is {found}, and the index says {expected}. Hint: the truth was changed or belongs to \
-         another pool; nothing can be scored with it"
-    )]
+    #[error("{file}: its SHA-256 is {found}, and the index says {expected}")]
     Tampered {
         /// The truth file, already made safe to print.
         file: String,
@@ -116,7 +114,7 @@ pub enum PoolError {
         allowed: u32,
     },
     /// There is something in the place the pool is to be written to.
-    #[error("{0} exists already. Hint: a pool is never overwritten; name a folder that is not there yet")]
+    #[error("{0} exists already")]
     Exists(String),
     /// A generated package is not well formed: a fault of the generator.
     #[error("the generated candidate {name} is not well formed: {problem}")]
@@ -126,6 +124,20 @@ pub enum PoolError {
         /// What is wrong.
         problem: String,
     },
+}
+
+impl Hint for PoolError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Tampered { .. } => {
+                Some("the truth was changed or belongs to another pool; nothing can be scored with it".into())
+            }
+            Self::Exists(_) => {
+                Some("a pool is never overwritten; name a folder that is not there yet".into())
+            }
+            Self::File { .. } | Self::Content { .. } | Self::Sets { .. } | Self::Generated { .. } => None,
+        }
+    }
 }
 
 impl Pool {

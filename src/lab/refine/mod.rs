@@ -13,6 +13,7 @@ pub mod package;
 pub mod search;
 pub mod space;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -30,6 +31,7 @@ use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::native::NativeError;
+use holdpoint_text::Hint;
 
 /// The most generations of one search.
 pub const GENERATIONS_MAX: u32 = 1_000;
@@ -73,9 +75,7 @@ pub enum RefineError {
         allowed: String,
     },
     /// The candidate's folder is there already.
-    #[error(
-        "{0:?} is there already and is not overwritten. Hint: remove it, or name another folder with --out"
-    )]
+    #[error("{0:?} is there already and is not overwritten")]
     Exists(PathBuf),
     /// A file or folder cannot be used.
     #[error("cannot {what} {path:?}: {source}")]
@@ -88,9 +88,7 @@ pub enum RefineError {
         source: std::io::Error,
     },
     /// The kept evaluations are more than any search makes.
-    #[error(
-        "{path:?} has {bytes} bytes; up to {allowed} are allowed. Hint: remove it, and the search begins anew"
-    )]
+    #[error("{path:?} has {bytes} bytes; up to {allowed} are allowed")]
     JournalTooLarge {
         /// The file.
         path: PathBuf,
@@ -100,9 +98,7 @@ pub enum RefineError {
         allowed: u64,
     },
     /// The search was interrupted.
-    #[error(
-        "interrupted after {evaluations} evaluations; they are kept in {kept:?}. Hint: the same command goes on from there"
-    )]
+    #[error("interrupted after {evaluations} evaluations; they are kept in {kept:?}")]
     Interrupted {
         /// Evaluations that are done.
         evaluations: u32,
@@ -110,9 +106,7 @@ pub enum RefineError {
         kept: PathBuf,
     },
     /// No set of parameters was better than the baseline.
-    #[error(
-        "nothing better than {parent} was found in {evaluations} evaluations. Hint: more --generations, or another --seed"
-    )]
+    #[error("nothing better than {parent} was found in {evaluations} evaluations")]
     NothingBetter {
         /// The baseline.
         parent: CapabilityId,
@@ -148,6 +142,27 @@ pub enum RefineError {
     /// The optimiser refused its box.
     #[error("the optimiser refused the search: {0}")]
     Optimiser(String),
+}
+
+impl Hint for RefineError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Exists(_) => Some("remove it, or name another folder with --out".into()),
+            Self::JournalTooLarge { .. } => Some("remove it, and the search begins anew".into()),
+            Self::Interrupted { .. } => Some("the same command goes on from there".into()),
+            Self::NothingBetter { .. } => Some("more --generations, or another --seed".into()),
+            Self::Package(error) => error.hint(),
+            Self::Native(error) => error.hint(),
+            Self::Profile(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::Setting { .. }
+            | Self::Io { .. }
+            | Self::NoBaseline(_)
+            | Self::Edit { .. }
+            | Self::Sim(_)
+            | Self::Optimiser(_) => None,
+        }
+    }
 }
 
 impl RefineError {

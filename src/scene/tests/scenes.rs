@@ -23,6 +23,7 @@ use holdpoint_recordings::folder::file_stem;
 use holdpoint_recordings::recording::{Recording, Series};
 use holdpoint_scene::tap::Tap;
 use holdpoint_scene::{SceneConfig, Scenes, read, until};
+use holdpoint_text::Hint as _;
 use support::{digest, id, snapshot};
 
 const VERSION: &str = "place@1.1.0";
@@ -298,8 +299,8 @@ fn a_whole_upgrade_is_small() {
 fn what_is_no_recording_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.rrd");
-    let missing = read(&path).unwrap_err().to_string();
-    assert!(missing.contains("x.rrd") && missing.contains("Hint:"), "{missing}");
+    let missing = read(&path).unwrap_err();
+    assert!(missing.to_string().contains("x.rrd") && missing.hint().is_some(), "{missing}");
     std::fs::write(&path, b"not a recording at all, but long enough to look at").unwrap();
     let foreign = read(&path).unwrap_err().to_string();
     assert!(foreign.contains("is no recording of an upgrade"), "{foreign}");

@@ -7,6 +7,7 @@ use super::{BenchError, Study, missing};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_text::Hint;
 
 const RULE: &str = "monitor";
 
@@ -55,7 +56,7 @@ fn set_up(
     let expected = twins.as_deref().and_then(normal_rates).ok_or_else(|| missing("twins"))?;
     Monitor::new(profile, &expected, 0).map_err(|error| BenchError::Unexpected {
         what: "the monitor",
-        found: error.to_string(),
+        found: error.sentence(),
         expected: "a monitor",
     })
 }

@@ -21,6 +21,7 @@ pub use report::{Finding, Stated};
 use super::BenchError;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::stats::StatsError;
+use holdpoint_text::Hint;
 
 /// Runs of each figure by default.
 pub const RUNS: u32 = 10_000;
@@ -118,6 +119,6 @@ fn missing(what: &'static str) -> BenchError {
 
 impl From<StatsError> for BenchError {
     fn from(error: StatsError) -> Self {
-        Self::Unexpected { what: "the statistics", found: error.to_string(), expected: "an answer" }
+        Self::Unexpected { what: "the statistics", found: error.sentence(), expected: "an answer" }
     }
 }

@@ -5,6 +5,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use holdpoint_registry::{Store, StoreError};
+use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
 use crate::support::*;
@@ -110,8 +111,8 @@ fn other_files_are_refused_and_left_alone() {
         let database = folder.path().join("holdpoint.db");
         make(&database);
         let before = fs::read(&database).ok();
-        let error = Store::open(folder.path()).expect_err(name).to_string();
-        assert!(error.contains(message) && error.contains("Hint:"), "{name}: {error}");
+        let error = Store::open(folder.path()).expect_err(name);
+        assert!(error.to_string().contains(message) && error.hint().is_some(), "{name}: {error}");
         assert_eq!(fs::read(&database).ok(), before, "{name}");
     }
 }

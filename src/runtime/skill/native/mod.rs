@@ -11,6 +11,7 @@ pub mod park;
 pub mod phases;
 pub mod place;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_body::{Command, Estimate, FailureSignal, Observation, Pose, TaskKind};
@@ -25,6 +26,7 @@ use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::mode::{Channel, CommandKind, ModeNeed};
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::value_type::{FieldSpec, Frame, Kind, Unit};
+use holdpoint_text::Hint;
 
 /// The largest parameter file, bytes.
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
@@ -57,6 +59,15 @@ pub enum NativeError {
     /// The parameter file is not valid.
     #[error(transparent)]
     Params(#[from] TextError),
+}
+
+impl Hint for NativeError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::UnknownController(_) => None,
+            Self::Params(error) => error.hint(),
+        }
+    }
 }
 
 impl Controller {

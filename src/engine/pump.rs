@@ -1,0 +1,102 @@
+//! The one pump: what waits at the door, a slice of work, and what happened to everybody who listens.
+//!
+//! Every front end drives its engine through this, in its own loop: a script, the plain stream, the thread behind a
+//! console. Owns the order and nothing else. On a signal to end the slice that runs is finished and nothing more is
+//! begun, approved or activated; a second signal interrupts the slice.
+
+use std::time::Duration;
+
+use holdpoint_protocol::command::{Command, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::sink::{MakeSink, Pictures, Serve};
+
+use crate::Engine;
+use crate::door::{Door, DoorError, Signals};
+use crate::listeners::Listeners;
+use crate::pipeline::Progress;
+
+/// An engine with its door and its listeners.
+pub struct Pump {
+    /// The engine.
+    pub engine: Engine,
+    door: Option<Door>,
+    listeners: Listeners,
+}
+
+impl Pump {
+    /// Starts the listeners of an engine; its door stays closed.
+    #[must_use]
+    pub fn new(mut engine: Engine, sinks: Vec<MakeSink>) -> Self {
+        let listeners = Listeners::start(&mut engine, sinks);
+        Self { engine, door: None, listeners }
+    }
+
+    /// Opens the door for other processes.
+    ///
+    /// # Errors
+    /// [`DoorError`].
+    pub fn open_door(&mut self, signals: Signals) -> Result<(), DoorError> {
+        self.door = Some(Door::open(self.engine.layout(), self.engine.cancel(), signals)?);
+        Ok(())
+    }
+
+    /// Takes pictures of the live world for all listeners; absent where nobody wants any.
+    #[must_use]
+    pub fn pictures(&self) -> Option<Pictures> {
+        self.listeners.pictures()
+    }
+
+    /// How a live viewer is served; absent where nobody can.
+    #[must_use]
+    pub fn serve(&self) -> Option<Serve> {
+        self.listeners.serve()
+    }
+
+    /// Carries out what waits at the door, and what signals ask for.
+    pub fn requests(&mut self) {
+        let Some(door) = &mut self.door else { return };
+        door.poll(&mut self.engine);
+        if door.endings_asked() > 0 && !self.engine.has_ended() {
+            self.engine.submit(Request { id: "signal-to-end".to_owned(), command: Command::Shutdown });
+        }
+    }
+
+    /// Puts on record what became of recordings. A script does so at its end and not before: its records are then in
+    /// the same places whatever the listeners' threads do.
+    pub fn settle(&mut self) {
+        if !self.engine.is_scripted() {
+            self.listeners.settle(&mut self.engine);
+        }
+    }
+
+    /// Tells what happened to everybody who listens, and to the caller.
+    pub fn tell(&mut self) -> Vec<Event> {
+        let events = self.engine.drain_events();
+        if let Some(door) = &self.door {
+            door.publish(&events);
+        }
+        self.listeners.events(&self.engine, &events);
+        events
+    }
+
+    /// One turn: requests, a slice, what happened.
+    pub fn turn(&mut self) -> (Progress, Vec<Event>) {
+        self.requests();
+        let progress = self.engine.advance();
+        self.settle();
+        (progress, self.tell())
+    }
+
+    /// Waits until something came in at the door, or for `at_most`. Returns at once where the door is closed.
+    pub fn wait(&mut self, at_most: Duration) {
+        if let Some(door) = &mut self.door {
+            door.wait(at_most);
+        }
+    }
+
+    /// Ends the listeners, whose recordings are on record then, and tells the rest.
+    pub fn finish(&mut self) -> Vec<Event> {
+        self.listeners.finish(&mut self.engine);
+        self.tell()
+    }
+}
