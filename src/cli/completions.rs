@@ -109,7 +109,7 @@ fn stored(data: &Path, names: Names) -> Vec<String> {
         .families()
         .unwrap_or_default()
         .into_iter()
-        .filter_map(|status| Family::new(status.name.to_string()).ok())
+        .filter_map(|status| Family::new(status.name).ok())
         .collect();
     let versions = || {
         let of = |family| views.family_in_order(family).unwrap_or_default();
