@@ -9,6 +9,7 @@ use holdpoint::cli::{Cli, Exit};
 use holdpoint::console::action::Action;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::protocol::wire::PROTOCOL;
 
 use crate::data::{names, root, scenarios};
 use crate::report;
@@ -164,6 +165,18 @@ fn commands_refusals_and_events_are_the_protocols() {
         assert!(there.len() > 5, "{name}: {there:?}");
         assert_eq!(said, there, "{heading}");
     }
+}
+
+#[test]
+fn the_session_in_the_guide_speaks_the_present_protocol() {
+    let text = fs::read_to_string(root().join("src/guide/events.md")).unwrap();
+    let spoken: Vec<&str> = ["\"protocol\":", "[\"protocol\"] == "]
+        .into_iter()
+        .flat_map(|before| text.split(before).skip(1))
+        .filter_map(|rest| rest.split(|ch: char| !ch.is_ascii_digit()).next())
+        .collect();
+    assert!(spoken.len() >= 3, "{spoken:?}");
+    assert!(spoken.iter().all(|number| *number == PROTOCOL.to_string()), "{spoken:?}, and not {PROTOCOL}");
 }
 
 #[test]
