@@ -12,8 +12,8 @@
 
 #[path = "tidy/data.rs"]
 mod data;
-#[path = "tidy/notices.rs"]
-mod notices;
+#[path = "tidy/dependencies.rs"]
+mod dependencies;
 #[path = "tidy/readme.rs"]
 mod readme;
 

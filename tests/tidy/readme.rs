@@ -72,7 +72,7 @@ fn links_lead_somewhere_and_to_every_page_of_the_guide() {
 }
 
 /// `` `a`, `b` `` gives a and b.
-fn quoted(cell: &str) -> Vec<String> {
+pub(crate) fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
