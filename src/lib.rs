@@ -2,6 +2,7 @@
 
 pub mod cli;
 pub mod error;
+pub mod guide;
 pub mod headless;
 pub mod scenes;
 

@@ -12,6 +12,8 @@
 
 #[path = "tidy/data.rs"]
 mod data;
+#[path = "tidy/dependencies.rs"]
+mod dependencies;
 #[path = "tidy/readme.rs"]
 mod readme;
 
@@ -175,6 +177,24 @@ fn no_test_is_ignored_or_waits_by_the_clock() {
             for line in lines_with(code, word) {
                 problems.push(format!("{}:{line}: `{word}`", path.display()));
             }
+        }
+    }
+    report(&problems);
+}
+
+/// What is installed has no source tree beside it: data comes with the program (`include_str!`).
+#[test]
+fn no_program_looks_for_its_source_tree() {
+    let mut problems = Vec::new();
+    for path in ["src", "sim/src"].into_iter().flat_map(sources).filter(|path| !is_test_file(path)) {
+        let text = fs::read_to_string(&path).unwrap();
+        let program = text.find("#[cfg(test)]\nmod ").map_or(text.as_str(), |start| &text[..start]);
+        let mut for_tests = false;
+        for (index, line) in program.lines().enumerate() {
+            if line.contains("CARGO_MANIFEST_DIR") && !for_tests {
+                problems.push(format!("{}:{}: names the source tree", path.display(), index + 1));
+            }
+            for_tests = line.trim() == "#[cfg(test)]";
         }
     }
     report(&problems);

@@ -1,21 +1,79 @@
-//! `holdpoint completions`: prints a completion script.
+//! `holdpoint completions`: prints a completion script, which completes the store's versions and families too.
+//!
+//! clap writes the scripts from the command line's definition. Where an argument is the name of a version or a
+//! family the script asks this program at each tab: `completions --list versions`.
 
-use clap::{Args, CommandFactory};
+use std::path::Path;
+
+use clap::builder::PossibleValuesParser;
+use clap::{Arg, Args, Command, CommandFactory, ValueEnum};
 use clap_complete::Shell;
 use serde::Serialize;
 
-use super::{Cli, CliError, Exit, Output};
+use super::{Cli, CliError, Exit, Output, data};
+use holdpoint_governance::ids::Family;
+use holdpoint_registry::{Layout, Views};
 
 /// The arguments of `completions`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint completions bash > ~/.local/share/bash-completion/completions/holdpoint
-  holdpoint completions zsh > ~/.zfunc/_holdpoint")]
+  holdpoint completions zsh > ~/.zfunc/_holdpoint
+  holdpoint completions fish > ~/.config/fish/completions/holdpoint.fish
+
+In bash, zsh and fish the versions and families of the store are completed too, of the one named with --data DIR
+where it stands on the line.")]
 pub struct CompletionsArgs {
     /// The shell.
-    #[arg(value_enum)]
-    pub shell: Shell,
+    #[arg(value_enum, required_unless_present = "list")]
+    pub shell: Option<Shell>,
+    /// What a script asks for at a tab: names in the store, one a line; none where there is no store.
+    #[arg(long, hide = true, value_enum, value_name = "NAMES", conflicts_with = "shell")]
+    pub list: Option<Names>,
+}
+
+/// Names in the store that a script can ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Names {
+    /// `align@1.1.0`.
+    Versions,
+    /// `align`.
+    Families,
+    /// Both.
+    Subjects,
+}
+
+impl Names {
+    /// What an argument takes, by the name of its value in the help.
+    fn of(arg: &Arg) -> Option<Self> {
+        if !arg.get_possible_values().is_empty() {
+            return None;
+        }
+        match arg.get_value_names()?.first()?.as_str() {
+            "FAMILY@VERSION" | "VERSION|FOLDER" | "UPGRADE" => Some(Self::Versions),
+            "FAMILY" => Some(Self::Families),
+            "FAMILY[@VERSION]" => Some(Self::Subjects),
+            _ => None,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Versions => "versions",
+            Self::Families => "families",
+            Self::Subjects => "subjects",
+        }
+    }
+
+    /// Stands in clap's script where the names belong, until [`script`] puts the call in its place.
+    const fn marker(self) -> &'static str {
+        match self {
+            Self::Versions => "holdpoint_stored_versions",
+            Self::Families => "holdpoint_stored_families",
+            Self::Subjects => "holdpoint_stored_subjects",
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -24,16 +82,146 @@ struct Script {
     script: String,
 }
 
-/// Prints the script.
+/// Prints the script, or the names one asks for.
 ///
 /// # Errors
-/// Where the output cannot be written.
-pub fn run(args: &CompletionsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "holdpoint", &mut script);
-    let script = String::from_utf8(script).map_err(CliError::internal)?;
-    let answer = Script { shell: args.shell.to_string(), script };
-    // The script is this program's own text and must keep its lines.
-    out.answer(&answer, |out| Ok(out.sink().write_all(answer.script.as_bytes())?))?;
+/// Where the output cannot be written, or no folder of a store is known.
+pub fn run(data: Option<&Path>, args: &CompletionsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    if let Some(shell) = args.shell {
+        let answer = Script { shell: shell.to_string(), script: script(shell)? };
+        // The script is this program's own text and must keep its lines.
+        out.answer(&answer, |out| Ok(out.sink().write_all(answer.script.as_bytes())?))?;
+    } else if let Some(names) = args.list {
+        let names = stored(&data::folder(data)?, names);
+        out.answer(&names, |out| names.iter().try_for_each(|name| out.line(name)))?;
+    }
     Ok(Exit::Confirmed)
 }
+
+/// The names in a store; none where it cannot be read, for a tab has nowhere to say so.
+fn stored(data: &Path, names: Names) -> Vec<String> {
+    let database = Layout::new(data).database();
+    // Opening makes no store.
+    let views = database.is_file().then(|| Views::open(&database).ok()).flatten();
+    let Some(views) = views else { return Vec::new() };
+    // A shell expands what it completes, so what is not a family's name is left out, whatever stands in the file.
+    let families: Vec<Family> = views
+        .families()
+        .unwrap_or_default()
+        .into_iter()
+        .filter_map(|status| Family::new(status.name).ok())
+        .collect();
+    let versions = || {
+        let of = |family| views.family_in_order(family).unwrap_or_default();
+        families.iter().flat_map(of).map(|version| version.to_string())
+    };
+    let families = || families.iter().map(ToString::to_string);
+    match names {
+        Names::Versions => versions().collect(),
+        Names::Families => families().collect(),
+        Names::Subjects => families().chain(versions()).collect(),
+    }
+}
+
+/// The script for a shell.
+fn script(shell: Shell) -> Result<String, CliError> {
+    let mut command = Cli::command();
+    match shell {
+        Shell::Bash | Shell::Zsh | Shell::Fish => command = marked(command),
+        // Elvish, PowerShell: what is fixed alone.
+        _ => {}
+    }
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, "holdpoint", &mut script);
+    let script = String::from_utf8(script).map_err(CliError::internal)?;
+    Ok(match shell {
+        Shell::Bash => bash(script),
+        Shell::Zsh => zsh(script),
+        Shell::Fish => fish(script),
+        _ => script,
+    })
+}
+
+/// The command with a marker as the only value of each argument that takes a stored name.
+fn marked(command: Command) -> Command {
+    command
+        .mut_args(|arg| match Names::of(&arg) {
+            Some(names) => arg.value_parser(PossibleValuesParser::new([names.marker()])),
+            None => arg,
+        })
+        .mut_subcommands(marked)
+}
+
+fn with_calls(script: String, of: impl Fn(Names) -> (String, String)) -> String {
+    Names::value_variants().iter().fold(script, |script, names| {
+        let (marker, call) = of(*names);
+        script.replace(&marker, &call)
+    })
+}
+
+fn bash(script: String) -> String {
+    let called = |names: Names| (names.marker().to_owned(), format!("$(_holdpoint_stored {})", names.name()));
+    let script =
+        with_calls(script, called).replace("complete -F _holdpoint ", "complete -F _holdpoint_whole ");
+    format!("{}\n{script}", include_str!("completions/stored.bash"))
+}
+
+fn zsh(script: String) -> String {
+    let called = |names: Names| (format!("({})", names.marker()), format!("_holdpoint_{}", names.name()));
+    // The first line says what the file completes, and must stay the first.
+    let (first, rest) = script.split_once('\n').unwrap_or((&script, ""));
+    let helpers = include_str!("completions/stored.zsh");
+    with_calls(format!("{first}\n\n{helpers}{rest}"), called)
+}
+
+/// clap's script for fish knows the values of options alone; those of positional arguments are added.
+fn fish(script: String) -> String {
+    let called =
+        |names: Names| (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()));
+    let mut script = format!("{}\n{}", include_str!("completions/stored.fish"), with_calls(script, called));
+    for Place { verbs, option, names, or_path } in places(&Cli::command()) {
+        let seen = match verbs.as_slice() {
+            [verb] if option.is_none() => format!("__fish_holdpoint_using_subcommand {verb}"),
+            [verb, inner] if option.is_none() => {
+                format!("__fish_holdpoint_using_subcommand {verb}; and __fish_seen_subcommand_from {inner}")
+            }
+            _ => continue,
+        };
+        let files = if or_path { "" } else { " -f" };
+        let call = format!("(__holdpoint_stored {})", names.name());
+        script.push_str(&format!("complete -c holdpoint -n \"{seen}\"{files} -a \"{call}\"\n"));
+    }
+    script
+}
+
+/// An argument that takes a stored name.
+struct Place {
+    verbs: Vec<String>,
+    option: Option<String>,
+    names: Names,
+    /// A folder or a file may stand there as well.
+    or_path: bool,
+}
+
+/// Every such argument, verb by verb.
+fn places(command: &Command) -> Vec<Place> {
+    fn walk(command: &Command, verbs: &[String], found: &mut Vec<Place>) {
+        for arg in command.get_arguments() {
+            let option = arg.get_long().map(str::to_owned);
+            let named =
+                |name: &str| arg.get_value_names().is_some_and(|names| names.iter().any(|one| one == name));
+            let or_path = named("VERSION|FOLDER") || named("UPGRADE");
+            found.extend(Names::of(arg).map(|names| Place { verbs: verbs.to_vec(), option, names, or_path }));
+        }
+        for verb in command.get_subcommands() {
+            let verbs: Vec<String> = verbs.iter().cloned().chain([verb.get_name().to_owned()]).collect();
+            walk(verb, &verbs, found);
+        }
+    }
+    let mut found = Vec::new();
+    walk(command, &[], &mut found);
+    found
+}
+
+#[cfg(test)]
+mod tests;

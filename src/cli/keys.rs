@@ -1,4 +1,4 @@
-//! `holdpoint keys`: the console's keys, as text, as JSON, or as the README's table.
+//! `holdpoint keys`: the console's keys, as text, as JSON, or as the guide's table.
 //!
 //! Everything is generated from the actions and the keymap in force, so that it cannot differ from what the keys do.
 
@@ -22,7 +22,7 @@ Keys are added in $XDG_CONFIG_HOME/holdpoint/keys.toml (else ~/.config/holdpoint
   [keys]
   quit = [\"ctrl-q\"]")]
 pub struct KeysArgs {
-    /// Prints a Markdown table of the default keys, as the README has it.
+    /// Prints a Markdown table of the default keys, as the guide has it.
     #[arg(long)]
     pub markdown: bool,
 }

@@ -20,6 +20,7 @@ pub mod explain;
 pub mod identity;
 #[cfg(feature = "console")]
 pub mod keys;
+pub mod man;
 pub mod output;
 pub mod per_candidate;
 pub mod pool;
@@ -131,6 +132,8 @@ pub enum Verb {
     Theme(theme::ThemeArgs),
     /// Prints a completion script for a shell.
     Completions(completions::CompletionsArgs),
+    /// Prints the manual page, or writes one for each verb.
+    Man(man::ManArgs),
 }
 
 /// What every verb is given beside its own arguments.
@@ -253,7 +256,8 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Keys(args)) => keys::run(args, out),
         #[cfg(feature = "console")]
         Some(Verb::Theme(args)) => theme::run(args, out),
-        Some(Verb::Completions(args)) => completions::run(args, out),
+        Some(Verb::Completions(args)) => completions::run(cli.data.as_deref(), args, out),
+        Some(Verb::Man(args)) => man::run(args, out),
     }
 }
 

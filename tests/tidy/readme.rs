@@ -1,21 +1,29 @@
-//! What the README says is so.
+//! What README and guide say is so.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::path::Path;
 
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
 use holdpoint::console::action::Action;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::protocol::wire::PROTOCOL;
 
-use crate::data::{root, scenarios};
+use crate::data::{names, root, scenarios};
 use crate::report;
 
-/// The rows of the first table beneath a heading, cell by cell, without its head.
-fn table(heading: &str) -> Vec<Vec<String>> {
-    let text = fs::read_to_string(root().join("README.md")).unwrap();
-    let (_, below) = text.split_once(&format!("\n## {heading}\n")).expect("the heading is there");
+/// The longest README, bytes: it is read in one sitting, and the rest is in the guide.
+const README_BYTES_MAX: usize = 15 * 1024;
+
+/// The rows of the first table beneath a heading of a page, cell by cell, without its head.
+pub(crate) fn table(page: &str, heading: &str) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(root().join(page)).unwrap();
+    let (_, below) = text
+        .split_once(&format!("\n# {heading}\n"))
+        .or_else(|| text.split_once(&format!("\n## {heading}\n")))
+        .unwrap_or_else(|| panic!("{page} has no heading {heading:?}"));
     let rows =
         below.lines().skip_while(|line| !line.starts_with('|')).take_while(|line| line.starts_with('|'));
     let cells = |line: &str| {
@@ -24,8 +32,47 @@ fn table(heading: &str) -> Vec<Vec<String>> {
     rows.skip(2).map(cells).collect()
 }
 
+#[test]
+fn the_readme_is_short() {
+    let bytes = fs::metadata(root().join("README.md")).unwrap().len();
+    assert!(bytes <= README_BYTES_MAX as u64, "README.md has {bytes} bytes; {README_BYTES_MAX} are allowed");
+}
+
+/// Where a Markdown link leads: `](path)`, without what stands behind `#`; addresses on the web aside.
+fn targets(text: &str) -> impl Iterator<Item = &str> {
+    let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    let paths = links.filter(|link| !link.contains("://")).filter_map(|link| link.split('#').next());
+    paths.filter(|path| !path.is_empty())
+}
+
+#[test]
+fn links_lead_somewhere_and_to_every_page_of_the_guide() {
+    let mut problems = Vec::new();
+    for page in ["README.md", ".github/CONTRIBUTING.md", "recordings/README.md"] {
+        let text = fs::read_to_string(root().join(page)).unwrap();
+        let folder = root().join(page).parent().map(Path::to_owned).unwrap();
+        let dead = targets(&text).filter(|path| !folder.join(path).exists());
+        problems.extend(dead.map(|path| format!("{page}: {path} is not there")));
+    }
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let linked: BTreeSet<&str> = targets(&readme).collect();
+    let modules = fs::read_to_string(root().join("src/guide/mod.rs")).unwrap();
+    let pages: Vec<String> =
+        names(&root().join("src/guide")).into_iter().filter(|name| name.ends_with(".md")).collect();
+    for page in &pages {
+        if !linked.contains(format!("src/guide/{page}").as_str()) {
+            problems.push(format!("README.md does not lead to src/guide/{page}"));
+        }
+        if !modules.contains(&format!("include_str!(\"{page}\")")) {
+            problems.push(format!("src/guide/mod.rs does not include {page}"));
+        }
+    }
+    report(&problems);
+    assert!(pages.len() > 10, "{pages:?}");
+}
+
 /// `` `a`, `b` `` gives a and b.
-fn quoted(cell: &str) -> Vec<String> {
+pub(crate) fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
@@ -43,7 +90,7 @@ fn code_of(state: &str) -> Option<u8> {
 #[test]
 fn exit_codes_are_the_programs() {
     let said: BTreeMap<String, String> =
-        table("Exit codes").into_iter().map(|row| (row[0].clone(), row[1].clone())).collect();
+        table("README.md", "Exit codes").into_iter().map(|row| (row[0].clone(), row[1].clone())).collect();
     let mut problems = Vec::new();
     for exit in Exit::ALL {
         let word = match exit {
@@ -64,7 +111,7 @@ fn exit_codes_are_the_programs() {
 
 #[test]
 fn verbs_are_the_programs() {
-    let mut said: Vec<String> = table("Verbs").iter().flat_map(|row| quoted(&row[0])).collect();
+    let mut said: Vec<String> = table("README.md", "Verbs").iter().flat_map(|row| quoted(&row[0])).collect();
     let mut there: Vec<String> =
         Cli::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect();
     said.sort();
@@ -81,15 +128,60 @@ fn keys_are_the_programs() {
         vec![action.scope().title().to_owned(), keys, action.word().to_owned(), action.help().to_owned()]
     };
     let mut there: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
-    let mut said = table("Keys");
+    let mut said = table("src/guide/operating.md", "Keys");
     there.sort();
     said.sort();
     assert_eq!(said, there);
 }
 
+/// The variants of an enum of the protocol, in kebab case as they travel, read from its source.
+fn variants(file: &str, name: &str) -> BTreeSet<String> {
+    let text = fs::read_to_string(root().join("src/protocol").join(file)).unwrap();
+    let (_, body) = text.split_once(&format!("\npub enum {name} {{\n")).expect("the enum is there");
+    let (body, _) = body.split_once("\n}\n").expect("it ends");
+    let first = |line: &str| {
+        let name = line.strip_prefix("    ")?.split(|ch: char| !ch.is_alphanumeric()).next()?;
+        name.starts_with(char::is_uppercase).then(|| name.to_owned())
+    };
+    let kebab = |name: String| {
+        let dashed = name.chars().enumerate().flat_map(|(at, ch)| {
+            (at > 0 && ch.is_uppercase()).then_some('-').into_iter().chain(ch.to_lowercase())
+        });
+        dashed.collect::<String>()
+    };
+    body.lines().filter_map(first).map(kebab).collect()
+}
+
+#[test]
+fn commands_refusals_and_events_are_the_protocols() {
+    for (heading, file, name) in [
+        ("Commands", "command.rs", "Command"),
+        ("Refusals", "command.rs", "Refusal"),
+        ("Events", "event.rs", "EventKind"),
+    ] {
+        let rows = table("src/guide/events.md", heading);
+        let said: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
+        let there = variants(file, name);
+        assert!(there.len() > 5, "{name}: {there:?}");
+        assert_eq!(said, there, "{heading}");
+    }
+}
+
+#[test]
+fn the_session_in_the_guide_speaks_the_present_protocol() {
+    let text = fs::read_to_string(root().join("src/guide/events.md")).unwrap();
+    let spoken: Vec<&str> = ["\"protocol\":", "[\"protocol\"] == "]
+        .into_iter()
+        .flat_map(|before| text.split(before).skip(1))
+        .filter_map(|rest| rest.split(|ch: char| !ch.is_ascii_digit()).next())
+        .collect();
+    assert!(spoken.len() >= 3, "{spoken:?}");
+    assert!(spoken.iter().all(|number| *number == PROTOCOL.to_string()), "{spoken:?}, and not {PROTOCOL}");
+}
+
 #[test]
 fn scenarios_are_listed_with_the_code_they_end_with() {
-    let said: BTreeMap<String, String> = table("Scenarios")
+    let said: BTreeMap<String, String> = table("src/guide/scenarios.md", "Scenarios")
         .into_iter()
         .map(|row| (quoted(&row[0]).concat(), row.last().cloned().unwrap_or_default()))
         .collect();
@@ -114,7 +206,7 @@ fn profile_numbers_are_the_profiles() {
         ("recovery floor", row(&|profile| profile.recovery.rho_floor)),
         ("provisional episodes", row(&|profile| f64::from(profile.activation.provisional_episodes))),
     ];
-    let said = table("Profiles");
+    let said = table("src/guide/operating.md", "Profiles");
     for (name, values) in there {
         let cells = said.iter().find(|row| row[0] == name).expect("the row is there");
         let numbers: Vec<f64> = cells[1..].iter().map(|cell| cell.parse().unwrap()).collect();

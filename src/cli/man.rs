@@ -1,0 +1,126 @@
+//! `holdpoint man`: the manual pages, made from the command line's own definition.
+
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Command, CommandFactory};
+use clap_mangen::Man;
+use serde::Serialize;
+
+use super::{Cli, CliError, Exit, Output};
+
+/// The arguments of `man`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint man > holdpoint.1
+  holdpoint man --out ~/.local/share/man/man1")]
+pub struct ManArgs {
+    /// Writes a page for the program and one for each verb into this folder, which is made if there is none. Without
+    /// it the program's page goes to the standard output.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Page {
+    name: String,
+    roff: String,
+}
+
+/// Prints the program's page, or writes all of them.
+///
+/// # Errors
+/// Where the folder or the output cannot be written.
+pub fn run(args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    match &args.out {
+        None => {
+            let page = page(&built())?;
+            // The page is this program's own text and must keep its lines.
+            out.answer(&page, |out| Ok(out.sink().write_all(page.roff.as_bytes())?))?;
+        }
+        Some(folder) => {
+            let names = write(folder)?;
+            out.answer(&serde_json::json!({ "folder": folder, "pages": names }), |out| {
+                out.line(&format!("wrote {} pages to {}", names.len(), folder.display()))
+            })?;
+        }
+    }
+    Ok(Exit::Confirmed)
+}
+
+/// The command with the full names of its verbs; `help` needs no page.
+fn built() -> Command {
+    let mut command = Cli::command().disable_help_subcommand(true);
+    command.build();
+    command
+}
+
+fn page(command: &Command) -> Result<Page, CliError> {
+    let source = concat!("holdpoint ", env!("CARGO_PKG_VERSION"));
+    let man = Man::new(command.clone()).source(source).manual("Holdpoint");
+    let mut roff = Vec::new();
+    man.render(&mut roff).map_err(CliError::internal)?;
+    Ok(Page { name: man.get_filename(), roff: String::from_utf8(roff).map_err(CliError::internal)? })
+}
+
+/// Writes every page; their names.
+fn write(folder: &Path) -> Result<Vec<String>, CliError> {
+    fn walk(command: &Command, pages: &mut Vec<Page>) -> Result<(), CliError> {
+        pages.push(page(command)?);
+        command.get_subcommands().filter(|verb| !verb.is_hide_set()).try_for_each(|verb| walk(verb, pages))
+    }
+    let mut pages = Vec::new();
+    walk(&built(), &mut pages)?;
+    let cannot = |error: std::io::Error| CliError::usage(format!("cannot write into {folder:?}: {error}"));
+    fs::create_dir_all(folder).map_err(cannot)?;
+    for Page { name, roff } in &pages {
+        File::create(folder.join(name))
+            .and_then(|mut file| file.write_all(roff.as_bytes()))
+            .map_err(cannot)?;
+    }
+    Ok(pages.into_iter().map(|page| page.name).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_has_every_section_and_verb() {
+        let mut bytes = Vec::new();
+        run(&ManArgs::default(), &mut Output::to(&mut bytes, false)).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        for heading in ["NAME", "SYNOPSIS", "OPTIONS", "SUBCOMMANDS", "VERSION"] {
+            assert!(text.contains(&format!(".SH {heading}\n")), "{heading}");
+        }
+        for verb in built().get_subcommands() {
+            assert!(
+                text.contains(&format!("holdpoint\\-{}(1)", verb.get_name().replace('-', "\\-"))),
+                "{verb}"
+            );
+        }
+        assert!(!text.contains("holdpoint\\-help(1)"));
+    }
+
+    #[test]
+    fn one_page_a_verb_is_written() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("man1");
+        let names = write(&folder).unwrap();
+        for name in ["holdpoint.1", "holdpoint-run.1", "holdpoint-audit.1", "holdpoint-audit-verify.1"] {
+            assert!(names.iter().any(|there| there == name), "{name} is not in {names:?}");
+            let text = fs::read_to_string(folder.join(name)).unwrap();
+            assert!(text.contains(".SH SYNOPSIS"), "{name}");
+            assert!(
+                text.contains(concat!("\"holdpoint ", env!("CARGO_PKG_VERSION"), "\" Holdpoint")),
+                "{text}"
+            );
+        }
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), names.len());
+        // Once more over what is there; but not into a file.
+        assert_eq!(write(&folder).unwrap(), names);
+        assert_eq!(write(&folder.join("holdpoint.1")).unwrap_err().exit(), Exit::Usage);
+    }
+}

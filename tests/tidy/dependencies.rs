@@ -1,0 +1,92 @@
+//! What cargo knows of dependencies is what is written of them: the crates' order, and the third-party notices.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::data::root;
+use crate::readme::{quoted, table};
+use crate::report;
+
+/// What cargo answers.
+fn ask_cargo(line: &[&str]) -> String {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let asked = Command::new(cargo).current_dir(root()).args(line).output();
+    let asked = asked.expect("cargo runs its own tests");
+    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
+    String::from_utf8(asked.stdout).unwrap()
+}
+
+#[test]
+fn the_crates_depend_as_the_architecture_says() {
+    let metadata = ask_cargo(&["metadata", "--offline", "--locked", "--no-deps", "--format-version", "1"]);
+    let metadata: Value = serde_json::from_str(&metadata).unwrap();
+    let short = |name: &Value| name.as_str().unwrap().trim_start_matches("holdpoint-").to_owned();
+    let uses = |package: &Value| {
+        let all = package["dependencies"].as_array().unwrap().iter();
+        // Those of tests and build scripts have a kind.
+        let own = all.filter(|one| !one["path"].is_null() && one["kind"].is_null());
+        own.map(|one| short(&one["name"])).collect::<BTreeSet<String>>()
+    };
+    let there: BTreeMap<String, BTreeSet<String>> = metadata["packages"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|package| (short(&package["name"]), uses(package)))
+        .collect();
+    let rows = table("src/ARCHITECTURE.md", "Direction of dependency");
+    let said: BTreeMap<String, BTreeSet<String>> =
+        rows.iter().map(|row| (quoted(&row[0]).concat(), quoted(&row[1]).into_iter().collect())).collect();
+    assert_eq!(said, there);
+    let mut above: BTreeSet<String> = BTreeSet::new();
+    for row in &rows {
+        let upward: Vec<&String> = said[&quoted(&row[0]).concat()].difference(&above).collect();
+        assert!(upward.is_empty(), "{} uses {upward:?}, which come after it", row[0]);
+        above.extend(quoted(&row[0]));
+    }
+}
+
+/// Crate and licence of every dependency that is linked into the program on this machine.
+fn linked() -> BTreeSet<(String, String)> {
+    let text = ask_cargo(&[
+        "tree",
+        "--offline",
+        "--locked",
+        "-p",
+        "holdpoint",
+        "-e",
+        "normal",
+        "--prefix",
+        "none",
+        "--format",
+        "{p}\t{l}",
+    ]);
+    let row = |line: &str| {
+        let (package, licence) = line.split_once('\t')?;
+        let name = package.split_whitespace().next()?;
+        // A crate that was listed before has a mark behind its licence.
+        Some((name.to_owned(), licence.trim_end_matches("(*)").trim().to_owned()))
+    };
+    text.lines().filter_map(row).filter(|(name, _)| !name.starts_with("holdpoint")).collect()
+}
+
+#[test]
+fn every_linked_crate_is_listed_with_its_licence() {
+    let said: BTreeSet<(String, String)> = table("src/guide/third-party.md", "Crates")
+        .into_iter()
+        .map(|row| (row[0].clone(), row[1].clone()))
+        .collect();
+    let linked = linked();
+    assert!(linked.len() > 200, "{} crates", linked.len());
+    let mut problems: Vec<String> = linked
+        .difference(&said)
+        .map(|(name, licence)| format!("{name} ({licence}) is not in src/guide/third-party.md"))
+        .collect();
+    // Other platforms have crates of their own, so what is listed need only be locked.
+    let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
+    let gone = said.iter().filter(|(name, _)| !lock.contains(&format!("\nname = \"{name}\"\n")));
+    problems.extend(gone.map(|(name, _)| format!("{name} is listed, and not in Cargo.lock any more")));
+    report(&problems);
+}
