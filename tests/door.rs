@@ -20,6 +20,7 @@ use holdpoint::engine::pipeline::cell::Cell;
 use holdpoint::engine::service::{Served, serve};
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
@@ -61,12 +62,8 @@ fn client(folder: &Path) -> Client {
     Client::connect(&Layout::new(folder)).unwrap().expect("an engine answers")
 }
 
-fn drift(seq: u64, text: &str) -> Event {
-    Event {
-        seq,
-        at_ms: seq,
-        kind: EventKind::Drift { kind: Some(text.to_owned()), magnitude: "mild".to_owned() },
-    }
+fn told(seq: u64, text: &str) -> Event {
+    Event { seq, at_ms: seq, kind: EventKind::Scene { text: text.to_owned(), failed: false } }
 }
 
 /// A connection that speaks by hand.
@@ -130,7 +127,7 @@ fn a_client_is_answered_and_told_what_happens() {
                 kinds.push("registered");
             }
             EventKind::AuditClosed { outcome, .. } => {
-                assert_eq!(outcome, "rejected");
+                assert_eq!(outcome, UpgradeEnd::Rejected);
                 break;
             }
             _ => {}
@@ -227,7 +224,7 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     // Far more than the ring and the socket's buffers hold.
     let (count, text) = (30_000, "x".repeat(200));
     for seq in 1..=count {
-        door.publish(&[drift(seq, &text)]);
+        door.publish(&[told(seq, &text)]);
     }
     let (mut read, mut missed, mut last) = (0, 0, 0);
     while last < count {
@@ -321,7 +318,7 @@ fn every_answer_survives_the_wire() {
     for answer in [
         Answer::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
         Answer::Subscribed,
-        Answer::Event { event: Box::new(drift(1, "\u{1b}[2J\n")) },
+        Answer::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
         Answer::Lagged { missed: 3 },
         Answer::Closed { text: "why".to_owned() },
     ] {

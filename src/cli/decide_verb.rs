@@ -78,7 +78,7 @@ fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError
             "held: {} waits with the evidence {waits}, not {given}\nHint: read it again, then approve that",
             prompt.version
         ))),
-        None if prompt.profile == ProfileName::Human.name() => Err(CliError::usage(format!(
+        None if prompt.profile == ProfileName::Human => Err(CliError::usage(format!(
             "the profile {:?} needs --digest with the evidence that was read\nHint: `holdpoint status` shows it",
             prompt.profile
         ))),

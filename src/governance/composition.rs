@@ -14,7 +14,7 @@ use super::outcome::{
 };
 
 /// A typed condition of use; none of them is free text.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Condition {
     /// Under the profile `sim` only.

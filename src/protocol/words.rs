@@ -123,7 +123,7 @@ fn text(kind: &EventKind) -> String {
         }
         EventKind::Rung { version, rung, failure, ms, text, .. } => {
             let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
-            format!("ladder   {version}: {rung} {ended} in {ms} ms: {text}")
+            format!("ladder   {version}: {} {ended} in {ms} ms: {text}", rung.name())
         }
         EventKind::RolledBack {
             version,
@@ -145,7 +145,10 @@ fn text(kind: &EventKind) -> String {
             )
         }
         EventKind::Drift { kind, magnitude } => match kind {
-            Some(kind) => format!("drift    {kind} {magnitude} sets in"),
+            Some(kind) => {
+                let much = magnitude.map_or_else(String::new, |magnitude| format!(" {magnitude}"));
+                format!("drift    {kind}{much} sets in")
+            }
             None => "drift    ends".to_owned(),
         },
         EventKind::LiveFault { fault } => match fault {

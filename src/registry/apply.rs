@@ -17,33 +17,47 @@ use super::error::StoreError;
 use super::invariants;
 use super::names::EvidenceKind;
 use super::rows::{Table, row_digest};
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::RecordKind;
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
 /// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
 
-/// Kinds of record that only the store writes; callers may not use them.
-pub(crate) const OWN_KINDS: [&str; 15] = [
-    "version-registered",
-    "state-set",
-    "flags-set",
-    "scores-set",
-    "active-set",
-    "family-set",
-    "family-voided",
-    "standing-set",
-    "evidence-put",
-    "approval-requested",
-    "approval-put",
-    "approval-consumed",
-    "context-set",
-    "telemetry-sealed",
-    "alarm-changed",
-];
+/// Whether only the store writes records of a kind; callers may not use it.
+pub(crate) const fn is_own(kind: RecordKind) -> bool {
+    match kind {
+        RecordKind::VersionRegistered
+        | RecordKind::StateSet
+        | RecordKind::FlagsSet
+        | RecordKind::ScoresSet
+        | RecordKind::ActiveSet
+        | RecordKind::FamilySet
+        | RecordKind::FamilyVoided
+        | RecordKind::StandingSet
+        | RecordKind::EvidencePut
+        | RecordKind::ApprovalRequested
+        | RecordKind::ApprovalPut
+        | RecordKind::ApprovalConsumed
+        | RecordKind::ContextSet
+        | RecordKind::TelemetrySealed
+        | RecordKind::AlarmChanged => true,
+        RecordKind::Decision
+        | RecordKind::Monitor
+        | RecordKind::MonitorAnswer
+        | RecordKind::Shown
+        | RecordKind::AlarmReset
+        | RecordKind::Drift
+        | RecordKind::LiveFault
+        | RecordKind::AuditClosed
+        | RecordKind::Recording
+        | RecordKind::RecordingRemoved => false,
+    }
+}
 
 /// What an approval is checked against beside the database.
 #[derive(Clone, Copy, Debug)]
@@ -73,13 +87,13 @@ pub(super) struct Applier<'a> {
 
 /// What a change touched: its record's kind and subject, and the rows whose digests enter it.
 pub(super) struct Touched {
-    kind: &'static str,
+    kind: RecordKind,
     subject: String,
     rows: Vec<(Table, String)>,
 }
 
 impl Touched {
-    pub(super) fn new(kind: &'static str, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
+    pub(super) fn new(kind: RecordKind, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
         Self { kind, subject: subject.to_string(), rows }
     }
 }
@@ -275,27 +289,25 @@ impl Applier<'_> {
             rows.push(json!([table.name(), key, digest]));
         }
         let body = json!({ "change": summary(change)?, "rows": rows });
-        let body =
-            canonical_json(&body).map_err(|error| StoreError::invalid("record", touched.kind, error))?;
+        let body = canonical_json(&body)
+            .map_err(|error| StoreError::invalid("record", touched.kind.name(), error))?;
         let times = (self.at_ms, self.wall_ms);
         self.head = audit::append(self.connection, times, touched.kind, &touched.subject, body)?;
         Ok(())
     }
 
     fn caller_record(&mut self, record: &AuditBody) -> Result<(), StoreError> {
-        check_name("kind of record", &record.kind)?;
-        if OWN_KINDS.contains(&record.kind.as_str()) {
+        if is_own(record.kind) {
             return Err(StoreError::invalid(
                 "kind of record",
-                &record.kind,
+                record.kind.name(),
                 "one the store does not write itself",
             ));
         }
         check_text("subject of a record", &record.subject)?;
         check_json("body of a record", &record.body)?;
         let times = (self.at_ms, self.wall_ms);
-        self.head =
-            audit::append(self.connection, times, &record.kind, &record.subject, record.body.clone())?;
+        self.head = audit::append(self.connection, times, record.kind, &record.subject, record.body.clone())?;
         Ok(())
     }
 
@@ -334,10 +346,10 @@ impl Applier<'_> {
                 check_int("batch", *batch)?;
                 check_int("rows", *rows)?;
                 self.version(version)?;
-                Ok(Touched::new("telemetry-sealed", version, Vec::new()))
+                Ok(Touched::new(RecordKind::TelemetrySealed, version, Vec::new()))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
-                self.alarm(alarm, subject, state, priority, json)
+                self.alarm(alarm, subject, (*state, *priority), json)
             }
         }
     }
@@ -381,7 +393,7 @@ impl Applier<'_> {
                 self.at_ms
             ],
         )?;
-        Ok(Touched::new("evidence-put", version, vec![(Table::Evidence, seq.to_string())]))
+        Ok(Touched::new(RecordKind::EvidencePut, version, vec![(Table::Evidence, seq.to_string())]))
     }
 
     /// Profile, policy digest and since which record; must have been set.
@@ -409,20 +421,18 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
             params![profile, policy_digest.to_string(), json, self.next_seq()],
         )?;
-        Ok(Touched::new("context-set", "", vec![(Table::Context, "1".to_owned())]))
+        Ok(Touched::new(RecordKind::ContextSet, "", vec![(Table::Context, "1".to_owned())]))
     }
 
     fn alarm(
         &mut self,
         alarm: &str,
         subject: &str,
-        state: &str,
-        priority: &str,
+        (state, priority): (AlarmState, Priority),
         json: &str,
     ) -> Result<Touched, StoreError> {
         check_json("alarm", json)?;
-        for (what, text) in [("alarm", alarm), ("subject", subject), ("state", state), ("priority", priority)]
-        {
+        for (what, text) in [("alarm", alarm), ("subject", subject)] {
             check_text(what, text)?;
         }
         let count: Option<u64> =
@@ -440,9 +450,9 @@ impl Applier<'_> {
             "keep an alarm",
             "INSERT INTO alarm (id, subject, state, priority, json, changed_ms) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
              ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
-            params![alarm, subject, state, priority, json, self.at_ms],
+            params![alarm, subject, state.name(), priority.name(), json, self.at_ms],
         )?;
-        Ok(Touched::new("alarm-changed", subject, vec![(Table::Alarm, alarm.to_owned())]))
+        Ok(Touched::new(RecordKind::AlarmChanged, subject, vec![(Table::Alarm, alarm.to_owned())]))
     }
 }
 

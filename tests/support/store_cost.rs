@@ -14,7 +14,8 @@ mod store;
 use std::time::{Duration, Instant};
 
 use holdpoint::governance::lifecycle::State;
-use holdpoint::registry::{Store, StoreError, VersionFilter, VersionGroup, check_invariants, verify};
+use holdpoint::governance::record::VersionGroup;
+use holdpoint::registry::{Store, StoreError, VersionFilter, check_invariants, verify};
 use store::{commit, new_version};
 
 const VERSIONS: usize = 10_000;

@@ -29,6 +29,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Event, Stage, State};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{AlarmPriority, Profile};
+use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::sink::Pictures;
@@ -218,7 +219,7 @@ impl UpgradeManager {
             .filter_map(|(_, entry)| entry.active().map(|member| member.capability.id()))
             .collect();
         self.emit(EventKind::EngineStarted {
-            profile: self.profile.name.name().to_owned(),
+            profile: self.profile.name,
             robot: self.cell.model.name.clone(),
             seed: self.seed,
             policy: self.context_digest,
@@ -456,14 +457,18 @@ impl UpgradeManager {
     }
 
     /// Closes the record of an upgrade: how it ended, and how many records are about it.
-    pub(super) fn close_audit(&mut self, id: &CapabilityId, outcome: &str) -> Result<(), Fault> {
+    pub(super) fn close_audit(&mut self, id: &CapabilityId, outcome: UpgradeEnd) -> Result<(), Fault> {
         let detail = self.ledger.store().views()?.version(id)?;
         let records = detail.map_or(0, |detail| detail.audit_links.len() as u64);
         let body = serde_json::json!({ "outcome": outcome, "records": records }).to_string();
-        let record = AuditBody { kind: "audit-closed".to_owned(), subject: id.to_string(), body };
+        let record = AuditBody {
+            kind: holdpoint_governance::record::RecordKind::AuditClosed,
+            subject: id.to_string(),
+            body,
+        };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
-        self.emit(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
+        self.emit(EventKind::AuditClosed { version: id.clone(), outcome, records });
         Ok(())
     }
 }
@@ -479,23 +484,14 @@ const fn early(stage: Stage) -> &'static str {
     }
 }
 
-/// The name a unit variant serialises as.
-#[must_use]
-pub fn word<T: serde::Serialize>(value: &T) -> String {
-    serde_json::to_value(value)
-        .ok()
-        .and_then(|value| value.as_str().map(ToOwned::to_owned))
-        .unwrap_or_else(|| "unknown".to_owned())
-}
-
 pub(super) fn registered_event(capability: &Capability) -> EventKind {
     let submission = &capability.submission;
     EventKind::Registered {
         version: capability.id(),
         digest: capability.digest(),
         author: submission.author.clone(),
-        provenance: submission.provenance.name().to_owned(),
-        risk: submission.estimated_risk.name().to_owned(),
+        provenance: submission.provenance,
+        risk: submission.estimated_risk,
         parent: submission.parent.as_ref().map(ToString::to_string),
     }
 }

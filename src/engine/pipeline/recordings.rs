@@ -4,6 +4,7 @@
 
 use super::manager::{Fault, UpgradeManager};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditBody;
 
@@ -15,10 +16,10 @@ impl UpgradeManager {
     pub fn keep_recording(
         &mut self,
         version: &CapabilityId,
-        (kind, body): (&str, String),
+        (kind, body): (RecordKind, String),
         told: EventKind,
     ) -> Result<(), Fault> {
-        let record = AuditBody { kind: kind.to_owned(), subject: version.to_string(), body };
+        let record = AuditBody { kind, subject: version.to_string(), body };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(told);

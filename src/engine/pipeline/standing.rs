@@ -2,8 +2,9 @@
 
 use super::dossier::Dossier;
 use super::ledger::Ledger;
-use super::manager::{UpgradeManager, word};
+use super::manager::UpgradeManager;
 use super::portrait;
+use holdpoint_body::rehearsal::{Drift, LiveFault};
 use holdpoint_governance::alarms::AlarmBook;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::profile::Profile;
@@ -66,15 +67,14 @@ impl UpgradeManager {
 
     /// The drift that has set in.
     #[must_use]
-    pub fn drift_name(&self) -> Option<String> {
-        let drift = self.live.drift()?;
-        Some(format!("{} {}", word(&drift.kind), word(&drift.magnitude)))
+    pub const fn present_drift(&self) -> Option<Drift> {
+        self.live.drift().copied()
     }
 
     /// What is broken in the live world.
     #[must_use]
-    pub fn fault_name(&self) -> Option<String> {
-        self.live.fault().map(|fault| fault.name().to_owned())
+    pub const fn present_fault(&self) -> Option<LiveFault> {
+        self.live.fault()
     }
 
     /// What stands round the robot.

@@ -288,7 +288,7 @@ impl UpgradeManager {
         self.emit(EventKind::ApprovalReceived {
             version: id.clone(),
             by: said.who.clone(),
-            decision: said.decision.name().to_owned(),
+            decision: said.decision,
             reason: holdpoint_text::Untrusted::new(said.reason.clone()).line().into_string(),
             have,
             needed,
@@ -416,7 +416,11 @@ impl UpgradeManager {
             cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
             before,
             after: Vec::new(),
-            audit: vec![AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body: decision }],
+            audit: vec![AuditBody {
+                kind: holdpoint_governance::record::RecordKind::Decision,
+                subject: id.to_string(),
+                body: decision,
+            }],
         };
         // Without a live monitor no tick runs under a provisional version: it is made first.
         let watch = self.new_watch(id)?;

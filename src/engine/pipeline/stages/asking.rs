@@ -37,7 +37,7 @@ impl UpgradeManager {
             row_version: prompt.row_version,
             evidence: prompt.evidence,
             policy: self.context_digest,
-            profile: self.profile.name.name().to_owned(),
+            profile: self.profile.name,
             needed: u32::from(quorum),
             approved_by: approved.map(|vote| vote.person.clone()).collect(),
             deadline_ms: prompt.deadline_ms,
@@ -77,7 +77,7 @@ impl UpgradeManager {
         let digest = Digest::of_parts("holdpoint.shown.v1", &[shown.as_bytes()]);
         let body = serde_json::json!({ "by": who, "nonce": nonce, "digest": digest, "text": shown });
         let body = serde_json::to_string(&body)?;
-        Ok(AuditBody { kind: "shown".to_owned(), subject: id.to_string(), body })
+        Ok(AuditBody { kind: holdpoint_governance::record::RecordKind::Shown, subject: id.to_string(), body })
     }
 }
 

@@ -16,6 +16,7 @@ use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::{Binding, PairedEvidence, RecoveryEvidence};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, Stage};
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_governance::rollback::TriggerKind;
@@ -169,12 +170,8 @@ impl UpgradeManager {
         let dossier = self.dossier(id);
         dossier.progress = None;
         dossier.confirmation = Some(confirmation);
-        let decision = if settled { "settled" } else { "doubt-remains" };
-        self.emit(EventKind::Monitor {
-            version: id.clone(),
-            decision: decision.to_owned(),
-            reasons: reasons.clone(),
-        });
+        let decision = if settled { MonitorOutcome::Settled } else { MonitorOutcome::DoubtRemains };
+        self.emit(EventKind::Monitor { version: id.clone(), decision, reasons: reasons.clone() });
         if settled {
             return self.maybe_confirm(id);
         }

@@ -282,12 +282,16 @@ impl UpgradeManager {
         reasons: &[Reason],
     ) -> Result<(), Fault> {
         let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
-        let record = AuditBody { kind: "monitor".to_owned(), subject: id.to_string(), body };
+        let record = AuditBody {
+            kind: holdpoint_governance::record::RecordKind::Monitor,
+            subject: id.to_string(),
+            body,
+        };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(EventKind::Monitor {
             version: id.clone(),
-            decision: action.name().to_owned(),
+            decision: action.into(),
             reasons: reasons.to_vec(),
         });
         Ok(())
@@ -337,7 +341,7 @@ impl UpgradeManager {
         let note = Note::because("the provisional window passed without a trip");
         self.transition(&id.family, Event::Confirm { version }, note)?;
         self.emit(EventKind::Confirmed { version: id.clone(), episodes });
-        self.close_audit(id, "confirmed")
+        self.close_audit(id, holdpoint_governance::record::UpgradeEnd::Confirmed)
     }
 }
 

@@ -79,8 +79,8 @@ impl UpgradeManager {
             Command::Rearm(operation) => {
                 self.simple(&operation, "active again", |version| Event::Rearm { version })
             }
-            Command::Drift { kind, magnitude } => self.drift(kind.as_deref(), &magnitude),
-            Command::LiveFault { fault } => self.live_fault(fault.as_deref()),
+            Command::Drift { kind, magnitude } => self.drift(kind, magnitude),
+            Command::LiveFault { fault } => self.live_fault(fault),
             Command::AcknowledgeAlarm { alarm, by } => {
                 let done = format!("{alarm} is acknowledged");
                 Ok(self.alarm_command(&AlarmEvent::Acknowledge { key: alarm, by }, &done))
@@ -223,34 +223,24 @@ impl UpgradeManager {
         }
     }
 
-    fn drift(&mut self, kind: Option<&str>, magnitude: &str) -> Result<Reply, Fault> {
-        let refuse = |what: &str, value: &str, allowed: &str| {
-            let value = Untrusted::new(value).line().into_string();
-            let text = format!("the {what} {value:?} is not allowed; {allowed} are");
-            Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None })
-        };
-        let drift = match kind {
-            None => None,
-            Some(name) => {
-                let Some(kind) = parse::<DriftKind>(name) else {
-                    return refuse(
-                        "drift",
-                        name,
-                        "sensor_noise, distribution_shift, actuator_delay and combined",
-                    );
-                };
-                let Some(magnitude) = parse::<Magnitude>(magnitude) else {
-                    return refuse("magnitude", magnitude, "mild, middle and strong");
-                };
-                Some(Drift { kind, magnitude })
+    fn drift(&mut self, kind: Option<DriftKind>, magnitude: Option<Magnitude>) -> Result<Reply, Fault> {
+        let drift = match (kind, magnitude) {
+            (None, _) => None,
+            (Some(kind), Some(magnitude)) => Some(Drift { kind, magnitude }),
+            (Some(kind), None) => {
+                let allowed = Magnitude::ALL.map(Magnitude::name).join(", ");
+                let text = format!("how much {kind} drifts is not said; allowed: {allowed}");
+                return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
             }
         };
         self.live.set_drift(drift)?;
-        let body = serde_json::json!({ "kind": kind, "magnitude": magnitude }).to_string();
-        let record = AuditBody { kind: "drift".to_owned(), subject: String::new(), body };
+        let much = magnitude.map_or("", Magnitude::name);
+        let body = serde_json::json!({ "kind": kind, "magnitude": much }).to_string();
+        let record =
+            AuditBody { kind: holdpoint_governance::record::RecordKind::Drift, subject: String::new(), body };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
-        self.emit(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
+        self.emit(EventKind::Drift { kind, magnitude });
         Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
     }
 
@@ -275,27 +265,17 @@ impl UpgradeManager {
     }
 
     /// Breaks something in the live world, or mends it.
-    fn live_fault(&mut self, name: Option<&str>) -> Result<Reply, Fault> {
-        let fault = match name {
-            None => None,
-            Some(name) => {
-                let known = LiveFault::ALL.into_iter().find(|fault| fault.name() == name);
-                if known.is_none() {
-                    let value = Untrusted::new(name).line().into_string();
-                    let text =
-                        format!("the fault {value:?} is not allowed; telemetry-lost and camera-lost are");
-                    return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
-                }
-                known
-            }
-        };
+    fn live_fault(&mut self, fault: Option<LiveFault>) -> Result<Reply, Fault> {
         self.live.set_fault(fault);
-        let name = fault.map(|fault| fault.name().to_owned());
-        let body = serde_json::json!({ "fault": name }).to_string();
-        let record = AuditBody { kind: "live-fault".to_owned(), subject: String::new(), body };
+        let body = serde_json::json!({ "fault": fault }).to_string();
+        let record = AuditBody {
+            kind: holdpoint_governance::record::RecordKind::LiveFault,
+            subject: String::new(),
+            body,
+        };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
-        self.emit(EventKind::LiveFault { fault: name });
+        self.emit(EventKind::LiveFault { fault });
         Ok(Reply::Accepted { text: "the fault has set in".to_owned(), version: None })
     }
 }
@@ -325,9 +305,4 @@ fn refusal_of(fault: &Fault) -> Option<(Refusal, Option<String>)> {
             None
         }
     }
-}
-
-/// A unit variant by its serialised name, with `-` read as `_`.
-fn parse<T: serde::de::DeserializeOwned>(name: &str) -> Option<T> {
-    serde_json::from_value(serde_json::Value::String(name.replace('-', "_"))).ok()
 }

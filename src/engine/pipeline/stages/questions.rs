@@ -39,8 +39,11 @@ impl UpgradeManager {
         watch.asked = None;
         watch.question.clear();
         let body = serde_json::json!({ "answer": "go-on", "by": operation.by, "reason": operation.reason });
-        let record =
-            AuditBody { kind: "monitor-answer".to_owned(), subject: id.to_string(), body: body.to_string() };
+        let record = AuditBody {
+            kind: holdpoint_governance::record::RecordKind::MonitorAnswer,
+            subject: id.to_string(),
+            body: body.to_string(),
+        };
         let at_ms = self.clock.now_ms();
         self.ledger.write(Vec::new(), vec![record], at_ms)?;
         self.emit(EventKind::Continued {

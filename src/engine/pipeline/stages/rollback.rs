@@ -14,7 +14,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Event, Leave, State, VersionRef};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::rollback::{
-    RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
+    PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
@@ -57,7 +57,7 @@ impl UpgradeManager {
             time_to_restored_ms: None,
             unsafe_continuation_ms: 0,
             rungs: Vec::new(),
-            post_status: "safe-stopped".to_owned(),
+            post_status: PostStatus::SafeStopped,
             recovered: None,
             resumed_tasks: 0,
         };
@@ -83,8 +83,7 @@ impl UpgradeManager {
         if !is_ready {
             return self.safe_stop(id, version, record);
         }
-        let left = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" };
-        left.clone_into(&mut record.post_status);
+        record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
@@ -229,9 +228,9 @@ impl UpgradeManager {
         if !self.is_paced() {
             self.raise_rolled_back(&record);
         }
-        let state = record.post_status.clone();
+        let end = record.post_status.into();
         self.emit(told(record));
-        self.close_audit(&id, &state)
+        self.close_audit(&id, end)
     }
 
     pub(in crate::pipeline) fn raise_rolled_back(&mut self, record: &RollbackRecord) {
@@ -248,7 +247,7 @@ impl UpgradeManager {
         version: VersionRef,
         mut record: RollbackRecord,
     ) -> Result<(), Fault> {
-        "safe-stopped".clone_into(&mut record.post_status);
+        record.post_status = PostStatus::SafeStopped;
         record.predecessor = None;
         record.time_to_restored_ticks = None;
         record.time_to_restored_ms = None;
@@ -267,7 +266,7 @@ impl UpgradeManager {
         let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
         self.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);
         self.emit(told(record));
-        self.close_audit(id, "safe-stopped")
+        self.close_audit(id, PostStatus::SafeStopped.into())
     }
 
     fn rung(&mut self, record: &mut RollbackRecord, rung: Rung, failure: Option<RungFailure>, text: &str) {
@@ -277,7 +276,7 @@ impl UpgradeManager {
     pub(in crate::pipeline) fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
         self.emit(EventKind::Rung {
             version: record.candidate.clone(),
-            rung: rung.rung.name().to_owned(),
+            rung: rung.rung,
             ok: rung.failure.is_none(),
             failure: rung.failure,
             ms: rung.ms,

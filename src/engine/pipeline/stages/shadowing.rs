@@ -155,14 +155,13 @@ impl UpgradeManager {
         let has_approver = self.profile.has_approver();
         let decision = psi(&kappas, PsiContext { has_approver }, under);
         self.dossier(&id).reasons.clone_from(&result.reasons);
-        let outcome = crate::pipeline::manager::word(&result.check);
         let profile = self.profile.clone();
         let dossier = self.dossier(&id);
         dossier.progress = None;
         let event = holdpoint_protocol::event::EventKind::Decided {
             version: id.clone(),
             stage: Stage::Shadow,
-            outcome: if outcome == "unknown" { "pass-restricted".to_owned() } else { outcome },
+            outcome: result.check.into(),
             dimensions: dossier.dimensions(&profile),
             composite: dossier.composite(&profile),
             reasons: result.reasons.clone(),

@@ -13,7 +13,7 @@ use holdpoint_governance::decision::{Decision, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::lifecycle::{Event, Stage, State};
-use holdpoint_governance::outcome::Recommendation;
+use holdpoint_governance::outcome::{Recommendation, StageOutcome};
 use holdpoint_governance::policy::{self, PolicyInput};
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_protocol::event::EventKind;
@@ -115,7 +115,7 @@ impl UpgradeManager {
 
     /// Tells a decision.
     #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
-    pub(in crate::pipeline) fn decided<O: serde::Serialize>(
+    pub(in crate::pipeline) fn decided<O: Copy + Into<StageOutcome>>(
         &mut self,
         id: &CapabilityId,
         stage: Stage,
@@ -127,7 +127,7 @@ impl UpgradeManager {
         let event = EventKind::Decided {
             version: id.clone(),
             stage,
-            outcome: crate::pipeline::manager::word(decision.outcome()),
+            outcome: (*decision.outcome()).into(),
             dimensions: dossier.dimensions(&profile),
             composite: dossier.composite(&profile),
             reasons: decision.reasons().to_vec(),
@@ -151,7 +151,11 @@ impl UpgradeManager {
         let digest = dossier.digest()?;
         let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
         let body = serde_json::to_string(decision)?;
-        let record = AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body };
+        let record = AuditBody {
+            kind: holdpoint_governance::record::RecordKind::Decision,
+            subject: id.to_string(),
+            body,
+        };
         Ok(Note {
             reason,
             cause: None,
@@ -180,7 +184,7 @@ impl UpgradeManager {
         let priority = self.profile.alarms.rejected;
         self.raise(&format!("rejected:{id}"), "rejected", priority, false, &format!("{id} was rejected"));
         self.alarm_event(&holdpoint_governance::alarms::AlarmEvent::Clear { key: format!("rejected:{id}") });
-        self.close_audit(id, "rejected")
+        self.close_audit(id, holdpoint_governance::record::UpgradeEnd::Rejected)
     }
 }
 

@@ -8,6 +8,7 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -21,8 +22,8 @@ fn go_on(id: &CapabilityId) -> Command {
     })
 }
 
-fn records(manager: &UpgradeManager, kind: &str) -> usize {
-    let filter = AuditFilter { kind: Some(kind.to_owned()), ..AuditFilter::default() };
+fn records(manager: &UpgradeManager, kind: RecordKind) -> usize {
+    let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
     manager.ledger.store().views().unwrap().audit(&filter).unwrap().len()
 }
 
@@ -51,7 +52,7 @@ fn a_question_is_answered_and_may_come_again() {
     let reply = manager.command(go_on(&id));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     assert!(manager.questions().is_empty());
-    assert_eq!(records(manager, "monitor-answer"), 1);
+    assert_eq!(records(manager, RecordKind::MonitorAnswer), 1);
     let events = manager.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
     let alarm = manager.alarm_book().get(&format!("escalated:{id}")).unwrap();
@@ -96,7 +97,7 @@ fn an_alarm_is_closed_once_it_is_over() {
     assert!(matches!(manager.command(reset.clone()), Reply::Accepted { .. }));
     let open = |manager: &UpgradeManager| manager.alarm_book().open().iter().any(|alarm| alarm.key == key);
     assert!(!open(manager));
-    assert_eq!(records(manager, "alarm-reset"), 1);
+    assert_eq!(records(manager, RecordKind::AlarmReset), 1);
     assert!(matches!(manager.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
     assert_eq!(manager.holding(), None);
 }
