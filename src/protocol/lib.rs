@@ -8,7 +8,8 @@
 //!
 //! What travels is text as it was written. There is one border, and it is where a text meets somebody's eyes:
 //! [`words::sentence`] and [`words::line`] for an event, `holdpoint_text::Untrusted::display` for any other text. Each
-//! returns a `Shown`, which is not made safe a second time: what it holds may be printed, drawn and wrapped as it is.
+//! returns a `Shown`, whose text may be printed, drawn and wrapped as it is. The console's rows are such a border for
+//! everything that they draw; what is safe already comes out of them as it went in.
 
 mod answer;
 pub mod clock;

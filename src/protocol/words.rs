@@ -207,3 +207,18 @@ fn kappa(dimension: &DimensionResult) -> String {
         None => format!("{name}=-({})", dimension.outcome),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What has passed the border once is not changed by passing it again.
+    #[test]
+    fn what_is_safe_stays_as_it_is() {
+        let text = "\u{1b}[2J\u{7}\r\n\u{202e}evom\u{200b} a \\u{41} \u{e9}".to_owned();
+        let event = Event { seq: 1, at_ms: 0, kind: EventKind::Scene { text, failed: false } };
+        let once = sentence(&event, 80);
+        assert!(!once.as_str().contains(char::is_control));
+        assert_eq!(Untrusted::new(once.as_str()).display(80).as_str(), once.as_str());
+    }
+}

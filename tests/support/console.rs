@@ -227,55 +227,27 @@ fn alarm(alarm: &str, priority: Priority, state: AlarmState, text: &str, since_m
 }
 
 fn alarms() -> Vec<AlarmView> {
-    let mut acknowledged = alarm(
-        "drift:place@1.0.0",
-        Priority::High,
-        AlarmState::Acknowledged,
-        "success of the last sequences fell below the baseline",
-        540_000,
-    );
+    use AlarmState as S;
+    use Priority as P;
+    let fallen = "success of the last sequences fell below the baseline";
+    let mut acknowledged = alarm("drift:place@1.0.0", P::High, S::Acknowledged, fallen, 540_000);
     acknowledged.acknowledged_by = Some("grace".to_owned());
-    let mut shelved = alarm(
-        "camera:align@1.0.0",
-        Priority::Low,
-        AlarmState::Shelved,
-        "frames arrive late, 3 in a minute",
-        400_000,
-    );
-    shelved.state_below = AlarmState::Unacknowledged;
+    let late = "frames arrive late, 3 in a minute";
+    let mut shelved = alarm("camera:align@1.0.0", P::Low, S::Shelved, late, 400_000);
+    shelved.state_below = S::Unacknowledged;
     shelved.shelf = Some(("grace".to_owned(), "the camera is being exchanged".to_owned(), NOW_MS + 900_000));
     shelved.raises = 7;
     shelved.chattering = true;
+    let silent = "the monitor has had no samples for 3 s and holds the arm";
+    let diverged = "one sequence diverged by 0.42, limit 0.30 on average";
+    let full = "the audit log's disk is 81 % full";
+    let slow = "the rollback took 1.9 s, limit 1.5 s";
     vec![
-        alarm(
-            "monitor:grasp@1.0.0",
-            Priority::Critical,
-            AlarmState::Unacknowledged,
-            "the monitor has had no samples for 3 s and holds the arm",
-            749_000,
-        ),
-        alarm(
-            "shadow:place@1.1.0",
-            Priority::High,
-            AlarmState::ReturnedUnacknowledged,
-            "one sequence diverged by 0.42, limit 0.30 on average",
-            700_000,
-        ),
-        alarm(
-            "store:disk",
-            Priority::Low,
-            AlarmState::Unacknowledged,
-            "the audit log's disk is 81 % full",
-            650_000,
-        ),
+        alarm("monitor:grasp@1.0.0", P::Critical, S::Unacknowledged, silent, 749_000),
+        alarm("shadow:place@1.1.0", P::High, S::ReturnedUnacknowledged, diverged, 700_000),
+        alarm("store:disk", P::Low, S::Unacknowledged, full, 650_000),
         acknowledged,
-        alarm(
-            "ladder:grasp@1.0.9",
-            Priority::Critical,
-            AlarmState::Latched,
-            "the rollback took 1.9 s, limit 1.5 s",
-            300_000,
-        ),
+        alarm("ladder:grasp@1.0.9", P::Critical, S::Latched, slow, 300_000),
         shelved,
     ]
 }
@@ -452,6 +424,7 @@ pub fn registry_page() -> RegistryPage {
 }
 
 fn audit_rows() -> Vec<AuditRecord> {
+    use RecordKind as K;
     let row = |seq: u64, kind: RecordKind, subject: &str, body: &str| AuditRecord {
         seq,
         at_ms: seq * 1_900,
@@ -462,31 +435,15 @@ fn audit_rows() -> Vec<AuditRecord> {
         hash: digest(body),
         wall_ms: 0,
     };
+    let said = r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#;
+    let began = r#"{"stage":"shadow","outcome":"started","budget":40}"#;
+    let decided = r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#;
+    let made = r#"{"author":"ada","provenance":"optimiser","digest":"9f3c"}"#;
     vec![
-        row(
-            391,
-            RecordKind::ApprovalPut,
-            "align@2.0.0",
-            r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#,
-        ),
-        row(
-            390,
-            RecordKind::FlagsSet,
-            "place@1.1.0",
-            r#"{"stage":"shadow","outcome":"started","budget":40}"#,
-        ),
-        row(
-            389,
-            RecordKind::Decision,
-            "place@1.1.0",
-            r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#,
-        ),
-        row(
-            388,
-            RecordKind::VersionRegistered,
-            "grasp@1.1.0",
-            r#"{"author":"ada","provenance":"refined","digest":"9f3c"}"#,
-        ),
+        row(391, K::ApprovalPut, "align@2.0.0", said),
+        row(390, K::FlagsSet, "place@1.1.0", began),
+        row(389, K::Decision, "place@1.1.0", decided),
+        row(388, K::VersionRegistered, "grasp@1.1.0", made),
     ]
 }
 

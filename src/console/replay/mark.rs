@@ -45,8 +45,8 @@ pub fn of(kind: &EventKind) -> Option<Mark> {
             | MonitorOutcome::Settled
             | MonitorOutcome::DoubtRemains => turn((Glyph::Warning, Role::Warning), 7),
         },
-        EventKind::Decided { outcome, .. } => {
-            let sign = of_stage(*outcome);
+        EventKind::Decided { stage, outcome, .. } => {
+            let sign = of_stage(*stage, *outcome);
             turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
         }
         EventKind::Activated { .. } => turn((Glyph::Up, Role::Good), 7),

@@ -4,7 +4,7 @@ use super::Role;
 use crate::look::Glyph;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
-use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
@@ -165,23 +165,27 @@ pub const fn of_dimension(outcome: DimensionOutcome) -> Sign {
     }
 }
 
-/// The sign of what a stage ended with.
+/// The sign of what a stage ended with. A recommendation of the stage just worked is no step onward.
 #[must_use]
-pub const fn of_stage(outcome: StageOutcome) -> Sign {
-    match outcome {
-        StageOutcome::Pass | StageOutcome::Activate => GOOD,
-        StageOutcome::Reject | StageOutcome::Fail => BAD,
-        StageOutcome::PassRestricted
-        | StageOutcome::Review
-        | StageOutcome::RollbackReview
-        | StageOutcome::Inconclusive
-        | StageOutcome::Hold
-        | StageOutcome::Demote => DOUBT,
-        StageOutcome::NoData => UNKNOWN,
-        StageOutcome::Sandbox
-        | StageOutcome::Shadow
-        | StageOutcome::Skipped
-        | StageOutcome::AwaitApproval => PLAIN,
+pub const fn of_stage(stage: Stage, outcome: StageOutcome) -> Sign {
+    match (outcome, stage) {
+        (StageOutcome::Pass | StageOutcome::Activate, _) => GOOD,
+        (StageOutcome::Sandbox, Stage::Validation) => GOOD,
+        (StageOutcome::Sandbox, Stage::Sandbox | Stage::Shadow | Stage::Activation) => DOUBT,
+        (StageOutcome::Shadow, Stage::Validation | Stage::Sandbox) => GOOD,
+        (StageOutcome::Shadow, Stage::Shadow | Stage::Activation) => DOUBT,
+        (StageOutcome::Reject | StageOutcome::Fail, _) => BAD,
+        (
+            StageOutcome::PassRestricted
+            | StageOutcome::Review
+            | StageOutcome::RollbackReview
+            | StageOutcome::Inconclusive
+            | StageOutcome::Hold
+            | StageOutcome::Demote,
+            _,
+        ) => DOUBT,
+        (StageOutcome::NoData, _) => UNKNOWN,
+        (StageOutcome::Skipped | StageOutcome::AwaitApproval, _) => PLAIN,
     }
 }
 
@@ -230,13 +234,36 @@ pub fn of_ruling(ruling: &Ruling) -> Sign {
         word.known().map_or(UNKNOWN, |word| sign(*word))
     }
     match ruling {
-        Ruling::Registration(word)
-        | Ruling::Validation(word)
-        | Ruling::Sandbox(word)
-        | Ruling::Shadow(word)
-        | Ruling::Activation(word) => of(word, of_stage),
+        Ruling::Registration(word) | Ruling::Validation(word) => {
+            of(word, |outcome| of_stage(Stage::Validation, outcome))
+        }
+        Ruling::Sandbox(word) => of(word, |outcome| of_stage(Stage::Sandbox, outcome)),
+        Ruling::Shadow(word) => of(word, |outcome| of_stage(Stage::Shadow, outcome)),
+        Ruling::Activation(word) => of(word, |outcome| of_stage(Stage::Activation, outcome)),
         Ruling::Monitor(word) => of(word, of_monitor),
         Ruling::Rollback(word) => of(word, of_rollback),
         Ruling::People(said) => of_people(*said),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What lets a version go on is marked as passed, in the words that the rules use.
+    #[test]
+    fn a_step_onward_is_marked_as_passed() {
+        for (stage, outcome) in [
+            (Stage::Validation, StageOutcome::Sandbox),
+            (Stage::Sandbox, StageOutcome::Shadow),
+            (Stage::Shadow, StageOutcome::Pass),
+            (Stage::Activation, StageOutcome::Pass),
+        ] {
+            assert_eq!(of_stage(stage, outcome), GOOD, "{stage} -> {outcome}");
+            assert_eq!(of_stage(stage, StageOutcome::Reject), BAD);
+        }
+        assert_eq!(of_stage(Stage::Sandbox, StageOutcome::Sandbox), DOUBT);
+        assert_eq!(of_people(PeopleSaid::Answered(Answer::Approve)), GOOD);
+        assert_eq!(of_end(UpgradeEnd::SafeStopped), BAD);
     }
 }
