@@ -10,6 +10,7 @@ use crate::error::SimError;
 pub use crate::number::Range;
 use crate::number::parse_toml;
 use crate::robot::read_text;
+pub use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
 
 /// Where the object lies and what it is like.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -181,59 +182,13 @@ pub struct Distribution {
     pub clutter: ClutterRange,
 }
 
-/// What changes after activation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DriftKind {
-    /// Noisier, biased, more often missing observations.
-    SensorNoise,
-    /// Heavier, smoother goods that lie elsewhere.
-    DistributionShift,
-    /// Slower commands.
-    ActuatorDelay,
-    /// All three.
-    Combined,
-}
-
-/// How much it changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Magnitude {
-    /// First column of `drift.toml`.
-    Mild,
-    /// Second column.
-    Middle,
-    /// Third column.
-    Strong,
-}
-
-impl DriftKind {
-    /// Every kind.
-    pub const ALL: [Self; 4] =
-        [Self::SensorNoise, Self::DistributionShift, Self::ActuatorDelay, Self::Combined];
-}
-
-impl Magnitude {
-    /// Every magnitude, weakest first.
-    pub const ALL: [Self; 3] = [Self::Mild, Self::Middle, Self::Strong];
-
-    const fn column(self) -> usize {
-        match self {
-            Self::Mild => 0,
-            Self::Middle => 1,
-            Self::Strong => 2,
-        }
+/// A drift's column of `scenes/drift.toml`.
+const fn column(magnitude: Magnitude) -> usize {
+    match magnitude {
+        Magnitude::Mild => 0,
+        Magnitude::Middle => 1,
+        Magnitude::Strong => 2,
     }
-}
-
-/// A drift by name and magnitude; its numbers are in `scenes/drift.toml`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Drift {
-    /// What changes.
-    pub kind: DriftKind,
-    /// How much.
-    pub magnitude: Magnitude,
 }
 
 #[derive(Debug, Deserialize)]
@@ -370,7 +325,7 @@ impl Distribution {
         if numbers.format != 1 {
             return Err(SimError::file(file, "format", format!("\"{}\" is not known", numbers.format)));
         }
-        let i = drift.magnitude.column();
+        let i = column(drift.magnitude);
         let mut out = self.clone();
         let kind = match drift.kind {
             DriftKind::SensorNoise => {

@@ -17,8 +17,11 @@ const DOMAIN: &str = "holdpoint/approval/v1";
 const REASON_BYTES_MAX: usize = 4096;
 
 /// A number used once: 16 bytes, written as 32 hexadecimal digits.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
 pub struct Nonce(String);
 
 impl Nonce {
@@ -68,7 +71,7 @@ impl std::fmt::Display for Nonce {
 }
 
 /// A decision and everything it is bound to; a change of any of it voids the decision.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Approval {
     /// Name of the identity.
@@ -135,7 +138,7 @@ impl Approval {
 }
 
 /// A decision with its signature and the key that is to have made it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SignedApproval {
     approval: Approval,

@@ -9,6 +9,7 @@ pub mod geometry;
 pub mod ik;
 mod messages;
 pub mod number;
+pub mod rehearsal;
 pub mod shape;
 pub mod zone;
 

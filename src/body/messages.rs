@@ -88,7 +88,9 @@ impl Twist {
 }
 
 /// One primitive of the cell's work; a sequence is the three in this order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum TaskKind {
     /// Approach the object on the table, close on it and lift it.
@@ -111,6 +113,12 @@ impl TaskKind {
             Self::Align => "align",
             Self::Place => "place",
         }
+    }
+}
+
+impl std::fmt::Display for TaskKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
     }
 }
 

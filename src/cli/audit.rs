@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 use super::output::Table;
 use super::{CliError, Context, Exit, Output};
 use holdpoint_approvals::keyfile;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};
 
 /// The most records `list` prints.
@@ -39,7 +40,7 @@ Example:
         subject: Option<String>,
         /// Of this kind only.
         #[arg(long)]
-        kind: Option<String>,
+        kind: Option<RecordKind>,
         /// How many at most.
         #[arg(long, value_name = "N", default_value_t = 50,
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
@@ -82,7 +83,7 @@ pub fn run(context: &Context, args: &AuditArgs, out: &mut Output<'_>) -> Result<
             let filter = AuditFilter {
                 from_seq: 0,
                 before_seq: None,
-                kind: kind.clone(),
+                kind: *kind,
                 subject: subject.clone(),
                 limit: *limit as usize,
                 newest_first: true,
@@ -141,7 +142,7 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(),
         table.row([
             record.seq.to_string(),
             time,
-            record.kind.clone(),
+            record.kind.to_string(),
             record.subject.clone(),
             record.hash.short(),
         ]);

@@ -297,10 +297,7 @@ fn check(folder: &Folder, candidate: &Capability, out: &mut Output<'_>) -> Resul
             out.line(&format!("summary    {}", checked.summary.line()))?;
         }
         for verdict in &checked.verdicts {
-            let (interface, policy) = (
-                holdpoint_engine::names::word(&verdict.interface),
-                holdpoint_engine::names::word(&verdict.policy),
-            );
+            let (interface, policy) = (verdict.interface, verdict.policy);
             out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;
             for reason in &verdict.reasons {
                 out.line(&format!("           {reason}"))?;

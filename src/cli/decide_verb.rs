@@ -75,7 +75,7 @@ fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError
             let text = format!("held: {} waits with the evidence {waits}, not {given}", prompt.version);
             Err(CliError::held(text).with_hint("read it again, then approve that"))
         }
-        None if prompt.profile == ProfileName::Human.name() => {
+        None if prompt.profile == ProfileName::Human => {
             let text =
                 format!("the profile {:?} needs --digest with the evidence that was read", prompt.profile);
             Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))

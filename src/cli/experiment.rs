@@ -130,8 +130,8 @@ fn row(cell: &DriftCell) -> Vec<String> {
     };
     let lower = cell.end_to_end.interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.2}", ends.lower));
     vec![
-        holdpoint_engine::names::word(&cell.kind),
-        holdpoint_engine::names::word(&cell.magnitude),
+        cell.kind.to_string(),
+        cell.magnitude.to_string(),
         cell.runs.to_string(),
         count(&cell.needed),
         count(&cell.trigger_recall),

@@ -9,8 +9,9 @@ use clap::Args;
 
 use super::{CliError, Context, Exit, Output, audit};
 use holdpoint_engine::embedded;
-use holdpoint_engine::explain::{self, Explained, Explanation};
+use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::explained::{Explained, Explanation};
 use holdpoint_runtime::capability::Capability;
 
 /// The arguments of `explain`.
@@ -69,18 +70,17 @@ fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError>
 }
 
 fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Explained { record, at_ms, stage, outcome, rule, reasons, change, then } = decision;
+    let Explained { record, at_ms, ruling, rule, reasons, change, then } = decision;
+    let (stage, outcome) = (ruling.stage(), ruling.outcome());
     out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
-    out.paragraph("  ", &format!("rule  {}: {}", rule.name, rule.source))?;
+    out.paragraph("  ", &format!("rule  {}: {}", rule.name(), rule.source()))?;
     for reason in reasons {
-        let mark = if reason.code.is_empty() {
-            "-"
-        } else if reason.in_favour {
-            "+"
-        } else {
-            "!"
+        let mark = match (&reason.code, reason.in_favour) {
+            (None, _) => "-",
+            (Some(_), true) => "+",
+            (Some(_), false) => "!",
         };
-        let code = if reason.code.is_empty() { String::new() } else { format!("{}: ", reason.code) };
+        let code = reason.code.as_ref().map_or_else(String::new, |code| format!("{code}: "));
         let numbers = match (reason.evidence, reason.limit) {
             (Some(found), Some(limit)) => format!(" [{found:.3} against {limit:.3}]"),
             _ => String::new(),
@@ -89,8 +89,8 @@ fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
         if let Some(measured) = &reason.measured {
             out.paragraph("      ", measured)?;
         }
-        if !reason.code.is_empty() && !reason.in_favour {
-            out.paragraph("      ", &format!("{}: {}", reason.rule.name, reason.rule.source))?;
+        if reason.code.is_some() && !reason.in_favour {
+            out.paragraph("      ", &format!("{}: {}", reason.rule.name(), reason.rule.source()))?;
         }
     }
     for text in change {

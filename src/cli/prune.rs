@@ -127,7 +127,7 @@ pub(super) fn remove(
     let views = store.views().map_err(CliError::usage)?;
     let nonce = Nonce::random().map_err(CliError::internal)?;
     let record = AuditBody {
-        kind: REMOVED_KIND.to_owned(),
+        kind: REMOVED_KIND,
         subject: version.to_string(),
         body: serde_json::to_string(&removed).map_err(CliError::internal)?,
     };

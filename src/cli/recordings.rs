@@ -137,7 +137,7 @@ fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
         let recorded = record.recorded(&filed.file);
         table.row([
             filed.name.version.to_string(),
-            recorded.map_or_else(|| "not closed".to_owned(), |recorded| recorded.outcome.clone()),
+            recorded.map_or_else(|| "not closed".to_owned(), |recorded| recorded.outcome.to_string()),
             size(filed.bytes),
             utc(filed.written_secs),
             if recorded.is_some() { "yes" } else { "no" }.to_owned(),

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 use super::output::Table;
 use super::{CliError, Context, Exit, Output};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_registry::{VersionDetail, VersionFilter, VersionGroup, VersionSummary, Views};
-use holdpoint_text::sanitise;
+use holdpoint_governance::record::{VersionGroup, VersionSummary};
+use holdpoint_registry::{VersionDetail, VersionFilter, Views};
 
 /// The most versions `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -128,7 +128,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(
         for version in &versions {
             let [interface, policy, behavior, recovery] = version.kappas.map(kappa);
             table.row([
-                version.id.to_string(),
+                version.version.to_string(),
                 version.state.to_string(),
                 flags(version),
                 interface,
@@ -147,7 +147,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(
 
 fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
     let summary = &detail.summary;
-    out.line(&format!("{}  {}  {}", summary.id, summary.state, flags(summary)))?;
+    out.line(&format!("{}  {}  {}", summary.version, summary.state, flags(summary)))?;
     let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
     out.line(&format!("κI {interface}  κP {policy}  κB {behavior}  κR {recovery}"))?;
     let parent = detail.parent.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
@@ -177,7 +177,7 @@ fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
         out.table(&table)?;
     }
     for activation in &detail.activations {
-        let cause = sanitise(&activation.cause, 40);
+        let cause = activation.cause;
         out.line(&format!(
             "record {}: active pointer moved ({cause}) at {}",
             activation.seq,
@@ -199,7 +199,7 @@ fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), C
     let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
     let mut moves = std::collections::BTreeMap::new();
     for version in &versions {
-        let detail = views.version(&version.id).map_err(CliError::usage)?;
+        let detail = views.version(&version.version).map_err(CliError::usage)?;
         // A move that replaces one version by another is listed with both of them.
         moves
             .extend(detail.into_iter().flat_map(|detail| detail.activations).map(|entry| (entry.seq, entry)));
@@ -233,7 +233,7 @@ fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), C
             table.row([
                 entry.seq.to_string(),
                 seconds(entry.at_ms),
-                entry.cause.clone(),
+                entry.cause.to_string(),
                 name(&entry.active),
                 name(&entry.pinned),
             ]);
@@ -267,7 +267,7 @@ fn flags(version: &VersionSummary) -> String {
 fn summary_json(version: &VersionSummary) -> Value {
     let [interface, policy, behavior, recovery] = version.kappas;
     json!({
-        "version": version.id,
+        "version": version.version,
         "state": version.state,
         "row_version": version.row_version,
         "running": version.flags.running,

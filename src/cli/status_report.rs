@@ -9,11 +9,13 @@ use serde::Serialize;
 
 use super::CliError;
 use super::status::Subject;
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
-use holdpoint_registry::{ApprovalRequest, VersionFilter, VersionSummary, Views};
+use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 
 /// How things stand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -79,8 +81,8 @@ pub(super) struct WaitingRow {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct AlarmRow {
     pub(super) alarm: String,
-    pub(super) priority: String,
-    pub(super) state: String,
+    pub(super) priority: Priority,
+    pub(super) state: AlarmState,
     pub(super) text: String,
 }
 
@@ -102,7 +104,7 @@ impl StatusReport {
         });
         let filter = VersionFilter { family: family_of.clone(), ..VersionFilter::default() };
         let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
-        let rows = versions.iter().filter(|version| wanted(&version.id));
+        let rows = versions.iter().filter(|version| wanted(&version.version));
         let families = views.families().map_err(CliError::usage)?;
         let families = families
             .into_iter()
@@ -124,7 +126,7 @@ impl StatusReport {
                 // An engine that was interrupted may have left an earlier question of the same version.
                 let requests = views.open_requests().map_err(CliError::usage)?;
                 let asked = |id: &CapabilityId| {
-                    versions.iter().any(|version| version.id == *id && version.flags.awaiting_approval)
+                    versions.iter().any(|version| version.version == *id && version.flags.awaiting_approval)
                 };
                 let newest: BTreeMap<_, _> = requests
                     .into_iter()
@@ -184,12 +186,13 @@ impl FamilyRow {
 
 impl VersionRow {
     fn new(version: &VersionSummary, engine: Option<&Snapshot>) -> Self {
-        let view = engine
-            .and_then(|engine| engine.candidates.iter().find(|candidate| candidate.version == version.id));
+        let view = engine.and_then(|engine| {
+            engine.candidates.iter().find(|candidate| candidate.version == version.version)
+        });
         let flags = &version.flags;
         let progress = view.and_then(|view| view.progress.as_ref()).filter(|_| flags.running.is_some());
         Self {
-            version: version.id.clone(),
+            version: version.version.clone(),
             state: version.state,
             running: flags.running,
             paused: flags.paused,
@@ -284,7 +287,7 @@ impl AlarmRow {
 /// Alarms that are not normal.
 fn alarms(views: &Views) -> Result<Vec<AlarmRow>, CliError> {
     let entries = views.alarms().map_err(CliError::usage)?;
-    let open = entries.into_iter().filter(|entry| entry.state != "normal");
+    let open = entries.into_iter().filter(|entry| entry.state != AlarmState::Normal);
     Ok(open
         .map(|entry| {
             let body: serde_json::Value = serde_json::from_str(&entry.json).unwrap_or_default();

@@ -2,6 +2,7 @@
 
 use super::action::Action;
 use super::palette::best;
+use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude, UnknownWord};
 use holdpoint_governance::ids::CapabilityId;
 
 /// The largest pace, simulated seconds in a second.
@@ -35,12 +36,7 @@ pub enum Asked {
     /// A pace; absent for as fast as it computes.
     Pace(Option<f64>),
     /// A drift; absent ends it.
-    Drift {
-        /// Which.
-        kind: Option<String>,
-        /// How strong.
-        magnitude: String,
-    },
+    Drift(Option<Drift>),
     /// A version.
     Candidate(CapabilityId),
 }
@@ -51,7 +47,7 @@ impl Asked {
     pub const fn changes_something(&self) -> bool {
         match self {
             Self::Action(action) => action.changes_something(),
-            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift { .. } => true,
+            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift(_) => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
         }
     }
@@ -108,16 +104,16 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
 
 fn drift(text: &str) -> Result<Asked, String> {
     if text == "off" {
-        return Ok(Asked::Drift { kind: None, magnitude: String::new() });
+        return Ok(Asked::Drift(None));
     }
-    let allowed = "`:drift off`, or a kind (sensor-noise, distribution-shift, actuator-delay, combined) and a \
-                   magnitude (mild, middle, strong)";
-    match text.split_once(char::is_whitespace) {
-        Some((kind, magnitude)) => {
-            Ok(Asked::Drift { kind: Some(kind.replace('-', "_")), magnitude: magnitude.trim().to_owned() })
-        }
-        None => Err(format!("allowed are {allowed}")),
-    }
+    let Some((kind, magnitude)) = text.split_once(char::is_whitespace) else {
+        let kinds = DriftKind::ALL.map(DriftKind::name).join(", ").replace('_', "-");
+        let magnitudes = Magnitude::ALL.map(Magnitude::name).join(", ");
+        return Err(format!("allowed are `:drift off`, or a kind ({kinds}) and a magnitude ({magnitudes})"));
+    };
+    let kind = kind.parse().map_err(|error: UnknownWord| error.to_string())?;
+    let magnitude = magnitude.trim().parse().map_err(|error: UnknownWord| error.to_string())?;
+    Ok(Asked::Drift(Some(Drift { kind, magnitude })))
 }
 
 /// What can be completed to.
@@ -176,7 +172,7 @@ mod tests {
             ("pace 2.5", Asked::Pace(Some(2.5))),
             ("candidate grasp@1.2.0", Asked::Candidate(version)),
             ("candidate", Asked::Action(Action::ShowCandidate)),
-            ("drift off", Asked::Drift { kind: None, magnitude: String::new() }),
+            ("drift off", Asked::Drift(None)),
         ] {
             assert_eq!(parse(text), Ok(asked), "{text}");
         }

@@ -6,9 +6,10 @@
 use super::form::Confirmed;
 use super::model::View;
 use super::prompt::Decision;
+use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::detail::Group;
 
 /// Something to do.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +72,7 @@ pub enum Question {
     /// The registry.
     Registry {
         /// Which versions.
-        group: Group,
+        group: VersionGroup,
         /// Whose name contains this.
         text: String,
     },
@@ -99,12 +100,7 @@ pub enum Question {
     /// How fast the simulated cell works.
     Pace(Option<f64>),
     /// Let a drift set in in the simulated cell, or end it.
-    Drift {
-        /// Which; absent ends it.
-        kind: Option<String>,
-        /// How strong.
-        magnitude: String,
-    },
+    Drift(Option<Drift>),
 }
 
 /// Rows asked for at once.
@@ -125,7 +121,10 @@ impl Question {
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
             Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },
             Self::Pace(times) => Command::Pace { times },
-            Self::Drift { kind, magnitude } => Command::Drift { kind, magnitude },
+            Self::Drift(drift) => Command::Drift {
+                kind: drift.map(|drift| drift.kind),
+                magnitude: drift.map(|drift| drift.magnitude),
+            },
         }
     }
 }

@@ -11,7 +11,8 @@ use super::line::Line;
 use super::palette::Palette;
 use super::prompt::Prompt;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_protocol::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
+use holdpoint_governance::record::VersionGroup;
+use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
@@ -176,7 +177,7 @@ pub struct Listing {
     /// The page.
     pub page: Arc<RegistryPage>,
     /// What was asked for.
-    pub group: Group,
+    pub group: VersionGroup,
     /// Families whose branch is closed.
     pub closed: BTreeSet<Family>,
 }

@@ -70,9 +70,10 @@ impl Prompt {
             ));
         }
         // What speaks for it is said above, with its numbers; that nobody has answered yet is why this is open.
-        let open = evidence.reasons.iter().filter(|reason| {
-            !is_in_favour(reason.code.as_str()) && reason.code != ReasonCode::ApprovalPending
-        });
+        let open = evidence
+            .reasons
+            .iter()
+            .filter(|reason| !is_in_favour(reason.code) && reason.code != ReasonCode::ApprovalPending);
         lines.extend(open.take(REASONS_MAX).map(|reason| format!("Asked because: {}", reason_line(reason))));
         lines.push(format!("Evidence digest {}", self.seen.evidence.short()));
     }

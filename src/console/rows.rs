@@ -3,14 +3,15 @@
 use std::fmt::Write as _;
 
 use super::model::{Model, View};
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::detail::{
-    AuditRow, Detail, DifferenceView, DrillView, ExplainedView, Measure, RegistryRow,
-};
+use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::explained::Explained;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
 
 /// A row of the registry's tree.
@@ -26,7 +27,7 @@ pub enum RegistryItem<'a> {
         open: bool,
     },
     /// A version.
-    Version(&'a RegistryRow),
+    Version(&'a VersionSummary),
 }
 
 /// A row of the alarm list.
@@ -89,15 +90,15 @@ pub enum CandidateItem<'a> {
     /// Something that was not tested.
     Untested(&'a str),
     /// A field that differs.
-    Difference(&'a DifferenceView),
+    Difference(&'a Difference),
     /// A heading: a sandbox mode.
     Mode(&'a str),
     /// A kind of drill.
     Drill(&'a DrillView),
     /// A decision.
-    Decision(&'a ExplainedView),
+    Decision(&'a Explained),
     /// A record of the log.
-    Record(&'a AuditRow),
+    Record(&'a AuditRecord),
 }
 
 impl Model {
@@ -105,7 +106,7 @@ impl Model {
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
         let mut sieve = Sieve::new(if self.view == View::Registry { self.filter() } else { "" });
-        let rows: Vec<&RegistryRow> =
+        let rows: Vec<&VersionSummary> =
             self.registry.page.rows.iter().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
@@ -129,25 +130,24 @@ impl Model {
             return snapshot.alarms.iter().map(AlarmItem::Alarm).collect();
         }
         let mut items: Vec<AlarmItem<'_>> = Vec::new();
-        let mut grouped: std::collections::BTreeMap<(&str, &str, &str), Vec<&AlarmView>> =
+        let mut grouped: std::collections::BTreeMap<(&str, Priority, AlarmState), Vec<&AlarmView>> =
             std::collections::BTreeMap::new();
-        let groupable = |alarm: &AlarmView| alarm.priority != "critical";
-        let key = |alarm: &'_ AlarmView| (alarm.subject.clone(), alarm.priority.clone(), alarm.state.clone());
-        for alarm in &snapshot.alarms {
-            let id = (alarm.subject.as_str(), alarm.priority.as_str(), alarm.state.as_str());
-            if groupable(alarm) {
-                grouped.entry(id).or_default().push(alarm);
-            }
+        let groupable = |alarm: &AlarmView| match alarm.priority {
+            Priority::Critical => false,
+            Priority::High | Priority::Low => true,
+        };
+        for alarm in snapshot.alarms.iter().filter(|alarm| groupable(alarm)) {
+            grouped.entry((&alarm.subject, alarm.priority, alarm.state)).or_default().push(alarm);
         }
         let mut told = std::collections::BTreeSet::new();
         for alarm in &snapshot.alarms {
-            let id = (alarm.subject.as_str(), alarm.priority.as_str(), alarm.state.as_str());
+            let id = (alarm.subject.as_str(), alarm.priority, alarm.state);
             match grouped.get(&id).filter(|members| groupable(alarm) && members.len() > 1) {
                 None => items.push(AlarmItem::Alarm(alarm)),
                 Some(members) => {
                     // The first out tells what set off the others.
                     let first = members.iter().min_by_key(|member| member.since_ms);
-                    if let Some(first) = first.filter(|_| told.insert(key(alarm))) {
+                    if let Some(first) = first.filter(|_| told.insert(id)) {
                         items.push(AlarmItem::Group { first, count: members.len() });
                     }
                 }
@@ -186,7 +186,7 @@ impl Model {
 
     /// The log under its filter, the newest first.
     #[must_use]
-    pub fn audit_rows(&self) -> Vec<&AuditRow> {
+    pub fn audit_rows(&self) -> Vec<&AuditRecord> {
         let mut sieve = Sieve::new(if self.view == View::Audit { self.filter() } else { "" });
         self.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
     }

@@ -1,7 +1,6 @@
 //! Alarms as the engine raises them: into the book, into the store, told as events.
 
 use crate::monitors::Monitors;
-use crate::names::word;
 use crate::record::Record;
 use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, Priority};
 use holdpoint_governance::profile::AlarmPriority;
@@ -128,13 +127,13 @@ impl Record {
         let mut told = Vec::new();
         for change in changes {
             if let AlarmChange::Set { alarm, .. } = change {
-                let state = word(&alarm.state());
-                let priority = word(&alarm.priority);
+                let state = alarm.state();
+                let priority = alarm.priority;
                 told.push(EventKind::Alarm {
                     alarm: alarm.key.clone(),
                     subject: alarm.group.clone(),
-                    state: state.clone(),
-                    priority: priority.clone(),
+                    state,
+                    priority,
                     text: alarm.text.line().into_string(),
                 });
                 stored.push(Change::AlarmChange {
@@ -165,7 +164,7 @@ const ALARMS_EVERY_MS: u64 = 1_000;
 fn reason_of(event: &AlarmEvent) -> Vec<AuditBody> {
     let AlarmEvent::Reset { key, by, reason } = event else { return Vec::new() };
     let body = serde_json::json!({ "alarm": key, "by": by, "reason": reason.raw() }).to_string();
-    vec![AuditBody { kind: "alarm-reset".to_owned(), subject: key.clone(), body }]
+    vec![AuditBody { kind: holdpoint_governance::record::RecordKind::AlarmReset, subject: key.clone(), body }]
 }
 
 fn refused(error: &AlarmError) -> Reply {

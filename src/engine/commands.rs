@@ -15,6 +15,7 @@ use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Event, Leave, State};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -87,8 +88,8 @@ impl Pipeline {
             Command::Rearm(operation) => {
                 self.simple(&operation, "active again", |version| Event::Rearm { version })
             }
-            Command::Drift { kind, magnitude } => self.drift(kind.as_deref(), &magnitude),
-            Command::LiveFault { fault } => self.live_fault(fault.as_deref()),
+            Command::Drift { kind, magnitude } => self.drift(kind, magnitude),
+            Command::LiveFault { fault } => self.live_fault(fault),
             Command::AcknowledgeAlarm { alarm, by } => {
                 let done = format!("{alarm} is acknowledged");
                 Ok(self.alarm_command(&AlarmEvent::Acknowledge { key: alarm, by }, &done))
@@ -229,33 +230,21 @@ impl Pipeline {
         accepted(&id, "demoted")
     }
 
-    fn drift(&mut self, kind: Option<&str>, magnitude: &str) -> Result<Reply, Fault> {
-        let refuse = |what: &str, value: &str, allowed: &str| {
-            let value = Untrusted::new(value).line().into_string();
-            let text = format!("the {what} {value:?} is not allowed; {allowed} are");
-            Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None })
-        };
-        let drift = match kind {
-            None => None,
-            Some(name) => {
-                let Some(kind) = parse::<DriftKind>(name) else {
-                    return refuse(
-                        "drift",
-                        name,
-                        "sensor_noise, distribution_shift, actuator_delay and combined",
-                    );
-                };
-                let Some(magnitude) = parse::<Magnitude>(magnitude) else {
-                    return refuse("magnitude", magnitude, "mild, middle and strong");
-                };
-                Some(Drift { kind, magnitude })
+    fn drift(&mut self, kind: Option<DriftKind>, magnitude: Option<Magnitude>) -> Result<Reply, Fault> {
+        let drift = match (kind, magnitude) {
+            (None, _) => None,
+            (Some(kind), Some(magnitude)) => Some(Drift { kind, magnitude }),
+            (Some(kind), None) => {
+                let allowed = Magnitude::ALL.map(Magnitude::name).join(", ");
+                let text = format!("how much {kind} drifts is not said; allowed: {allowed}");
+                return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
             }
         };
         self.world.cell.set_drift(drift)?;
-        let body = serde_json::json!({ "kind": kind, "magnitude": magnitude }).to_string();
-        self.record.note("drift", String::new(), body)?;
-        self.record
-            .tell(EventKind::Drift { kind: kind.map(ToOwned::to_owned), magnitude: magnitude.to_owned() });
+        let much = magnitude.map_or("", Magnitude::name);
+        let body = serde_json::json!({ "kind": kind, "magnitude": much }).to_string();
+        self.record.note(RecordKind::Drift, String::new(), body)?;
+        self.record.tell(EventKind::Drift { kind, magnitude });
         Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
     }
 
@@ -279,25 +268,11 @@ impl Pipeline {
     }
 
     /// Breaks something in the live world, or mends it.
-    fn live_fault(&mut self, name: Option<&str>) -> Result<Reply, Fault> {
-        let fault = match name {
-            None => None,
-            Some(name) => {
-                let known = LiveFault::ALL.into_iter().find(|fault| fault.name() == name);
-                if known.is_none() {
-                    let value = Untrusted::new(name).line().into_string();
-                    let text =
-                        format!("the fault {value:?} is not allowed; telemetry-lost and camera-lost are");
-                    return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
-                }
-                known
-            }
-        };
+    fn live_fault(&mut self, fault: Option<LiveFault>) -> Result<Reply, Fault> {
         self.world.cell.set_fault(fault);
-        let name = fault.map(|fault| fault.name().to_owned());
-        let body = serde_json::json!({ "fault": name }).to_string();
-        self.record.note("live-fault", String::new(), body)?;
-        self.record.tell(EventKind::LiveFault { fault: name });
+        let body = serde_json::json!({ "fault": fault }).to_string();
+        self.record.note(RecordKind::LiveFault, String::new(), body)?;
+        self.record.tell(EventKind::LiveFault { fault });
         Ok(Reply::Accepted { text: "the fault has set in".to_owned(), version: None })
     }
 }
@@ -309,9 +284,4 @@ fn operator_note(operation: &Operation, done: &str) -> Note {
 #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
 fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, Fault> {
     Ok(Reply::Accepted { text: format!("{id} is {done}"), version: Some(id.clone()) })
-}
-
-/// A unit variant by its serialised name, with `-` read as `_`.
-fn parse<T: serde::de::DeserializeOwned>(name: &str) -> Option<T> {
-    serde_json::from_value(serde_json::Value::String(name.replace('-', "_"))).ok()
 }

@@ -16,7 +16,7 @@ use holdpoint_governance::decision::{Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_protocol::event::DimensionResult;
@@ -142,18 +142,15 @@ impl Dossiers {
     }
 }
 
-fn result<O: Serialize>(
+fn result<O: Copy + Into<DimensionOutcome>>(
     dimension: Dimension,
     assessment: &Assessment<O>,
     interval: Option<[f64; 2]>,
     threshold: f64,
 ) -> DimensionResult {
-    // Outcomes serialise as their kebab-case name.
-    let outcome = serde_json::to_value(&assessment.outcome).ok();
-    let outcome = outcome.as_ref().and_then(|value| value.as_str()).unwrap_or("unknown").to_owned();
     DimensionResult {
         dimension,
-        outcome,
+        outcome: assessment.outcome.into(),
         kappa: assessment.kappa.map(Kappa::get),
         interval,
         threshold,

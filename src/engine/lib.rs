@@ -20,7 +20,6 @@ pub mod host;
 pub mod ledger;
 mod listeners;
 pub mod monitors;
-pub mod names;
 pub mod people;
 pub mod pipeline;
 pub mod pump;

@@ -12,6 +12,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{Event, Leave, Stage, State};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
@@ -145,7 +146,7 @@ impl Pipeline {
             .filter_map(|(_, entry)| entry.active().map(|member| member.capability.id()))
             .collect();
         self.record.tell(EventKind::EngineStarted {
-            profile: self.context.profile.name.name().to_owned(),
+            profile: self.context.profile.name,
             robot: self.context.cell.model.name.clone(),
             seed: self.trials.seed(),
             policy: self.context.digest,
@@ -459,7 +460,7 @@ impl Pipeline {
     pub fn keep_recording(
         &mut self,
         version: &CapabilityId,
-        (kind, body): (&str, String),
+        (kind, body): (RecordKind, String),
         told: EventKind,
     ) -> Result<(), Fault> {
         self.record.note(kind, version.to_string(), body)?;
@@ -524,8 +525,8 @@ pub(crate) fn registered_event(capability: &Capability) -> EventKind {
         version: capability.id(),
         digest: capability.digest(),
         author: submission.author.clone(),
-        provenance: submission.provenance.name().to_owned(),
-        risk: submission.estimated_risk.name().to_owned(),
+        provenance: submission.provenance,
+        risk: submission.estimated_risk,
         parent: submission.parent.as_ref().map(ToString::to_string),
     }
 }

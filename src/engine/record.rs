@@ -6,6 +6,7 @@ use holdpoint_governance::alarms::AlarmBook;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{Event, Stage};
 use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
@@ -155,8 +156,8 @@ impl Record {
     ///
     /// # Errors
     /// Where the store does not take it.
-    pub fn note(&mut self, kind: &str, subject: String, body: String) -> Result<(), StoreError> {
-        self.write(Vec::new(), vec![AuditBody { kind: kind.to_owned(), subject, body }])
+    pub fn note(&mut self, kind: RecordKind, subject: String, body: String) -> Result<(), StoreError> {
+        self.write(Vec::new(), vec![AuditBody { kind, subject, body }])
     }
 
     /// The active version of a family.
@@ -191,12 +192,12 @@ impl Record {
     ///
     /// # Errors
     /// Where the store cannot be read or written.
-    pub fn close_audit(&mut self, id: &CapabilityId, outcome: &str) -> Result<(), Fault> {
+    pub fn close_audit(&mut self, id: &CapabilityId, outcome: UpgradeEnd) -> Result<(), Fault> {
         let detail = self.ledger.store().views()?.version(id)?;
         let records = detail.map_or(0, |detail| detail.audit_links.len() as u64);
         let body = serde_json::json!({ "outcome": outcome, "records": records }).to_string();
-        self.note("audit-closed", id.to_string(), body)?;
-        self.tell(EventKind::AuditClosed { version: id.clone(), outcome: outcome.to_owned(), records });
+        self.note(RecordKind::AuditClosed, id.to_string(), body)?;
+        self.tell(EventKind::AuditClosed { version: id.clone(), outcome, records });
         Ok(())
     }
 }

@@ -1,10 +1,10 @@
 //! What a store's audit chain says of recordings.
 
-use std::borrow::Cow;
-
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_recordings::record::{KIND, OnRecord, REMOVED_KIND, RecordError};
-use holdpoint_registry::{AuditFilter, AuditRecord, PAGE_ROWS_MAX, StoreError, Views};
+use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
 use holdpoint_text::Hint;
+use std::borrow::Cow;
 
 /// Why the records cannot be told.
 #[derive(Debug, thiserror::Error)]
@@ -36,20 +36,20 @@ pub fn on_record(views: &Views) -> Result<OnRecord, OnRecordError> {
     records.sort_by_key(|record| record.seq);
     let mut found = OnRecord::default();
     for record in records {
-        found.take(record.seq, &record.kind, &record.body)?;
+        found.take(&record)?;
     }
     Ok(found)
 }
 
 /// Every record of a kind, oldest first.
-fn of_kind(views: &Views, kind: &str) -> Result<Vec<AuditRecord>, StoreError> {
+fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
     let mut all = Vec::new();
     let mut from_seq = 0;
     loop {
         let page = views.audit(&AuditFilter {
             from_seq,
             before_seq: None,
-            kind: Some(kind.to_owned()),
+            kind: Some(kind),
             subject: None,
             limit: PAGE_ROWS_MAX,
             newest_first: false,

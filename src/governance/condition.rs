@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A typed condition of use; none of them is free text.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Condition {
     /// Under the profile `sim` only.

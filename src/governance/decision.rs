@@ -7,28 +7,28 @@ use serde::{Deserialize, Serialize};
 use super::condition::Condition;
 use super::ids::Digest;
 
-/// The part of the rules a reason belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Dimension {
-    /// `kappa_I`: signature, schema, conditions, dependencies.
-    Interface,
-    /// `kappa_P`: coverage of reachable modes by policy.
-    Policy,
-    /// `kappa_B`: measured behaviour against the active version.
-    Behavior,
-    /// `kappa_R`: rehearsed recovery against the active version.
-    Recovery,
-    /// The rule that joins the four, `Psi`.
-    Composition,
-    /// Shadow deployment, `Delta_shadow`.
-    Shadow,
-    /// The activation gate, `theta_act`.
-    Gate,
-    /// The people asked.
-    Approval,
-    /// Monitoring after activation, `M`.
-    Monitor,
+crate::words! {
+    /// The part of the rules a reason belongs to.
+    Dimension, "dimension", {
+        /// `kappa_I`: signature, schema, conditions, dependencies.
+        Interface = "interface",
+        /// `kappa_P`: coverage of reachable modes by policy.
+        Policy = "policy",
+        /// `kappa_B`: measured behaviour against the active version.
+        Behavior = "behavior",
+        /// `kappa_R`: rehearsed recovery against the active version.
+        Recovery = "recovery",
+        /// The rule that joins the four, `Psi`.
+        Composition = "composition",
+        /// Shadow deployment, `Delta_shadow`.
+        Shadow = "shadow",
+        /// The activation gate, `theta_act`.
+        Gate = "gate",
+        /// The people asked.
+        Approval = "approval",
+        /// Monitoring after activation, `M`.
+        Monitor = "monitor",
+    }
 }
 
 impl Dimension {
@@ -52,7 +52,7 @@ impl Dimension {
 macro_rules! reason_codes {
     ($($(#[$doc:meta])* $name:ident = $text:literal,)*) => {
         /// Why something was decided: a closed set of stable names (used by scenario files and the audit record).
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema)]
         pub enum ReasonCode {
             $($(#[$doc])* #[serde(rename = $text)] $name,)*
         }
@@ -263,6 +263,29 @@ reason_codes! {
     MonitorConfirmed = "monitor-confirmed",
 }
 
+impl ReasonCode {
+    /// Whether it tells what people said, or that they said nothing.
+    #[must_use]
+    pub const fn is_of_people(self) -> bool {
+        matches!(
+            self,
+            Self::ApprovalGranted
+                | Self::ApprovalNotNeeded
+                | Self::ApprovalPending
+                | Self::ApprovalRefused
+                | Self::ApprovalTimeout
+                | Self::ApprovalStale
+                | Self::ApprovalExpired
+                | Self::ApprovalSelf
+                | Self::ApprovalDuplicate
+                | Self::ApprovalRole
+                | Self::ApprovalSignature
+                | Self::ApprovalReplayed
+                | Self::ApprovalBreakGlass
+        )
+    }
+}
+
 impl std::fmt::Display for ReasonCode {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.as_str())
@@ -286,7 +309,7 @@ impl std::str::FromStr for ReasonCode {
 }
 
 /// One reason: what was found, with the number and the limit it was held against where there are any.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reason {
     /// The stable name.

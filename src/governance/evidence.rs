@@ -148,7 +148,9 @@ impl Signature {
 }
 
 /// The four rehearsals of design rule 3.5.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum DrillKind {
     /// The predecessor is restored with its policy state and goes on.
@@ -178,7 +180,7 @@ impl DrillKind {
 }
 
 /// Outcomes of the drills of one kind. A missing hook is a failed drill; one that could not be set up is infeasible.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DrillTally {
     /// Passed, read from joint speed, contact and pose.
@@ -198,7 +200,7 @@ impl DrillTally {
 }
 
 /// Tallies of the four kinds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drills {
     /// `r_rollback`.

@@ -203,20 +203,20 @@ pub struct GateInput<'a> {
     pub made_under: MadeUnder,
 }
 
-/// What the gate comes to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GateOutcome {
-    /// May be activated under its terms.
-    Pass,
-    /// Everything else holds; people have to answer.
-    AwaitApproval,
-    /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
-    Hold,
-    /// Evidence is missing, stale or not enough: back to evaluation.
-    Demote,
-    /// Refused.
-    Reject,
+crate::words! {
+    /// What the gate comes to.
+    GateOutcome, "outcome of the gate", {
+        /// May be activated under its terms.
+        Pass = "pass",
+        /// Everything else holds; people have to answer.
+        AwaitApproval = "await-approval",
+        /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
+        Hold = "hold",
+        /// Evidence is missing, stale or not enough: back to evaluation.
+        Demote = "demote",
+        /// Refused.
+        Reject = "reject",
+    }
 }
 
 /// How a version is active.

@@ -27,8 +27,11 @@ pub fn is_name(name: &str) -> bool {
 }
 
 /// A capability family, e.g. `grasp`: the versions of one skill.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
 pub struct Family(String);
 
 impl Family {
@@ -75,8 +78,11 @@ impl fmt::Display for Family {
 }
 
 /// One version of one family, written `grasp@1.2.0`.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
 pub struct CapabilityId {
     /// The family.
     pub family: Family,
@@ -120,8 +126,9 @@ impl fmt::Display for CapabilityId {
 }
 
 /// A SHA-256 digest, shown and stored as 64 hexadecimal digits.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
 pub struct Digest([u8; 32]);
 
 /// Text that is not 64 hexadecimal digits.

@@ -214,6 +214,7 @@ pub mod outcome;
 pub mod policy;
 mod policy_table;
 pub mod profile;
+pub mod record;
 pub mod recovery;
 pub mod rollback;
 pub mod stats;

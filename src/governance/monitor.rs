@@ -48,8 +48,39 @@ impl MonitorAction {
     }
 }
 
+crate::words! {
+    /// What is told of a monitor: an action other than going on, or how the doubt a version was let in with ended.
+    MonitorOutcome, "outcome of the monitor", {
+        /// Nothing; it is not told by itself.
+        Continue = "continue",
+        /// People are asked.
+        Escalate = "escalate",
+        /// The envelope is narrowed.
+        Restrict = "restrict",
+        /// The version is taken off.
+        Rollback = "rollback",
+        /// Fresh evidence settled the doubt.
+        Settled = "settled",
+        /// The doubt remains on fresh evidence: the version is taken off.
+        DoubtRemains = "doubt-remains",
+    }
+}
+
+impl From<MonitorAction> for MonitorOutcome {
+    fn from(action: MonitorAction) -> Self {
+        match action {
+            MonitorAction::Continue => Self::Continue,
+            MonitorAction::Escalate => Self::Escalate,
+            MonitorAction::Restrict => Self::Restrict,
+            MonitorAction::Rollback => Self::Rollback,
+        }
+    }
+}
+
 /// Events that trip at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum SafetyEvent {
     /// Force on the surroundings past its limit.

@@ -3,71 +3,144 @@
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Kappa, Reason};
+use super::gate::GateOutcome;
 
-/// Outcome of one compatibility dimension, in its own words (paper table 3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum InterfaceOutcome {
-    /// Usable as it is.
-    Compatible,
-    /// Usable with an adapter.
-    Conditional,
-    /// Not usable.
-    Incompatible,
-    /// Nothing to assess with.
-    NoData,
+crate::words! {
+    /// Outcome of one compatibility dimension, in its own words (paper table 3).
+    InterfaceOutcome, "outcome of kappa I", {
+        /// Usable as it is.
+        Compatible = "compatible",
+        /// Usable with an adapter.
+        Conditional = "conditional",
+        /// Not usable.
+        Incompatible = "incompatible",
+        /// Nothing to assess with.
+        NoData = "no-data",
+    }
 }
 
-/// Outcome of `kappa_P`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PolicyOutcome {
-    /// Every reachable mode is covered and allowed.
-    Compatible,
-    /// Usable under a tighter envelope, or with new modes the guard will deny.
-    Conditional,
-    /// A person has to decide.
-    Review,
-    /// Not usable under this profile.
-    Incompatible,
-    /// Nothing to assess with.
-    NoData,
+crate::words! {
+    /// Outcome of `kappa_P`.
+    PolicyOutcome, "outcome of kappa P", {
+        /// Every reachable mode is covered and allowed.
+        Compatible = "compatible",
+        /// Usable under a tighter envelope, or with new modes the guard will deny.
+        Conditional = "conditional",
+        /// A person has to decide.
+        Review = "review",
+        /// Not usable under this profile.
+        Incompatible = "incompatible",
+        /// Nothing to assess with.
+        NoData = "no-data",
+    }
 }
 
-/// Outcome of `kappa_B`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BehaviorOutcome {
-    /// Worsening beyond tolerance is excluded.
-    Compatible,
-    /// Not excluded, not established.
-    Suspicious,
-    /// Worsening beyond tolerance is established.
-    Incompatible,
-    /// Fewer episodes than the budget.
-    Inconclusive,
-    /// No usable episodes.
-    NoData,
+crate::words! {
+    /// Outcome of `kappa_B`.
+    BehaviorOutcome, "outcome of kappa B", {
+        /// Worsening beyond tolerance is excluded.
+        Compatible = "compatible",
+        /// Not excluded, not established.
+        Suspicious = "suspicious",
+        /// Worsening beyond tolerance is established.
+        Incompatible = "incompatible",
+        /// Fewer episodes than the budget.
+        Inconclusive = "inconclusive",
+        /// No usable episodes.
+        NoData = "no-data",
+    }
 }
 
-/// Outcome of `kappa_R`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RecoveryOutcome {
-    /// As good as the active version.
-    Compatible,
-    /// Above the floor, clearly below the active version.
-    Conditional,
-    /// Below the floor.
-    Fragile,
-    /// Not recoverable enough.
-    Incompatible,
-    /// Too few feasible drills.
-    NoData,
+crate::words! {
+    /// Outcome of `kappa_R`.
+    RecoveryOutcome, "outcome of kappa R", {
+        /// As good as the active version.
+        Compatible = "compatible",
+        /// Above the floor, clearly below the active version.
+        Conditional = "conditional",
+        /// Below the floor.
+        Fragile = "fragile",
+        /// Not recoverable enough.
+        Incompatible = "incompatible",
+        /// Too few feasible drills.
+        NoData = "no-data",
+    }
+}
+
+crate::words! {
+    /// Outcome of any of the four dimensions: the words of [`InterfaceOutcome`], [`PolicyOutcome`],
+    /// [`BehaviorOutcome`] and [`RecoveryOutcome`], each with its meaning there.
+    DimensionOutcome, "outcome of a dimension", {
+        /// Usable as it is.
+        Compatible = "compatible",
+        /// Usable under a restriction.
+        Conditional = "conditional",
+        /// A person has to decide (policy).
+        Review = "review",
+        /// Worsening is neither excluded nor established (behaviour).
+        Suspicious = "suspicious",
+        /// Below the floor (recovery).
+        Fragile = "fragile",
+        /// Not usable.
+        Incompatible = "incompatible",
+        /// Fewer episodes than the budget (behaviour).
+        Inconclusive = "inconclusive",
+        /// Nothing to assess with.
+        NoData = "no-data",
+    }
+}
+
+impl From<InterfaceOutcome> for DimensionOutcome {
+    fn from(outcome: InterfaceOutcome) -> Self {
+        match outcome {
+            InterfaceOutcome::Compatible => Self::Compatible,
+            InterfaceOutcome::Conditional => Self::Conditional,
+            InterfaceOutcome::Incompatible => Self::Incompatible,
+            InterfaceOutcome::NoData => Self::NoData,
+        }
+    }
+}
+
+impl From<PolicyOutcome> for DimensionOutcome {
+    fn from(outcome: PolicyOutcome) -> Self {
+        match outcome {
+            PolicyOutcome::Compatible => Self::Compatible,
+            PolicyOutcome::Conditional => Self::Conditional,
+            PolicyOutcome::Review => Self::Review,
+            PolicyOutcome::Incompatible => Self::Incompatible,
+            PolicyOutcome::NoData => Self::NoData,
+        }
+    }
+}
+
+impl From<BehaviorOutcome> for DimensionOutcome {
+    fn from(outcome: BehaviorOutcome) -> Self {
+        match outcome {
+            BehaviorOutcome::Compatible => Self::Compatible,
+            BehaviorOutcome::Suspicious => Self::Suspicious,
+            BehaviorOutcome::Incompatible => Self::Incompatible,
+            BehaviorOutcome::Inconclusive => Self::Inconclusive,
+            BehaviorOutcome::NoData => Self::NoData,
+        }
+    }
+}
+
+impl From<RecoveryOutcome> for DimensionOutcome {
+    fn from(outcome: RecoveryOutcome) -> Self {
+        match outcome {
+            RecoveryOutcome::Compatible => Self::Compatible,
+            RecoveryOutcome::Conditional => Self::Conditional,
+            RecoveryOutcome::Fragile => Self::Fragile,
+            RecoveryOutcome::Incompatible => Self::Incompatible,
+            RecoveryOutcome::NoData => Self::NoData,
+        }
+    }
 }
 
 /// How a version may be active (paper table 4). Several can hold at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum ActivationMode {
     /// Without restriction.
@@ -237,6 +310,119 @@ impl Recommendation {
         match self {
             Self::Activate | Self::Shadow => true,
             Self::Reject | Self::Sandbox | Self::RollbackReview => false,
+        }
+    }
+}
+
+crate::words! {
+    /// What a stage ended with, in its own rule's word: a [`Recommendation`] after validation and sandbox, a
+    /// [`Check`] after shadow, a [`GateOutcome`] after the gate.
+    StageOutcome, "outcome of a stage", {
+        /// Refused, by a recommendation or by the gate.
+        Reject = "reject",
+        /// Evaluation in the sandbox is next.
+        Sandbox = "sandbox",
+        /// Shadow deployment is next.
+        Shadow = "shadow",
+        /// Eligible for activation.
+        Activate = "activate",
+        /// Waits for people before it goes on.
+        RollbackReview = "rollback-review",
+        /// Shadow or the gate is passed.
+        Pass = "pass",
+        /// Passed under a restricted mode.
+        PassRestricted = "pass-restricted",
+        /// A person has to decide.
+        Review = "review",
+        /// Shadow is not passed.
+        Fail = "fail",
+        /// The evidence does not decide.
+        Inconclusive = "inconclusive",
+        /// There is no usable evidence.
+        NoData = "no-data",
+        /// Left out on purpose; in experiments only.
+        Skipped = "skipped",
+        /// People have to answer.
+        AwaitApproval = "await-approval",
+        /// Not now; nothing changes.
+        Hold = "hold",
+        /// Back to evaluation.
+        Demote = "demote",
+    }
+}
+
+impl From<Recommendation> for StageOutcome {
+    fn from(recommendation: Recommendation) -> Self {
+        match recommendation {
+            Recommendation::Reject => Self::Reject,
+            Recommendation::Sandbox => Self::Sandbox,
+            Recommendation::Shadow => Self::Shadow,
+            Recommendation::Activate => Self::Activate,
+            Recommendation::RollbackReview => Self::RollbackReview,
+        }
+    }
+}
+
+impl From<Check> for StageOutcome {
+    fn from(check: Check) -> Self {
+        match check {
+            Check::Pass => Self::Pass,
+            Check::PassRestricted(_) => Self::PassRestricted,
+            Check::Review => Self::Review,
+            Check::Fail => Self::Fail,
+            Check::Inconclusive => Self::Inconclusive,
+            Check::NoData => Self::NoData,
+            Check::Skipped => Self::Skipped,
+        }
+    }
+}
+
+impl From<GateOutcome> for StageOutcome {
+    fn from(outcome: GateOutcome) -> Self {
+        match outcome {
+            GateOutcome::Pass => Self::Pass,
+            GateOutcome::AwaitApproval => Self::AwaitApproval,
+            GateOutcome::Hold => Self::Hold,
+            GateOutcome::Demote => Self::Demote,
+            GateOutcome::Reject => Self::Reject,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a stage tells is the word that its rule's outcome has in the record.
+    #[test]
+    fn a_stage_tells_its_rules_own_word() {
+        let word = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();
+        for recommendation in Recommendation::ALL {
+            assert_eq!(StageOutcome::from(recommendation).name(), recommendation.name());
+        }
+        for outcome in GateOutcome::ALL {
+            assert_eq!(StageOutcome::from(outcome).name(), outcome.name());
+        }
+        for check in
+            [Check::Pass, Check::Review, Check::Fail, Check::Inconclusive, Check::NoData, Check::Skipped]
+        {
+            assert_eq!(StageOutcome::from(check).name(), word(serde_json::to_value(check).unwrap()));
+        }
+    }
+
+    #[test]
+    fn a_dimension_tells_its_own_word() {
+        for outcome in InterfaceOutcome::ALL {
+            assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
+        }
+        for outcome in PolicyOutcome::ALL {
+            assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
+        }
+        for outcome in BehaviorOutcome::ALL {
+            assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
+        }
+        for outcome in RecoveryOutcome::ALL {
+            assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
         }
     }
 }

@@ -8,10 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::decision::{Reason, ReasonCode};
 use super::ids::CapabilityId;
+use super::lifecycle::Leave;
 use super::monitor::SafetyEvent;
 
 /// What a version is taken off for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum TriggerKind {
     /// A safety event, in the tick it happened.
@@ -72,7 +75,9 @@ impl TriggerKind {
 }
 
 /// The steps of the ladder, in their order (design rule 3.11).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rung {
     /// The version gives no command any more.
@@ -127,7 +132,9 @@ impl Rung {
 }
 
 /// Why a rung did not hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum RungFailure {
     /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
@@ -189,7 +196,7 @@ impl RungFailure {
 }
 
 /// How one rung ended.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungRecord {
     /// Which.
@@ -222,7 +229,7 @@ impl RungRecord {
 }
 
 /// What set a rollback off.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trigger {
     /// Which kind.
@@ -235,8 +242,29 @@ pub struct Trigger {
     pub tick: u64,
 }
 
+crate::words! {
+    /// Where a rollback left the version, or its family.
+    PostStatus, "end of a rollback", {
+        /// Taken off for good.
+        RolledBack = "rolled-back",
+        /// Taken off and sent back to evaluation.
+        Demoted = "demoted",
+        /// The ladder failed: the family is stopped.
+        SafeStopped = "safe-stopped",
+    }
+}
+
+impl From<Leave> for PostStatus {
+    fn from(leave: Leave) -> Self {
+        match leave {
+            Leave::RolledBack => Self::RolledBack,
+            Leave::Demoted => Self::Demoted,
+        }
+    }
+}
+
 /// One rollback (paper appendix F.3). Times count from the trigger.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RollbackRecord {
     /// The version that was taken off.
@@ -259,8 +287,8 @@ pub struct RollbackRecord {
     pub unsafe_continuation_ms: u64,
     /// The rungs that were tried, in order.
     pub rungs: Vec<RungRecord>,
-    /// `rolled-back`, `demoted` or `safe-stopped`.
-    pub post_status: String,
+    /// How the version, or its family, stands after it.
+    pub post_status: PostStatus,
     /// Whether the first tasks under the predecessor ended without a safety event; absent before they were worked.
     pub recovered: Option<bool>,
     /// Tasks the predecessor had worked when that was judged.

@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::evidence::Signature;
 use super::ids::is_name;
 use super::text_error::{TextError, check_size, parse_toml};
+use super::words::WordError;
 
 /// The three texts a version consists of, as they were submitted.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Package {
     /// `manifest.toml`.
@@ -59,6 +60,22 @@ impl Provenance {
     }
 }
 
+impl std::str::FromStr for Provenance {
+    type Err = WordError;
+    fn from_str(text: &str) -> Result<Self, WordError> {
+        let all = Self::ALL.into_iter();
+        all.clone()
+            .find(|word| word.name() == text)
+            .ok_or_else(|| WordError::new("provenance", text, all.map(Self::name)))
+    }
+}
+
+impl std::fmt::Display for Provenance {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -82,6 +99,22 @@ impl Risk {
             Self::Medium => "medium",
             Self::High => "high",
         }
+    }
+}
+
+impl std::str::FromStr for Risk {
+    type Err = WordError;
+    fn from_str(text: &str) -> Result<Self, WordError> {
+        let all = Self::ALL.into_iter();
+        all.clone()
+            .find(|word| word.name() == text)
+            .ok_or_else(|| WordError::new("risk", text, all.map(Self::name)))
+    }
+}
+
+impl std::fmt::Display for Risk {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
     }
 }
 

@@ -1,5 +1,12 @@
 //! Closed sets of words: one enum, its names in records and on screen, and how a name is read back.
 
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+#[doc(hidden)]
+pub use schemars;
+
 /// A word that is not in its set.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found:?} is not a {what}; allowed: {allowed}")]
@@ -19,10 +26,78 @@ impl WordError {
     }
 }
 
+/// A word as a record has it: one of this build's set, or one that an older or newer build wrote.
+///
+/// It is read leniently and written as it was, so that a record can always be shown; whoever decides by it has to
+/// say what an unknown word means.
+#[derive(
+    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
+#[serde(untagged)]
+pub enum Word<T> {
+    /// A word of the set.
+    Known(T),
+    /// Any other.
+    Unknown(String),
+}
+
+impl<T> Default for Word<T> {
+    /// No word yet.
+    fn default() -> Self {
+        Self::Unknown(String::new())
+    }
+}
+
+impl<T> Word<T> {
+    /// The word, where this build knows it.
+    pub const fn known(&self) -> Option<&T> {
+        match self {
+            Self::Known(word) => Some(word),
+            Self::Unknown(_) => None,
+        }
+    }
+}
+
+impl<T: std::str::FromStr> Word<T> {
+    /// Reads a word.
+    #[must_use]
+    pub fn read(text: String) -> Self {
+        text.parse().map_or_else(|_| Self::Unknown(text), Self::Known)
+    }
+}
+
+impl<T: PartialEq> PartialEq<T> for Word<T> {
+    fn eq(&self, word: &T) -> bool {
+        self.known() == Some(word)
+    }
+}
+
+impl<T> From<T> for Word<T> {
+    fn from(word: T) -> Self {
+        Self::Known(word)
+    }
+}
+
+impl<T: fmt::Display> fmt::Display for Word<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Known(word) => word.fmt(f),
+            Self::Unknown(text) => f.write_str(text),
+        }
+    }
+}
+
+/// The schema of a closed set, for [`words!`](crate::words!).
+#[doc(hidden)]
+#[must_use]
+pub fn schema_of(names: &[&'static str]) -> schemars::Schema {
+    schemars::json_schema!({ "type": "string", "enum": names })
+}
+
 /// Makes an enum without data whose members have a name each, in records, on screen and in JSON alike.
 ///
 /// It gets `ALL` (every member in order), `name()`, `Display`, `FromStr` with a [`WordError`] that lists the set, and
-/// serde as the name.
+/// serde as the name, and a JSON schema that lists the set.
 #[macro_export]
 macro_rules! words {
     ($(#[$doc:meta])* $name:ident, $what:literal, { $($(#[$member_doc:meta])* $member:ident = $text:literal),+ $(,)? }) => {
@@ -38,6 +113,18 @@ macro_rules! words {
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$member => $text),+ }
+            }
+        }
+
+        impl $crate::words::schemars::JsonSchema for $name {
+            fn schema_name() -> ::std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(
+                _: &mut $crate::words::schemars::SchemaGenerator,
+            ) -> $crate::words::schemars::Schema {
+                $crate::words::schema_of(&Self::ALL.map(Self::name))
             }
         }
 

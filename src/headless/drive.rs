@@ -5,7 +5,7 @@ use std::path::Path;
 
 use holdpoint_sim::robot::RobotModel;
 
-use super::script::{DriftStep, Expect, Say, Script, Wait};
+use super::script::{Decider, DriftStep, Expect, Say, Script, Stands, Wait};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::Signals;
@@ -15,6 +15,7 @@ use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
+use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
@@ -122,7 +123,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
         } else if let Some(drift) = &step.drift {
             driver.drift(drift)
         } else if let Some(fault) = &step.fault {
-            driver.accept(Command::LiveFault { fault: Some(fault.kind.name().to_owned()) })
+            driver.accept(Command::LiveFault { fault: Some(fault.kind) })
         } else if let Some(expect) = &step.expect {
             driver.expect(expect, index)
         } else {
@@ -248,10 +249,11 @@ impl Printer<'_> {
 }
 
 /// A reason that was given for the candidate: at which stage, about what.
+#[derive(Clone, Copy)]
 struct Given {
-    stage: String,
-    dimension: String,
-    code: String,
+    stage: Decider,
+    dimension: Dimension,
+    code: ReasonCode,
 }
 
 struct Driver<'a> {
@@ -306,8 +308,10 @@ impl<'a> Driver<'a> {
     fn learn(&mut self, kind: &EventKind) {
         let is_ours = |version: &CapabilityId| self.candidate.as_ref() == Some(version);
         let (stage, reasons) = match kind {
-            EventKind::Decided { version, stage, reasons, .. } if is_ours(version) => (stage.name(), reasons),
-            EventKind::Monitor { version, reasons, .. } if is_ours(version) => ("monitor", reasons),
+            EventKind::Decided { version, stage, reasons, .. } if is_ours(version) => {
+                (Decider::from(*stage), reasons)
+            }
+            EventKind::Monitor { version, reasons, .. } if is_ours(version) => (Decider::Monitor, reasons),
             EventKind::Confirmed { version, .. } if is_ours(version) => {
                 self.confirmed = true;
                 return;
@@ -318,11 +322,8 @@ impl<'a> Driver<'a> {
             }
             _ => return,
         };
-        let given = reasons.iter().map(|reason| Given {
-            stage: stage.to_owned(),
-            dimension: holdpoint_engine::names::word(&reason.dimension),
-            code: reason.code.to_string(),
-        });
+        let given =
+            reasons.iter().map(|reason| Given { stage, dimension: reason.dimension, code: reason.code });
         self.given.extend(given);
     }
 
@@ -398,10 +399,10 @@ impl<'a> Driver<'a> {
             return prompts.iter().any(|open| prompt == "any" || open.version.to_string() == *prompt);
         }
         let Some(view) = self.view() else { return false };
-        match wait.state.as_deref() {
-            Some("confirmed") => self.confirmed,
-            Some("settled") => self.is_settled(&view, idle),
-            Some(state) => view.state.name() == state,
+        match wait.state {
+            Some(Stands::Confirmed) => self.confirmed,
+            Some(Stands::Settled) => self.is_settled(&view, idle),
+            Some(Stands::In(state)) => view.state == state,
             None => false,
         }
     }
@@ -425,41 +426,40 @@ impl<'a> Driver<'a> {
     }
 
     fn drift(&mut self, drift: &DriftStep) -> Result<Step, CliError> {
-        let word = |value: serde_json::Result<serde_json::Value>| {
-            value.ok().and_then(|value| value.as_str().map(ToOwned::to_owned)).unwrap_or_default()
-        };
-        let kind = word(serde_json::to_value(drift.kind));
-        let magnitude = word(serde_json::to_value(drift.magnitude));
-        self.accept(Command::Drift { kind: Some(kind), magnitude })
+        self.accept(Command::Drift { kind: Some(drift.kind), magnitude: Some(drift.magnitude) })
     }
 
     fn expect(&mut self, expect: &Expect, index: usize) -> Result<Step, CliError> {
         let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
         let Some(view) = self.view() else { return fail("nothing was registered".to_owned()) };
-        let state =
-            if self.confirmed && view.state == State::Active { "confirmed" } else { view.state.name() };
-        if state != expect.state && view.state.name() != expect.state {
-            return fail(format!("{} is {state}, {} was expected", view.version, expect.state));
-        }
-        let Some(code) = &expect.reason else { return Ok(Step::Done) };
-        let fits = |given: &Given| {
-            given.code == *code
-                && expect.stage.as_ref().is_none_or(|stage| *stage == given.stage)
-                && expect.dimension.as_ref().is_none_or(|dimension| *dimension == given.dimension)
+        let confirmed = self.confirmed && view.state == State::Active;
+        let fits = match expect.state {
+            Stands::In(state) => view.state == state,
+            Stands::Confirmed => confirmed,
+            Stands::Settled => false,
         };
-        let standing = view.reasons.iter().map(|reason| Given {
-            stage: expect.stage.clone().unwrap_or_default(),
-            dimension: holdpoint_engine::names::word(&reason.dimension),
-            code: reason.code.to_string(),
-        });
+        if !fits {
+            let state = if confirmed { Stands::Confirmed } else { Stands::In(view.state) };
+            let expected = expect.state.name();
+            return fail(format!("{} is {}, {expected} was expected", view.version, state.name()));
+        }
+        let Some(code) = expect.reason else { return Ok(Step::Done) };
+        let fits = |given: &Given| {
+            given.code == code
+                && expect.stage.is_none_or(|stage| stage == given.stage)
+                && expect.dimension.is_none_or(|dimension| dimension == given.dimension)
+        };
         // What people said is no stage's decision; it stands with the candidate.
-        let standing: Vec<Given> = standing.filter(|given| given.code.starts_with("approval-")).collect();
+        let said = view.reasons.iter().filter(|reason| reason.code.is_of_people());
+        let stage = expect.stage.unwrap_or(Decider::Activation);
+        let standing: Vec<Given> =
+            said.map(|reason| Given { stage, dimension: reason.dimension, code: reason.code }).collect();
         if self.given.iter().chain(&standing).any(fits) {
             return Ok(Step::Done);
         }
         let known: Vec<String> =
             self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
-        fail(format!("the reason {code:?} was not given; given were {}", known.join(", ")))
+        fail(format!("the reason {:?} was not given; given were {}", code.as_str(), known.join(", ")))
     }
 
     /// The exit code by what became of the last candidate.

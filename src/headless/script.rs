@@ -14,13 +14,15 @@
 //! expect = { state = "active", reason = "approval-granted" }
 //! ```
 
-use holdpoint_sim::distribution::{DriftKind, Magnitude};
 use serde::Deserialize;
 
-use holdpoint_engine::world::live::LiveFault;
+use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};
+use holdpoint_governance::words::WordError;
 
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
@@ -72,9 +74,9 @@ pub struct Step {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Wait {
-    /// A state's name, or `confirmed`, or `settled` (nothing more happens by itself).
+    /// Until it stands there.
     #[serde(default)]
-    pub state: Option<String>,
+    pub state: Option<Stands>,
     /// Until a prompt for this version (or `any`) is open.
     #[serde(default)]
     pub prompt: Option<String>,
@@ -115,17 +117,77 @@ pub struct FaultStep {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// Its state, or `confirmed`.
-    pub state: String,
+    /// Where it stands.
+    pub state: Stands,
     /// A reason code that must be among those given for it.
     #[serde(default)]
-    pub reason: Option<String>,
-    /// The stage that decided.
+    pub reason: Option<ReasonCode>,
+    /// Who decided.
     #[serde(default)]
-    pub stage: Option<String>,
+    pub stage: Option<Decider>,
     /// The dimension of the reason.
     #[serde(default)]
-    pub dimension: Option<String>,
+    pub dimension: Option<Dimension>,
+}
+
+/// Where a version is to stand: a state of its lifecycle, or what a scenario calls one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum Stands {
+    /// In a state.
+    In(State),
+    /// Active, and its provisional window is over.
+    Confirmed,
+    /// Nothing more happens to it by itself.
+    Settled,
+}
+
+impl Stands {
+    /// The name in scenarios.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::In(state) => state.name(),
+            Self::Confirmed => "confirmed",
+            Self::Settled => "settled",
+        }
+    }
+}
+
+impl TryFrom<String> for Stands {
+    type Error = WordError;
+    fn try_from(text: String) -> Result<Self, WordError> {
+        let all = || State::ALL.map(Self::In).into_iter().chain([Self::Confirmed, Self::Settled]);
+        let known = all().find(|stands| stands.name() == text);
+        known.ok_or_else(|| WordError::new("state to wait for", &text, all().map(Self::name)))
+    }
+}
+
+holdpoint_governance::words! {
+    /// Who decides about a version by itself: a stage, or the monitor.
+    Decider, "stage", {
+        /// Compatibility validation.
+        Validation = "validation",
+        /// Sandbox evaluation with drills.
+        Sandbox = "sandbox",
+        /// Shadow deployment.
+        Shadow = "shadow",
+        /// The gate.
+        Activation = "activation",
+        /// The monitor.
+        Monitor = "monitor",
+    }
+}
+
+impl From<Stage> for Decider {
+    fn from(stage: Stage) -> Self {
+        match stage {
+            Stage::Validation => Self::Validation,
+            Stage::Sandbox => Self::Sandbox,
+            Stage::Shadow => Self::Shadow,
+            Stage::Activation => Self::Activation,
+        }
+    }
 }
 
 impl Script {
@@ -167,15 +229,6 @@ impl Script {
                         "exactly one of state and prompt",
                     );
                 }
-                if let Some(state) = &wait.state
-                    && !is_waitable(state)
-                {
-                    return problem(
-                        &format!("{at}.wait.state"),
-                        state,
-                        "a state's name, confirmed or settled",
-                    );
-                }
                 if let Some(prompt) = &wait.prompt
                     && prompt != "any"
                     && prompt.parse::<CapabilityId>().is_err()
@@ -187,23 +240,9 @@ impl Script {
                     return problem(&format!("{at}.wait.timeout_s"), &wait.timeout_s.to_string(), allowed);
                 }
             }
-            if let Some(expect) = &step.expect
-                && !is_waitable(&expect.state)
-            {
-                return problem(
-                    &format!("{at}.expect.state"),
-                    &expect.state,
-                    "a state's name, confirmed or settled",
-                );
-            }
         }
         Ok(script)
     }
-}
-
-fn is_waitable(state: &str) -> bool {
-    use holdpoint_governance::lifecycle::State;
-    matches!(state, "confirmed" | "settled") || State::ALL.iter().any(|known| known.name() == state)
 }
 
 #[cfg(test)]
@@ -241,6 +280,10 @@ mod tests {
                 "exactly one",
             ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"activ\", timeout_s = 1 }", "activ"),
+            (
+                "profile = \"sim\"\n[[step]]\nexpect = { state = \"active\", stage = \"gate\" }",
+                "validation, sandbox, shadow, activation",
+            ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),
             ("profile = \"sim\"\nstep = []", "0 steps"),

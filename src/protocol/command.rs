@@ -1,19 +1,22 @@
 //! What can be asked of the engine, and what it answers. Plain serde values: the one door for all front ends.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-use serde::{Deserialize, Serialize};
-
-use super::detail::{AuditPage, Detail, Group, RegistryPage, Verified};
+use super::detail::{AuditPage, Detail, RegistryPage, Verified};
+use super::explained::blank;
 use holdpoint_approvals::SignedApproval;
+use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::submission::Package;
 use holdpoint_text::Hint;
 
 /// Something asked of the engine. A command grants nothing: the engine checks every one of them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "command", deny_unknown_fields)]
 pub enum Command {
     /// Take in a candidate version.
@@ -58,15 +61,17 @@ pub enum Command {
     Rearm(Operation),
     /// Let a drift set in, in the simulated cell.
     Drift {
-        /// `sensor-noise`, `distribution-shift`, `actuator-delay`, `combined`; absent ends it.
-        kind: Option<String>,
-        /// `mild`, `middle` or `strong`.
-        magnitude: String,
+        /// What changes; absent ends it.
+        kind: Option<DriftKind>,
+        /// How much; absent (an empty text) where it ends.
+        #[serde(with = "blank")]
+        #[schemars(with = "String")]
+        magnitude: Option<Magnitude>,
     },
     /// Break something in the simulated live world, for a rehearsal.
     LiveFault {
-        /// `telemetry-lost` or `camera-lost`; absent mends it.
-        fault: Option<String>,
+        /// What breaks; absent mends it.
+        fault: Option<LiveFault>,
     },
     /// Note that somebody has seen an alarm.
     AcknowledgeAlarm {
@@ -117,7 +122,7 @@ pub enum Command {
     /// A page of the registry.
     Registry {
         /// Which versions.
-        group: Group,
+        group: VersionGroup,
         /// Whose name contains this; empty for all.
         text: String,
         /// How many to skip.
@@ -143,7 +148,7 @@ pub enum Command {
 }
 
 /// Which version, by whom and why.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Operation {
     /// The version.
@@ -155,7 +160,7 @@ pub struct Operation {
 }
 
 /// A command with the id that makes a retry harmless.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
     /// Chosen by the sender, unique; a retry uses the same.
@@ -165,7 +170,7 @@ pub struct Request {
 }
 
 /// The engine's answer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "reply", deny_unknown_fields)]
 pub enum Reply {
     /// Done, and on disk.
@@ -220,7 +225,7 @@ impl Reply {
 }
 
 /// Why a command was refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refusal {
     /// A value in the command is not allowed.

@@ -2,17 +2,26 @@
 //!
 //! No wall-clock time is in an event: equal scenarios with equal seeds give equal events.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::explained::blank;
+use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
-use holdpoint_governance::outcome::ActivationMode;
-use holdpoint_governance::rollback::{RollbackRecord, RungFailure};
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
+use holdpoint_governance::submission::{Provenance, Risk};
 
 /// One thing that happened.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Event {
     /// Counts from 1 in one engine's life.
     pub seq: u64,
@@ -24,12 +33,12 @@ pub struct Event {
 }
 
 /// A dimension's result, for display.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DimensionResult {
     /// Which.
     pub dimension: Dimension,
     /// The outcome in the dimension's own words.
-    pub outcome: String,
+    pub outcome: DimensionOutcome,
     /// The value; absent where there is no data.
     pub kappa: Option<f64>,
     /// Where the true value lies; absent for what is determined without measuring, and without data.
@@ -41,13 +50,13 @@ pub struct DimensionResult {
 }
 
 /// What happened.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "event")]
 pub enum EventKind {
     /// The engine is up.
     EngineStarted {
         /// The profile.
-        profile: String,
+        profile: ProfileName,
         /// The robot.
         robot: String,
         /// The run's seed.
@@ -75,9 +84,9 @@ pub enum EventKind {
         /// Who made it.
         author: String,
         /// How.
-        provenance: String,
+        provenance: Provenance,
         /// Declared risk.
-        risk: String,
+        risk: Risk,
         /// The version it was made from.
         parent: Option<String>,
     },
@@ -110,7 +119,7 @@ pub enum EventKind {
         /// The stage.
         stage: Stage,
         /// What was decided.
-        outcome: String,
+        outcome: StageOutcome,
         /// The four dimensions as they stand.
         dimensions: Vec<DimensionResult>,
         /// The composite; reported, never gating.
@@ -158,8 +167,8 @@ pub enum EventKind {
         version: CapabilityId,
         /// Who.
         by: String,
-        /// `approve` or `reject`.
-        decision: String,
+        /// What they said.
+        decision: Answer,
         /// Why.
         reason: String,
         /// Approvals so far.
@@ -202,8 +211,8 @@ pub enum EventKind {
     Monitor {
         /// The version.
         version: CapabilityId,
-        /// `restrict`, `escalate` or `rollback`.
-        decision: String,
+        /// What is done, or how a doubt ended.
+        decision: MonitorOutcome,
         /// Why.
         reasons: Vec<Reason>,
     },
@@ -212,7 +221,7 @@ pub enum EventKind {
         /// The version.
         version: CapabilityId,
         /// Which rung.
-        rung: String,
+        rung: Rung,
         /// Whether it held.
         ok: bool,
         /// Why it did not.
@@ -242,14 +251,16 @@ pub enum EventKind {
     /// A drift set in or ended.
     Drift {
         /// Which; absent where it ended.
-        kind: Option<String>,
-        /// How strong.
-        magnitude: String,
+        kind: Option<DriftKind>,
+        /// How strong; absent (an empty text) where it ended.
+        #[serde(with = "blank")]
+        #[schemars(with = "String")]
+        magnitude: Option<Magnitude>,
     },
     /// Something in the live world broke, or was mended.
     LiveFault {
         /// What is broken; absent where nothing is.
-        fault: Option<String>,
+        fault: Option<LiveFault>,
     },
     /// Somebody answered a monitor's question: the version goes on as it is.
     Continued {
@@ -272,9 +283,9 @@ pub enum EventKind {
         /// What it is about.
         subject: String,
         /// Its state.
-        state: String,
+        state: AlarmState,
         /// Its priority.
-        priority: String,
+        priority: Priority,
         /// One sentence.
         text: String,
     },
@@ -290,7 +301,7 @@ pub enum EventKind {
         /// The version.
         version: CapabilityId,
         /// How it ended.
-        outcome: String,
+        outcome: UpgradeEnd,
         /// Records that are about it.
         records: u64,
     },
@@ -331,7 +342,7 @@ pub enum EventKind {
 }
 
 /// What one live task gave.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TaskSummary {
     /// The version that did it.
     pub version: CapabilityId,

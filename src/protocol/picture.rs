@@ -3,15 +3,17 @@
 //! World frame, metres: x forward from the base, y to the left, z up. A picture is taken some thirty times a
 //! second of simulated time and the newest one alone is kept; who looks late has missed the others.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use holdpoint_body::TaskKind;
 use holdpoint_governance::ids::CapabilityId;
 
 /// A point, m.
 pub type Point = [f32; 3];
 
 /// An upright box.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Region {
     /// What it is: `table`, `tray`, `workspace`, or the name of a keep-out.
     pub name: String,
@@ -22,7 +24,7 @@ pub struct Region {
 }
 
 /// What does not move: drawn behind the arm.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Scenery {
     /// Where the tool may be.
     pub workspace: Option<Region>,
@@ -39,7 +41,7 @@ pub type Turn = [f32; 4];
 pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
 
 /// An arm with its gripper and the object it works on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Body {
     /// Joint origins from the base to the tool, in order; at least two.
     pub links: Vec<Point>,
@@ -58,7 +60,7 @@ pub struct Body {
 }
 
 /// A block that stands in the cell for one sequence: a part of the tray, or a piece of clutter.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Block {
     /// Its middle.
     pub at: Point,
@@ -69,7 +71,7 @@ pub struct Block {
 }
 
 /// Where the robot or the object touches something, and how hard.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Contact {
     /// Where.
     pub at: Point,
@@ -81,7 +83,7 @@ pub struct Contact {
 pub const CONTACTS_MAX: usize = 16;
 
 /// The envelope that the guard holds the version at work to.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Envelope {
     /// Largest speed of the tool, m/s.
     pub speed_m_s: f32,
@@ -92,7 +94,7 @@ pub struct Envelope {
 }
 
 /// One moment of the live cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Picture {
     /// The sequence, counting from 0.
     pub sequence: u64,
@@ -100,8 +102,8 @@ pub struct Picture {
     pub at_ms: u64,
     /// Simulated seconds since it began.
     pub at_secs: f64,
-    /// What is being done: `grasp`, `align`, `place`; absent at rest.
-    pub task: Option<String>,
+    /// What is being done; absent at rest.
+    pub task: Option<TaskKind>,
     /// Who does it.
     pub version: Option<CapabilityId>,
     /// The arm.
@@ -127,7 +129,7 @@ pub struct Picture {
 }
 
 /// The twin in its forked world. It drives nothing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Twin {
     /// The candidate.
     pub version: CapabilityId,

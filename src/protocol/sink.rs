@@ -7,6 +7,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::words::Word;
 
 use crate::event::Event;
 use crate::picture::Picture;
@@ -77,7 +79,7 @@ pub struct Closed {
     /// The candidate.
     pub version: CapabilityId,
     /// How the upgrade ended.
-    pub outcome: String,
+    pub outcome: Word<UpgradeEnd>,
     /// The file's name in the folder.
     pub file: String,
     /// SHA-256 of the file.

@@ -2,24 +2,28 @@
 //!
 //! What has not been measured is absent, never zero.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
-use holdpoint_governance::alarms::AlarmSummary;
+use holdpoint_body::rehearsal::{Drift, LiveFault};
+use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{Drills, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::{Provenance, Risk};
 
 /// The whole picture at one moment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Snapshot {
     /// Virtual time, ms.
     pub at_ms: u64,
     /// The profile.
-    pub profile: String,
+    pub profile: ProfileName,
     /// The robot.
     pub robot: String,
     /// The run's seed.
@@ -51,7 +55,7 @@ pub struct Snapshot {
 }
 
 /// A monitor's question: people are needed, or the version is rolled back at the deadline.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct QuestionView {
     /// About which active version.
     pub version: CapabilityId,
@@ -62,7 +66,7 @@ pub struct QuestionView {
 }
 
 /// A family.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FamilyView {
     /// Its name.
     pub family: Family,
@@ -79,7 +83,7 @@ pub struct FamilyView {
 }
 
 /// A candidate (or a version that was one).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateView {
     /// The version.
     pub version: CapabilityId,
@@ -94,9 +98,9 @@ pub struct CandidateView {
     /// Who made it.
     pub author: String,
     /// How.
-    pub provenance: String,
+    pub provenance: Provenance,
     /// Declared risk.
-    pub risk: String,
+    pub risk: Risk,
     /// The running stage: done, budget, what.
     pub progress: Option<ProgressView>,
     /// The four dimensions as they stand.
@@ -116,7 +120,7 @@ pub struct CandidateView {
 }
 
 /// How far a stage is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProgressView {
     /// The stage.
     pub stage: Stage,
@@ -133,7 +137,7 @@ pub struct ProgressView {
 }
 
 /// Paired episodes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairsView {
     /// Pairs.
     pub n: u64,
@@ -148,7 +152,7 @@ pub struct PairsView {
 }
 
 /// Shadow.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShadowView {
     /// Sequences.
     pub n: u64,
@@ -167,7 +171,7 @@ pub struct ShadowView {
 }
 
 /// A shadowed sequence in which the two worlds ended differently.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Disagreement {
     /// Which of the shadowed sequences, counting from 0.
     pub index: u64,
@@ -180,7 +184,7 @@ pub struct Disagreement {
 }
 
 /// Something that waits for people.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PromptView {
     /// Its id.
     pub id: String,
@@ -197,7 +201,7 @@ pub struct PromptView {
     /// Digest of profile and policies.
     pub policy: Digest,
     /// The profile.
-    pub profile: String,
+    pub profile: ProfileName,
     /// Distinct people needed.
     pub needed: u32,
     /// Who has approved.
@@ -223,22 +227,22 @@ pub struct PromptView {
 }
 
 /// An alarm.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AlarmView {
     /// Which.
     pub alarm: String,
     /// What it is about.
     pub subject: String,
     /// Its state.
-    pub state: String,
+    pub state: AlarmState,
     /// Its priority.
-    pub priority: String,
+    pub priority: Priority,
     /// One sentence.
     pub text: String,
     /// Since when, virtual ms.
     pub since_ms: u64,
     /// The state below a shelf; as `state` where there is none.
-    pub state_below: String,
+    pub state_below: AlarmState,
     /// Whether it stays until reset.
     pub latching: bool,
     /// Who has acknowledged it.
@@ -252,7 +256,7 @@ pub struct AlarmView {
 }
 
 /// The live world.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LiveView {
     /// Sequences worked.
     pub sequences: u64,
@@ -263,9 +267,9 @@ pub struct LiveView {
     /// The last sequence.
     pub last: Vec<TaskSummary>,
     /// The drift that has set in.
-    pub drift: Option<String>,
+    pub drift: Option<Drift>,
     /// What is broken.
-    pub fault: Option<String>,
+    pub fault: Option<LiveFault>,
     /// Simulated seconds in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
     /// Success of the last sequences, the newest last; at most fifty.
@@ -275,7 +279,7 @@ pub struct LiveView {
 }
 
 /// A monitor's charts against their limits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MonitorView {
     /// The version it watches.
     pub version: CapabilityId,

@@ -1,12 +1,13 @@
 //! What goes over the socket: one JSON document a line, each side's lines of bounded length.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::command::{Reply, Request};
 use crate::event::Event;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;
@@ -18,7 +19,7 @@ pub const ANSWER_BYTES_MAX: usize = 16 * 1024 * 1024;
 pub const ID_BYTES_MAX: usize = 128;
 
 /// What a client sends.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "call", deny_unknown_fields)]
 pub enum Call {
     /// One request; answered by one [`Answer::Reply`].
@@ -31,7 +32,7 @@ pub enum Call {
 }
 
 /// What the engine's side sends.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "answer", deny_unknown_fields)]
 pub enum Answer {
     /// The first line of every connection.

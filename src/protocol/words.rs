@@ -123,7 +123,7 @@ fn text(kind: &EventKind) -> String {
         }
         EventKind::Rung { version, rung, failure, ms, text, .. } => {
             let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
-            format!("ladder   {version}: {rung} {ended} in {ms} ms: {text}")
+            format!("ladder   {version}: {} {ended} in {ms} ms: {text}", rung.name())
         }
         EventKind::RolledBack {
             version,
@@ -145,7 +145,10 @@ fn text(kind: &EventKind) -> String {
             )
         }
         EventKind::Drift { kind, magnitude } => match kind {
-            Some(kind) => format!("drift    {kind} {magnitude} sets in"),
+            Some(kind) => {
+                let much = magnitude.map_or_else(String::new, |magnitude| format!(" {magnitude}"));
+                format!("drift    {kind}{much} sets in")
+            }
             None => "drift    ends".to_owned(),
         },
         EventKind::LiveFault { fault } => match fault {
@@ -202,5 +205,20 @@ fn kappa(dimension: &DimensionResult) -> String {
     match dimension.kappa {
         Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
         None => format!("{name}=-({})", dimension.outcome),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What has passed the border once is not changed by passing it again.
+    #[test]
+    fn what_is_safe_stays_as_it_is() {
+        let text = "\u{1b}[2J\u{7}\r\n\u{202e}evom\u{200b} a \\u{41} \u{e9}".to_owned();
+        let event = Event { seq: 1, at_ms: 0, kind: EventKind::Scene { text, failed: false } };
+        let once = sentence(&event, 80);
+        assert!(!once.as_str().contains(char::is_control));
+        assert_eq!(Untrusted::new(once.as_str()).display(80).as_str(), once.as_str());
     }
 }

@@ -9,13 +9,15 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
+use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
 
 /// The kind of record that a closed recording leaves; its subject is the version.
-pub const KIND: &str = "recording";
+pub const KIND: RecordKind = RecordKind::Recording;
 
 /// The kind of record that a removed recording leaves; its subject is the version.
-pub const REMOVED_KIND: &str = "recording-removed";
+pub const REMOVED_KIND: RecordKind = RecordKind::RecordingRemoved;
 
 /// A recording as it was when its upgrade was closed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,7 +35,7 @@ pub struct Recorded {
     /// Events that were dropped.
     pub dropped_events: u64,
     /// How the upgrade ended.
-    pub outcome: String,
+    pub outcome: Word<UpgradeEnd>,
 }
 
 /// A recording that was removed.
@@ -101,13 +103,14 @@ impl OnRecord {
     ///
     /// # Errors
     /// [`RecordError`].
-    pub fn take(&mut self, seq: u64, kind: &str, body: &str) -> Result<(), RecordError> {
-        let form = |source| RecordError { seq, kind: kind.to_owned(), source };
-        if kind == KIND {
+    pub fn take(&mut self, record: &AuditRecord) -> Result<(), RecordError> {
+        let AuditRecord { seq, kind, body, .. } = record;
+        let form = |source| RecordError { seq: *seq, kind: kind.to_string(), source };
+        if *kind == KIND {
             let recorded: Recorded = serde_json::from_str(body).map_err(form)?;
             let standing = Standing { recorded: Some(recorded.clone()), removed: None };
             self.0.insert(recorded.file, standing);
-        } else if kind == REMOVED_KIND {
+        } else if *kind == REMOVED_KIND {
             let removed: Removed = serde_json::from_str(body).map_err(form)?;
             let file = removed.file.clone();
             self.0.entry(file).or_default().removed = Some(removed);

@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::{Picture, Scenery};
 
@@ -16,7 +19,7 @@ pub struct About {
     /// The version that was active when the recording began.
     pub predecessor: Option<CapabilityId>,
     /// The profile.
-    pub profile: String,
+    pub profile: Word<ProfileName>,
     /// The robot.
     pub robot: String,
     /// The run's seed.
@@ -40,7 +43,7 @@ pub struct Recording {
     /// Whose it is.
     pub about: About,
     /// How the upgrade ended; absent where the recording was not closed.
-    pub outcome: Option<String>,
+    pub outcome: Option<Word<UpgradeEnd>>,
     /// What does not move.
     pub scenery: Scenery,
     /// Moments of the live cell. A decimated recording has fewer of them; nothing between two is made up.

@@ -7,6 +7,7 @@ use super::change::ActiveCause;
 use super::error::StoreError;
 use super::rows::Table;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::record::RecordKind;
 
 /// A family as it is in the store.
 struct FamilyRow {
@@ -88,13 +89,7 @@ impl Applier<'_> {
             "UPDATE family SET active = ?2, pinned = ?3, bootstrapped = 1 WHERE name = ?1",
             params![family.as_str(), active_name, pinned_name],
         )?;
-        let word = match cause {
-            ActiveCause::Bootstrap => "bootstrap",
-            ActiveCause::Gate { .. } => "gate",
-            ActiveCause::Restore => "restore",
-            ActiveCause::Vacate => "vacate",
-            ActiveCause::Rearm => "rearm",
-        };
+        let word = cause.kind().name();
         self.execute(
             "keep the activation",
             "INSERT INTO activation (seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms)
@@ -103,7 +98,7 @@ impl Applier<'_> {
         )?;
         let rows = vec![(Table::Family, family.to_string()), (Table::Activation, seq.to_string())];
         let subject = active_name.unwrap_or_else(|| family.to_string());
-        Ok(Touched::new("active-set", subject, rows))
+        Ok(Touched::new(RecordKind::ActiveSet, subject, rows))
     }
 
     /// Whether a version was registered as its family's first.
@@ -175,7 +170,7 @@ impl Applier<'_> {
              ON CONFLICT (name) DO UPDATE SET safe_stopped = ?2, reason = ?3",
             params![family.as_str(), safe_stopped, reason],
         )?;
-        Ok(Touched::new("family-set", family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilySet, family, vec![(Table::Family, family.to_string())]))
     }
 
     /// Keeps the lifecycle model's view of a family.
@@ -184,7 +179,7 @@ impl Applier<'_> {
         self.family(family)?;
         let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";
         self.execute("keep a family's standing", sql, params![family.as_str(), json])?;
-        Ok(Touched::new("standing-set", family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::StandingSet, family, vec![(Table::Family, family.to_string())]))
     }
 
     /// Everything recorded for the family up to now no longer counts.
@@ -196,6 +191,6 @@ impl Applier<'_> {
             "UPDATE family SET void_seq = ?2 WHERE name = ?1",
             params![family.as_str(), self.next_seq()],
         )?;
-        Ok(Touched::new("family-voided", family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilyVoided, family, vec![(Table::Family, family.to_string())]))
     }
 }

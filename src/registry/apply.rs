@@ -15,11 +15,13 @@ use super::change::{
 use super::columns::parsed;
 use super::error::StoreError;
 use super::invariants;
-use super::names::{EvidenceKind, OWN_KINDS};
+use super::names::{EvidenceKind, is_own};
 use super::rows::{Table, row_digest};
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::RecordKind;
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
@@ -54,13 +56,13 @@ pub(super) struct Applier<'a> {
 
 /// What a change touched: its record's kind and subject, and the rows whose digests enter it.
 pub(super) struct Touched {
-    kind: &'static str,
+    kind: RecordKind,
     subject: String,
     rows: Vec<(Table, String)>,
 }
 
 impl Touched {
-    pub(super) fn new(kind: &'static str, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
+    pub(super) fn new(kind: RecordKind, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
         Self { kind, subject: subject.to_string(), rows }
     }
 }
@@ -256,27 +258,25 @@ impl Applier<'_> {
             rows.push(json!([table.name(), key, digest]));
         }
         let body = json!({ "change": summary(change)?, "rows": rows });
-        let body =
-            canonical_json(&body).map_err(|error| StoreError::invalid("record", touched.kind, error))?;
+        let body = canonical_json(&body)
+            .map_err(|error| StoreError::invalid("record", touched.kind.name(), error))?;
         let times = (self.at_ms, self.wall_ms);
         self.head = audit::append(self.connection, times, touched.kind, &touched.subject, body)?;
         Ok(())
     }
 
     fn caller_record(&mut self, record: &AuditBody) -> Result<(), StoreError> {
-        check_name("kind of record", &record.kind)?;
-        if OWN_KINDS.contains(&record.kind.as_str()) {
+        if is_own(record.kind) {
             return Err(StoreError::invalid(
                 "kind of record",
-                &record.kind,
+                record.kind.name(),
                 "one the store does not write itself",
             ));
         }
         check_text("subject of a record", &record.subject)?;
         check_json("body of a record", &record.body)?;
         let times = (self.at_ms, self.wall_ms);
-        self.head =
-            audit::append(self.connection, times, &record.kind, &record.subject, record.body.clone())?;
+        self.head = audit::append(self.connection, times, record.kind, &record.subject, record.body.clone())?;
         Ok(())
     }
 
@@ -315,10 +315,10 @@ impl Applier<'_> {
                 check_int("batch", *batch)?;
                 check_int("rows", *rows)?;
                 self.version(version)?;
-                Ok(Touched::new("telemetry-sealed", version, Vec::new()))
+                Ok(Touched::new(RecordKind::TelemetrySealed, version, Vec::new()))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
-                self.alarm(alarm, subject, state, priority, json)
+                self.alarm(alarm, subject, (*state, *priority), json)
             }
         }
     }
@@ -362,7 +362,7 @@ impl Applier<'_> {
                 self.at_ms
             ],
         )?;
-        Ok(Touched::new("evidence-put", version, vec![(Table::Evidence, seq.to_string())]))
+        Ok(Touched::new(RecordKind::EvidencePut, version, vec![(Table::Evidence, seq.to_string())]))
     }
 
     /// Profile, policy digest and since which record; must have been set.
@@ -390,20 +390,18 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
             params![profile, policy_digest.to_string(), json, self.next_seq()],
         )?;
-        Ok(Touched::new("context-set", "", vec![(Table::Context, "1".to_owned())]))
+        Ok(Touched::new(RecordKind::ContextSet, "", vec![(Table::Context, "1".to_owned())]))
     }
 
     fn alarm(
         &mut self,
         alarm: &str,
         subject: &str,
-        state: &str,
-        priority: &str,
+        (state, priority): (AlarmState, Priority),
         json: &str,
     ) -> Result<Touched, StoreError> {
         check_json("alarm", json)?;
-        for (what, text) in [("alarm", alarm), ("subject", subject), ("state", state), ("priority", priority)]
-        {
+        for (what, text) in [("alarm", alarm), ("subject", subject)] {
             check_text(what, text)?;
         }
         let count: Option<u64> =
@@ -421,9 +419,9 @@ impl Applier<'_> {
             "keep an alarm",
             "INSERT INTO alarm (id, subject, state, priority, json, changed_ms) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
              ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
-            params![alarm, subject, state, priority, json, self.at_ms],
+            params![alarm, subject, state.name(), priority.name(), json, self.at_ms],
         )?;
-        Ok(Touched::new("alarm-changed", subject, vec![(Table::Alarm, alarm.to_owned())]))
+        Ok(Touched::new(RecordKind::AlarmChanged, subject, vec![(Table::Alarm, alarm.to_owned())]))
     }
 }
 

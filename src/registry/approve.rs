@@ -9,6 +9,7 @@ use super::rows::Table;
 use holdpoint_approvals::{Identity, SignedApproval};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::record::RecordKind;
 
 impl Applier<'_> {
     pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
@@ -44,7 +45,7 @@ impl Applier<'_> {
             _ => Ok(()),
         })?;
         let rows = vec![(Table::ApprovalRequest, request.id.clone())];
-        Ok(Touched::new("approval-requested", &request.version, rows))
+        Ok(Touched::new(RecordKind::ApprovalRequested, &request.version, rows))
     }
 
     pub(super) fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
@@ -84,7 +85,7 @@ impl Applier<'_> {
                 text
             ],
         )?;
-        Ok(Touched::new("approval-put", &approval.version, vec![(Table::Approval, nonce)]))
+        Ok(Touched::new(RecordKind::ApprovalPut, &approval.version, vec![(Table::Approval, nonce)]))
     }
 
     pub(super) fn consume_approval(
@@ -150,7 +151,7 @@ impl Applier<'_> {
         .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
         crate::fp!("approval-consumed");
         let rows = vec![(Table::Approval, nonce.to_owned())];
-        let touched = Touched::new("approval-consumed", &approval.version, rows);
+        let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version, rows);
         self.approved.entry(name).or_default().insert(approval.who.clone());
         Ok(touched)
     }

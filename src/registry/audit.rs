@@ -7,69 +7,28 @@ use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
-use serde::Serialize;
 
 use super::error::StoreError;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
 
-/// Domain tag of a record's hash.
-const DOMAIN: &str = "holdpoint/audit/v1";
+/// Columns, in the order [`read`] takes them.
+pub(crate) const COLUMNS: &str = "seq, prev, hash, at_ms, kind, subject, body, wall_ms";
 
-/// One record of the chain.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct AuditRecord {
-    /// 1, 2, 3, ... without gaps.
-    pub seq: u64,
-    /// Hash of the record before; zeros for the first.
-    pub prev: Digest,
-    /// SHA-256 over prev, seq, virtual time, kind, subject and body, each with its length, behind a domain tag.
-    pub hash: Digest,
-    /// Virtual time, ms.
-    pub at_ms: u64,
-    /// Kind of record.
-    pub kind: String,
-    /// What it is about: `family`, `family@version`, or empty.
-    pub subject: String,
-    /// JSON text.
-    pub body: String,
-    /// Wall time, ms since 1970; not hashed.
-    pub wall_ms: i64,
-}
-
-impl AuditRecord {
-    /// The hash these fields must have.
-    #[must_use]
-    pub fn expected_hash(&self) -> Digest {
-        Digest::of_parts(
-            DOMAIN,
-            &[
-                self.prev.bytes(),
-                &self.seq.to_le_bytes(),
-                &self.at_ms.to_le_bytes(),
-                self.kind.as_bytes(),
-                self.subject.as_bytes(),
-                self.body.as_bytes(),
-            ],
-        )
-    }
-
-    /// Columns, in the order [`Self::read`] takes them.
-    pub(crate) const COLUMNS: &str = "seq, prev, hash, at_ms, kind, subject, body, wall_ms";
-
-    /// Reads a row of [`Self::COLUMNS`].
-    pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<Self> {
-        Ok(Self {
-            seq: row.get(0)?,
-            prev: Digest::from_bytes(row.get(1)?),
-            hash: Digest::from_bytes(row.get(2)?),
-            at_ms: row.get(3)?,
-            kind: row.get(4)?,
-            subject: row.get(5)?,
-            body: row.get(6)?,
-            wall_ms: row.get(7)?,
-        })
-    }
+/// Reads a row of [`COLUMNS`].
+pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<AuditRecord> {
+    Ok(AuditRecord {
+        seq: row.get(0)?,
+        prev: Digest::from_bytes(row.get(1)?),
+        hash: Digest::from_bytes(row.get(2)?),
+        at_ms: row.get(3)?,
+        kind: Word::read(row.get(4)?),
+        subject: row.get(5)?,
+        body: row.get(6)?,
+        wall_ms: row.get(7)?,
+    })
 }
 
 /// The end of the chain.
@@ -100,7 +59,7 @@ pub(crate) fn head(connection: &Connection) -> rusqlite::Result<Head> {
 pub(crate) fn append(
     connection: &Connection,
     (at_ms, wall_ms): (u64, i64),
-    kind: &str,
+    kind: RecordKind,
     subject: &str,
     body: String,
 ) -> Result<Head, StoreError> {
@@ -111,7 +70,7 @@ pub(crate) fn append(
         prev: before.hash,
         hash: before.hash,
         at_ms,
-        kind: kind.to_owned(),
+        kind: kind.into(),
         subject: subject.to_owned(),
         body,
         wall_ms,
@@ -128,7 +87,7 @@ pub(crate) fn append(
                 record.prev.bytes(),
                 record.hash.bytes(),
                 record.at_ms,
-                record.kind,
+                kind.name(),
                 record.subject,
                 record.body,
                 record.wall_ms
@@ -149,11 +108,11 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
     from_seq: u64,
     mut visit: impl FnMut(AuditRecord) -> Result<(), E>,
 ) -> Result<(), E> {
-    let sql = format!("SELECT {} FROM audit WHERE seq >= ?1 ORDER BY seq", AuditRecord::COLUMNS);
+    let sql = format!("SELECT {COLUMNS} FROM audit WHERE seq >= ?1 ORDER BY seq");
     let mut select = connection.prepare(&sql)?;
     let mut rows = select.query([from_seq])?;
     while let Some(row) = rows.next()? {
-        visit(AuditRecord::read(row)?)?;
+        visit(read(row)?)?;
     }
     Ok(())
 }
@@ -243,7 +202,7 @@ mod tests {
             prev: zero,
             hash: zero,
             at_ms: 2,
-            kind: "k".into(),
+            kind: Word::read("k".into()),
             subject: "s".into(),
             body: "{}".into(),
             wall_ms: 3,
@@ -253,7 +212,7 @@ mod tests {
             |r| r.seq = 2,
             |r| r.prev = Digest::from_bytes([1; 32]),
             |r| r.at_ms = 3,
-            |r| r.kind = "l".into(),
+            |r| r.kind = Word::read("l".into()),
             |r| r.subject = "t".into(),
             |r| r.body = "[]".into(),
         ];

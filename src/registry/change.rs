@@ -8,9 +8,12 @@ use serde::Serialize;
 
 use super::names::{EvidenceKind, RequestState};
 use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::{ActivationCause, RecordKind};
+use holdpoint_governance::submission::{Provenance, Risk};
 
 /// The largest JSON text the store takes for one field, bytes.
 pub const BODY_BYTES_MAX: usize = 4 << 20;
@@ -40,8 +43,8 @@ pub struct Transaction {
 /// A record the caller adds to the audit chain.
 #[derive(Clone, Debug, Serialize)]
 pub struct AuditBody {
-    /// Kind of record, e.g. `decision`; a name of the usual form.
-    pub kind: String,
+    /// Kind of record; one that the store does not write itself.
+    pub kind: RecordKind,
     /// What it is about: `family`, `family@version`, or empty.
     pub subject: String,
     /// JSON text.
@@ -82,10 +85,10 @@ pub struct NewVersion {
     pub submission: String,
     /// Who submitted it.
     pub author: String,
-    /// How it came about: rl, imitation, llm, manual, optimiser.
-    pub provenance: String,
+    /// How it came about.
+    pub provenance: Provenance,
     /// Estimated risk as submitted.
-    pub risk: String,
+    pub risk: Risk,
     /// Permission profile (the manifest's P), JSON text.
     pub permissions: String,
     /// Environment scope (D.environments), JSON text.
@@ -113,6 +116,20 @@ pub enum ActiveCause {
     Vacate,
     /// An operator re-arms a safe-stopped family with a version that was active before.
     Rearm,
+}
+
+impl ActiveCause {
+    /// The cause by name, without what it rests on.
+    #[must_use]
+    pub const fn kind(&self) -> ActivationCause {
+        match self {
+            Self::Bootstrap => ActivationCause::Bootstrap,
+            Self::Gate { .. } => ActivationCause::Gate,
+            Self::Restore => ActivationCause::Restore,
+            Self::Vacate => ActivationCause::Vacate,
+            Self::Rearm => ActivationCause::Rearm,
+        }
+    }
 }
 
 /// One change of the registry.
@@ -234,10 +251,10 @@ pub enum Change {
         alarm: String,
         /// What it is about.
         subject: String,
-        /// Its state, as the alarm module names it.
-        state: String,
-        /// Its priority, as the alarm module names it.
-        priority: String,
+        /// Its state.
+        state: AlarmState,
+        /// Its priority.
+        priority: Priority,
         /// All of it, JSON text.
         json: String,
     },

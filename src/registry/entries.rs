@@ -2,40 +2,13 @@
 
 use super::names::EvidenceKind;
 use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
 #[cfg(doc)]
 use super::views::PAGE_ROWS_MAX;
-
-/// Which versions a list is about.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum VersionGroup {
-    /// Every version.
-    #[default]
-    All,
-    /// In control.
-    Active,
-    /// On the way: registered, validated, sandboxed, shadowed, demoted.
-    Candidate,
-    /// Done: superseded, rolled back, rejected.
-    History,
-}
-
-impl VersionGroup {
-    /// The states of the group.
-    #[must_use]
-    pub const fn states(self) -> &'static [State] {
-        use State as S;
-        match self {
-            Self::All => &S::ALL,
-            Self::Active => &[S::Active],
-            Self::Candidate => &[S::Registered, S::Validated, S::Sandboxed, S::Shadowed, S::Demoted],
-            Self::History => &[S::Superseded, S::RolledBack, S::Rejected],
-        }
-    }
-}
 
 /// What to list.
 #[derive(Clone, Debug, Default)]
@@ -52,31 +25,6 @@ pub struct VersionFilter {
     pub offset: usize,
     /// How many at most; 0 for [`PAGE_ROWS_MAX`].
     pub limit: usize,
-}
-
-/// A version as a list shows it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VersionSummary {
-    /// Family and version.
-    pub id: CapabilityId,
-    /// Lifecycle state.
-    pub state: State,
-    /// Row version.
-    pub row_version: u64,
-    /// What is going on with it.
-    pub flags: Flags,
-    /// kappa I, P, B, R.
-    pub kappas: [Option<f64>; 4],
-    /// Whether it was a family's first version.
-    pub baseline: bool,
-    /// Who submitted it.
-    pub author: String,
-    /// How it came about.
-    pub provenance: String,
-    /// Estimated risk as submitted.
-    pub risk: String,
-    /// Virtual time of the last change, ms.
-    pub changed_ms: u64,
 }
 
 /// One piece of evidence.
@@ -111,8 +59,8 @@ pub struct ActivationEntry {
     pub active: Option<CapabilityId>,
     /// The rollback target from then on.
     pub pinned: Option<CapabilityId>,
-    /// bootstrap, gate, restore, vacate or rearm.
-    pub cause: String,
+    /// Why.
+    pub cause: ActivationCause,
     /// The gate record it rests on.
     pub gate_digest: Option<Digest>,
     /// Virtual time, ms.
@@ -192,9 +140,9 @@ pub struct AlarmEntry {
     /// What it is about.
     pub subject: String,
     /// Its state.
-    pub state: String,
+    pub state: AlarmState,
     /// Its priority.
-    pub priority: String,
+    pub priority: Priority,
     /// All of it, JSON text.
     pub json: String,
     /// Virtual time of the last change, ms.
@@ -209,7 +157,7 @@ pub struct AuditFilter {
     /// Before this record only.
     pub before_seq: Option<u64>,
     /// Of this kind only.
-    pub kind: Option<String>,
+    pub kind: Option<RecordKind>,
     /// About exactly this subject only.
     pub subject: Option<String>,
     /// How many at most; 0 for [`PAGE_ROWS_MAX`].

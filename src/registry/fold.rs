@@ -7,12 +7,13 @@ use std::collections::BTreeMap;
 use rusqlite::Connection;
 use serde::Deserialize;
 
-use super::audit::{AuditRecord, Head, for_each, head};
+use super::audit::{Head, for_each, head};
 use super::columns::parsed;
-use super::names::OWN_KINDS;
+use super::names::is_own;
 use super::rows::{Table, all_rows};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// The first thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -132,29 +133,28 @@ impl Fold {
         if record.at_ms < self.end.at_ms {
             return Err(fault("it is older than the record before".to_owned()));
         }
-        if OWN_KINDS.contains(&record.kind.as_str()) {
+        if let Some(kind) = record.kind.known().copied().filter(|kind| is_own(*kind)) {
             let body: Body =
                 serde_json::from_str(&record.body).map_err(|e| fault(format!("its body: {e}")))?;
-            self.fold_body(record, body)?;
+            self.fold_body(record.seq, kind, body)?;
         }
         self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };
         self.hashes.push(record.hash);
         Ok(())
     }
 
-    fn fold_body(&mut self, record: &AuditRecord, body: Body) -> Result<(), Fault> {
-        let seq = record.seq;
+    fn fold_body(&mut self, seq: u64, kind: RecordKind, body: Body) -> Result<(), Fault> {
         let fault = |problem: String| Fault::Record { seq, problem };
         let unreadable =
             |error: serde_json::Error| Fault::Record { seq, problem: format!("its body: {error}") };
-        match record.kind.as_str() {
-            "version-registered" => {
+        match kind {
+            RecordKind::VersionRegistered => {
                 let new: Registered = serde_json::from_value(body.change).map_err(unreadable)?;
                 if self.states.insert(new.id.clone(), (State::Registered, 1)).is_some() {
                     return Err(fault(format!("{} was registered before", new.id)));
                 }
             }
-            "state-set" => {
+            RecordKind::StateSet => {
                 let set: StateSet = serde_json::from_value(body.change).map_err(unreadable)?;
                 let found = self.states.get(&set.version).copied();
                 if found != Some((set.from, set.expected_row_version)) {
@@ -162,7 +162,7 @@ impl Fold {
                 }
                 self.states.insert(set.version, (set.to, set.expected_row_version + 1));
             }
-            "telemetry-sealed" => {
+            RecordKind::TelemetrySealed => {
                 let sealed: TelemetrySealed = serde_json::from_value(body.change).map_err(unreadable)?;
                 self.batches.push(SealedBatch { seq, batch: sealed.batch, digest: sealed.digest });
             }

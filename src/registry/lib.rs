@@ -29,7 +29,7 @@ mod verify;
 mod version;
 mod views;
 
-pub use audit::{AuditRecord, ExportError, Head};
+pub use audit::{ExportError, Head};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion,
     Receipt, TEXT_BYTES_MAX, Transaction,
@@ -37,7 +37,7 @@ pub use change::{
 pub use checkpoint::Checkpoint;
 pub use entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
-    VersionFilter, VersionGroup, VersionSummary,
+    VersionFilter,
 };
 pub use error::StoreError;
 pub use invariants::{Invariant, Violation, check_invariants};

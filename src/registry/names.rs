@@ -1,25 +1,38 @@
 //! The closed sets of words that only the store has. The schema repeats each set as a CHECK.
 
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::words;
 
-/// Kinds of record that only the store writes; callers may not use them.
-pub(crate) const OWN_KINDS: [&str; 15] = [
-    "version-registered",
-    "state-set",
-    "flags-set",
-    "scores-set",
-    "active-set",
-    "family-set",
-    "family-voided",
-    "standing-set",
-    "evidence-put",
-    "approval-requested",
-    "approval-put",
-    "approval-consumed",
-    "context-set",
-    "telemetry-sealed",
-    "alarm-changed",
-];
+/// Whether only the store writes records of a kind; callers may not use it.
+pub(crate) const fn is_own(kind: RecordKind) -> bool {
+    match kind {
+        RecordKind::VersionRegistered
+        | RecordKind::StateSet
+        | RecordKind::FlagsSet
+        | RecordKind::ScoresSet
+        | RecordKind::ActiveSet
+        | RecordKind::FamilySet
+        | RecordKind::FamilyVoided
+        | RecordKind::StandingSet
+        | RecordKind::EvidencePut
+        | RecordKind::ApprovalRequested
+        | RecordKind::ApprovalPut
+        | RecordKind::ApprovalConsumed
+        | RecordKind::ContextSet
+        | RecordKind::TelemetrySealed
+        | RecordKind::AlarmChanged => true,
+        RecordKind::Decision
+        | RecordKind::Monitor
+        | RecordKind::MonitorAnswer
+        | RecordKind::Shown
+        | RecordKind::AlarmReset
+        | RecordKind::Drift
+        | RecordKind::LiveFault
+        | RecordKind::AuditClosed
+        | RecordKind::Recording
+        | RecordKind::RecordingRemoved => false,
+    }
+}
 
 words! {
     /// What a piece of evidence is about.

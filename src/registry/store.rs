@@ -24,6 +24,7 @@ use super::recovery::{Interrupted, interrupted};
 use super::telemetry::{Batch, BatchReceipt, EpisodeKey, Telemetry, TelemetryLimits};
 use super::views::{ActiveView, Views};
 use holdpoint_approvals::keyfile;
+use holdpoint_governance::record::AuditRecord;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;
@@ -352,7 +353,7 @@ fn check_tail(
     let error = StoreError::sql("read the audit chain");
     let head = audit::head(connection).map_err(&error)?;
     let from = head.seq.saturating_sub(TAIL_RECORDS) + 1;
-    let mut last: Option<audit::AuditRecord> = None;
+    let mut last: Option<AuditRecord> = None;
     let mut problem = None;
     audit::for_each::<rusqlite::Error>(connection, from, |record| {
         let follows =

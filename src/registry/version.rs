@@ -8,6 +8,7 @@ use super::error::StoreError;
 use super::rows::Table;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::record::RecordKind;
 
 /// The most versions a store holds.
 const VERSIONS_MAX: u64 = 100_000;
@@ -39,9 +40,7 @@ impl Applier<'_> {
         ] {
             check_json(what, text)?;
         }
-        for (what, text) in [("author", &new.author), ("provenance", &new.provenance), ("risk", &new.risk)] {
-            check_text(what, text)?;
-        }
+        check_text("author", &new.author)?;
         let (name, family) = (new.id.to_string(), new.id.family.to_string());
         check_text("version", &name)?;
         let count: Option<u64> =
@@ -76,8 +75,8 @@ impl Applier<'_> {
                 new.manifest_digest.to_string(),
                 new.bundle_digest.to_string(),
                 new.author,
-                new.provenance,
-                new.risk,
+                new.provenance.name(),
+                new.risk.name(),
                 new.permissions,
                 new.environments,
                 new.manifest,
@@ -92,7 +91,7 @@ impl Applier<'_> {
             [&family],
         )?;
         Ok(Touched::new(
-            "version-registered",
+            RecordKind::VersionRegistered,
             &name,
             vec![(Table::Version, name.clone()), (Table::Family, family)],
         ))
@@ -139,7 +138,7 @@ impl Applier<'_> {
         self.row_versions_before.entry(name.clone()).or_insert(row_version);
         self.row_versions.push((version.clone(), row_version + 1));
         self.families.insert(version.family.to_string());
-        Ok(Touched::new("state-set", version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::StateSet, version, vec![(Table::Version, name)]))
     }
 
     pub(super) fn set_flags(&mut self, version: &CapabilityId, flags: Flags) -> Result<Touched, StoreError> {
@@ -161,7 +160,7 @@ impl Applier<'_> {
             ],
         )?;
         self.families.insert(version.family.to_string());
-        Ok(Touched::new("flags-set", version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::FlagsSet, version, vec![(Table::Version, name)]))
     }
 
     pub(super) fn set_scores(
@@ -183,7 +182,7 @@ impl Applier<'_> {
                changed_ms = ?7 WHERE name = ?1",
             params![name, i, p, b, r, signature, self.at_ms],
         )?;
-        Ok(Touched::new("scores-set", version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::ScoresSet, version, vec![(Table::Version, name)]))
     }
 }
 

@@ -9,20 +9,20 @@ use std::path::Path;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
-use super::audit::{self, AuditRecord, ExportError, Head};
+use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
 use super::columns::{conversion, parsed, parsed_option};
 use super::entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
-    VersionFilter, VersionSummary,
+    VersionFilter,
 };
 use super::error::StoreError;
 use super::migrate::STORE;
 use super::names::EvidenceKind;
 use super::open::open_reader;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
-use holdpoint_governance::lifecycle::Flags;
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
@@ -307,8 +307,8 @@ impl Views {
             Ok(AlarmEntry {
                 alarm: row.get(0)?,
                 subject: row.get(1)?,
-                state: row.get(2)?,
-                priority: row.get(3)?,
+                state: parsed(row, 2)?,
+                priority: parsed(row, 3)?,
                 json: row.get(4)?,
                 changed_ms: row.get(5)?,
             })
@@ -321,11 +321,12 @@ impl Views {
     /// Where the store cannot be read.
     pub fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
         let order = if filter.newest_first { "DESC" } else { "ASC" };
-        let mut sql = format!("SELECT {} FROM audit WHERE seq >= ?1", AuditRecord::COLUMNS);
+        let mut sql = format!("SELECT {} FROM audit WHERE seq >= ?1", audit::COLUMNS);
         let mut values = vec![Value::Integer(i64::try_from(filter.from_seq).unwrap_or(i64::MAX))];
-        for (column, value) in [("kind", &filter.kind), ("subject", &filter.subject)] {
+        let kind = filter.kind.map(RecordKind::name);
+        for (column, value) in [("kind", kind), ("subject", filter.subject.as_deref())] {
             if let Some(value) = value {
-                values.push(Value::Text(value.clone()));
+                values.push(Value::Text(value.to_owned()));
                 sql.push_str(&format!(" AND {column} = ?{}", values.len()));
             }
         }
@@ -335,7 +336,7 @@ impl Views {
         }
         values.push(Value::Integer(limit(filter.limit)));
         sql.push_str(&format!(" ORDER BY seq {order} LIMIT ?{}", values.len()));
-        many(&self.connection, &sql, params_from_iter(values), AuditRecord::read)
+        many(&self.connection, &sql, params_from_iter(values), audit::read)
     }
 
     /// The end of the chain.
@@ -364,7 +365,7 @@ fn limit(asked: usize) -> i64 {
 
 fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
     Ok(VersionSummary {
-        id: parsed(row, 0)?,
+        version: parsed(row, 0)?,
         state: parsed(row, 1)?,
         row_version: row.get(2)?,
         flags: Flags {
@@ -378,8 +379,8 @@ fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
         kappas: [row.get(9)?, row.get(10)?, row.get(11)?, row.get(12)?],
         baseline: row.get(13)?,
         author: row.get(14)?,
-        provenance: row.get(15)?,
-        risk: row.get(16)?,
+        provenance: parsed(row, 15)?,
+        risk: parsed(row, 16)?,
         changed_ms: row.get(17)?,
     })
 }
@@ -389,7 +390,7 @@ fn read_activation(row: &Row<'_>) -> rusqlite::Result<ActivationEntry> {
         seq: row.get(0)?,
         active: parsed_option(row, 1)?,
         pinned: parsed_option(row, 2)?,
-        cause: row.get(3)?,
+        cause: parsed(row, 3)?,
         gate_digest: parsed_option(row, 4)?,
         at_ms: row.get(5)?,
     })

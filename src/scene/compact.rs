@@ -19,6 +19,8 @@ use super::read::{Contents, contents};
 use super::rows::{Ids, Rows};
 use super::{ReadError, blueprint};
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::words::Word;
 use holdpoint_text::Untrusted;
 
 /// A file that is ended.
@@ -56,7 +58,8 @@ fn with_end(mut chunks: Vec<Chunk>, end: &Tail) -> Vec<Chunk> {
     chunks.retain(|chunk| !said.contains(chunk.entity_path()));
     let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
     tail(&mut rows, end);
-    let outcome = Untrusted::new(end.outcome.as_deref().unwrap_or("open")).line();
+    let outcome = end.outcome.as_ref().map_or_else(|| "open".to_owned(), ToString::to_string);
+    let outcome = Untrusted::new(outcome).line();
     let dropped = format!("{} pictures, {} events", end.dropped.0, end.dropped.1);
     let facts = AnyValues::default()
         .with_component::<Text>("outcome", [Text::from(outcome.as_str())])
@@ -165,7 +168,7 @@ impl Write for Summed {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Found {
     /// It was ended in good order, with this outcome.
-    Ended(Ended, String),
+    Ended(Ended, Word<UpgradeEnd>),
     /// It is readable; its upgrade may go on.
     Open,
 }

@@ -14,6 +14,9 @@ use super::writer::{Open, Place, Writer};
 use super::{read, words};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::{Picture, Scenery};
 use holdpoint_protocol::sink::{Closed, Report};
@@ -25,7 +28,7 @@ use holdpoint_text::{Hint, Problem, Untrusted};
 /// What a recording begins with.
 #[derive(Debug, Default)]
 struct Known {
-    profile: String,
+    profile: Word<ProfileName>,
     robot: String,
     seed: u64,
     scenery: Scenery,
@@ -143,7 +146,7 @@ impl Desk {
         }
         self.known.follow(&event.kind);
         if let EventKind::AuditClosed { version, outcome, .. } = &event.kind {
-            self.close(version, outcome, dropped);
+            self.close(version, *outcome, dropped);
         }
     }
 
@@ -209,7 +212,7 @@ impl Desk {
         self.with(&version, |writer| writer.earlier(pictures));
     }
 
-    fn close(&mut self, version: &CapabilityId, outcome: &str, dropped: (u64, u64)) {
+    fn close(&mut self, version: &CapabilityId, outcome: UpgradeEnd, dropped: (u64, u64)) {
         self.failed.remove(version);
         let Some(writer) = self.writers.remove(version) else { return };
         match writer.end(Some(outcome), dropped) {
@@ -268,7 +271,7 @@ fn cannot_write(error: &std::io::Error) -> Problem {
 
 impl Known {
     fn learn(&mut self, snapshot: &Snapshot) {
-        self.profile.clone_from(&snapshot.profile);
+        self.profile = snapshot.profile.into();
         self.robot.clone_from(&snapshot.robot);
         self.seed = snapshot.seed;
         self.scenery.clone_from(&snapshot.scenery);

@@ -2,8 +2,10 @@
 //!
 //! Foreign text passes the sanitiser, and loses what Markdown would act on.
 
+use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_text::Untrusted;
 
@@ -53,9 +55,7 @@ pub fn phase(kind: &EventKind) -> Option<String> {
         EventKind::ApprovalRequested { .. } => "waits for people".to_owned(),
         EventKind::Activated { .. } => "active, provisional".to_owned(),
         EventKind::Confirmed { .. } => "active, confirmed".to_owned(),
-        EventKind::Monitor { decision, .. } => {
-            format!("active, {}", Untrusted::new(decision).display(40).as_str())
-        }
+        EventKind::Monitor { decision, .. } => format!("active, {decision}"),
         EventKind::Rung { .. } => "rollback ladder".to_owned(),
         EventKind::RolledBack { .. } => "rolled back".to_owned(),
         _ => return None,
@@ -82,11 +82,20 @@ pub fn level(kind: &EventKind) -> &'static str {
 
 /// How much an alarm matters.
 #[must_use]
-pub fn alarm_level(priority: &str, state: &str) -> &'static str {
+pub const fn alarm_level(priority: Priority, state: AlarmState) -> &'static str {
     match (state, priority) {
-        ("normal", _) => "INFO",
-        (_, "high" | "critical") => "ERROR",
-        _ => "WARN",
+        (AlarmState::Normal, _) => "INFO",
+        (
+            AlarmState::Unacknowledged
+            | AlarmState::Acknowledged
+            | AlarmState::ReturnedUnacknowledged
+            | AlarmState::Latched
+            | AlarmState::Shelved,
+            priority,
+        ) => match priority {
+            Priority::Critical | Priority::High => "ERROR",
+            Priority::Low => "WARN",
+        },
     }
 }
 
@@ -96,7 +105,7 @@ pub fn document(
     about: &About,
     phase: Option<&str>,
     decided: Option<&Event>,
-    outcome: Option<&str>,
+    outcome: Option<UpgradeEnd>,
 ) -> String {
     let predecessor = about.predecessor.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
     let mut page = format!(
@@ -105,14 +114,14 @@ pub fn document(
         plain(&about.version.to_string()),
         plain(&predecessor),
         about.digest.short(),
-        plain(&about.profile),
+        plain(&about.profile.to_string()),
         plain(&about.robot),
         about.seed,
         plain(&about.engine_build),
         plain(phase.unwrap_or("registered")),
     );
     if let Some(outcome) = outcome {
-        page.push_str(&format!("| outcome | **{}** |\n", plain(outcome)));
+        page.push_str(&format!("| outcome | **{outcome}** |\n"));
     }
     if let Some(event) = decided {
         page.push_str(&decision(event));
@@ -124,7 +133,7 @@ fn decision(event: &Event) -> String {
     let secs = event.at_ms / 1000;
     match &event.kind {
         EventKind::Decided { stage, outcome, dimensions, reasons, .. } => {
-            let mut text = format!("\n## {}: {}\n\nat {secs} s\n\n", plain(stage.name()), plain(outcome));
+            let mut text = format!("\n## {stage}: {outcome}\n\nat {secs} s\n\n");
             text.push_str("| dimension | value | limit | outcome |\n|---|---|---|---|\n");
             for dimension in dimensions {
                 text.push_str(&row(dimension));
@@ -132,7 +141,7 @@ fn decision(event: &Event) -> String {
             text + &list(reasons)
         }
         EventKind::Monitor { decision, reasons, .. } => {
-            format!("\n## monitor: {}\n\nat {secs} s\n{}", plain(decision), list(reasons))
+            format!("\n## monitor: {decision}\n\nat {secs} s\n{}", list(reasons))
         }
         EventKind::RolledBack { restored, trigger, recovered, .. } => {
             let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
@@ -146,7 +155,7 @@ fn decision(event: &Event) -> String {
 fn row(dimension: &DimensionResult) -> String {
     let name = dimension.dimension.words();
     let value = dimension.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
-    format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, plain(&dimension.outcome))
+    format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, dimension.outcome)
 }
 
 fn list(reasons: &[Reason]) -> String {
@@ -178,8 +187,8 @@ mod tests {
 
     #[test]
     fn an_alarm_that_is_over_is_no_error() {
-        assert_eq!(alarm_level("high", "normal"), "INFO");
-        assert_eq!(alarm_level("high", "unacknowledged"), "ERROR");
-        assert_eq!(alarm_level("low", "unacknowledged"), "WARN");
+        assert_eq!(alarm_level(Priority::High, AlarmState::Normal), "INFO");
+        assert_eq!(alarm_level(Priority::High, AlarmState::Unacknowledged), "ERROR");
+        assert_eq!(alarm_level(Priority::Low, AlarmState::Unacknowledged), "WARN");
     }
 }

@@ -14,7 +14,9 @@ use super::limits::{FILE_BYTES_MAX, PATH_EVERY_MS};
 use super::pace::{News, Pace};
 use super::rows::Ids;
 use super::{ReadError, blueprint, words};
+use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Closed;
@@ -211,7 +213,11 @@ impl Writer {
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn end(mut self, outcome: Option<&str>, dropped: (u64, u64)) -> Result<Option<Closed>, ReadError> {
+    pub fn end(
+        mut self,
+        outcome: Option<UpgradeEnd>,
+        dropped: (u64, u64),
+    ) -> Result<Option<Closed>, ReadError> {
         let into = self.place.segments.first().cloned().unwrap_or_default();
         let failed = |source| ReadError::file(&into, source);
         self.flush().map_err(failed)?;
@@ -222,11 +228,11 @@ impl Writer {
             }
             return Ok(None);
         };
-        let tail = Tail { outcome: Some(outcome.to_owned()), dropped };
+        let tail = Tail { outcome: Some(outcome.into()), dropped };
         let ended = compact::join(&self.place.stem, &self.place.segments, &into, &tail)?;
         Ok(Some(Closed {
             version: self.head.about.version.clone(),
-            outcome: outcome.to_owned(),
+            outcome: outcome.into(),
             file: into.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
             digest: ended.digest,
             bytes: ended.bytes,
@@ -248,7 +254,7 @@ fn news(kind: &EventKind) -> Option<(Option<u64>, News)> {
         EventKind::Monitor { .. } | EventKind::Rung { .. } | EventKind::RolledBack { .. } => {
             Some((None, News::Decisive))
         }
-        EventKind::Alarm { state, .. } if state != "normal" => Some((None, News::Noted)),
+        EventKind::Alarm { state, .. } if *state != AlarmState::Normal => Some((None, News::Noted)),
         _ => None,
     }
 }
@@ -278,7 +284,7 @@ fn properties(drawing: &mut Drawing, head: &Head) {
         .with_component::<components::Text>("candidate", [text(&about.version.to_string())])
         .with_component::<components::Text>("digest", [text(&about.digest.to_string())])
         .with_component::<components::Text>("predecessor", [text(&predecessor)])
-        .with_component::<components::Text>("profile", [text(&about.profile)])
+        .with_component::<components::Text>("profile", [text(&about.profile.to_string())])
         .with_component::<components::Text>("robot", [text(&about.robot)])
         .with_component::<components::Text>("seed", [text(&about.seed.to_string())])
         .with_component::<components::Text>("engine", [text(&about.engine_build)]);

@@ -24,7 +24,9 @@ use holdpoint::console::keymap::Keymap;
 use holdpoint::console::look::{Look, LookOptions};
 use holdpoint::console::model::{Model, Settings, View};
 use holdpoint::governance::lifecycle::{Flags, State};
-use holdpoint::protocol::detail::{RegistryPage, RegistryRow};
+use holdpoint::governance::record::VersionSummary;
+use holdpoint::governance::submission::{Provenance, Risk};
+use holdpoint::protocol::detail::RegistryPage;
 use pty::{Console, Home};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -72,18 +74,19 @@ fn row(what: &str, mut times: Vec<Duration>, budget: &str) {
 fn frames() -> Vec<Duration> {
     let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
     let mut model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
-    let version = |number: u64| RegistryRow {
+    let version = |number: u64| VersionSummary {
         version: format!("family{}@1.0.{number}", number % 50).parse().unwrap(),
         state: State::Superseded,
+        row_version: 1,
         flags: Flags::default(),
         kappas: [Some(0.97), Some(0.95), Some(0.9), None],
         baseline: false,
         author: "refinery".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "low".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Low,
         changed_ms: number,
     };
-    let mut rows: Vec<RegistryRow> = (0..ROWS).map(version).collect();
+    let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();
     rows.sort_by(|a, b| a.version.cmp(&b.version));
     model.registry.page = Arc::new(RegistryPage { rows, total: ROWS, thresholds: [0.95, 0.9, 0.85, 0.8] });
     model.view = View::Registry;

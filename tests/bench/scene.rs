@@ -175,8 +175,8 @@ fn in_shadow(at_ms: u64) -> Vec<Event> {
         version: version.clone(),
         digest: Digest::of_parts("measurement", &[b"grasp"]),
         author: "measurement".to_owned(),
-        provenance: "manual".to_owned(),
-        risk: "low".to_owned(),
+        provenance: holdpoint::governance::submission::Provenance::Manual,
+        risk: holdpoint::governance::submission::Risk::Low,
         parent: Some("grasp@1.0.0".to_owned()),
     };
     let begins = EventKind::StageStarted { version, stage: Stage::Shadow, budget: SEQUENCES };

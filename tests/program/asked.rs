@@ -7,11 +7,13 @@ use holdpoint::engine::cell::Cell;
 use holdpoint::engine::people::approvals::SHOWN_BYTES_MAX;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::approval::Answer;
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::{RecordKind, VersionGroup};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
-use holdpoint::protocol::detail::{Group, PAGE_MAX};
+use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
 
 struct Bench {
@@ -95,7 +97,7 @@ fn what_is_refused_changes_nothing() {
         (Command::Pace { times: Some(2.0) }, Refusal::NotNow),
         (Command::Detail { version: "align@7.0.0".parse().unwrap() }, Refusal::NotFound),
         (
-            Command::Registry { group: Group::All, text: "x".repeat(1_000), offset: 0, limit: 10 },
+            Command::Registry { group: VersionGroup::All, text: "x".repeat(1_000), offset: 0, limit: 10 },
             Refusal::BadInput,
         ),
         (Command::Audit { before: None, subject: "x".repeat(1_000), limit: 10 }, Refusal::BadInput),
@@ -122,13 +124,13 @@ fn an_alarm_is_told_in_full() {
     };
     let key = "safe-stopped:grasp";
     let shown = alarm(&bench, key).unwrap();
-    assert_eq!((shown.state.as_str(), shown.latching, shown.raises), ("unacknowledged", true, 1));
+    assert_eq!((shown.state, shown.latching, shown.raises), (AlarmState::Unacknowledged, true, 1));
     assert_eq!(shown.acknowledged_by, None);
     assert_eq!(bench.engine.snapshot().alarm_summary.unacknowledged.iter().sum::<u32>(), 1);
     let seen = bench.ask(Command::AcknowledgeAlarm { alarm: text(key), by: text("ada") });
     assert!(matches!(seen, Reply::Accepted { .. }), "{seen:?}");
     let shown = alarm(&bench, key).unwrap();
-    assert_eq!((shown.state.as_str(), shown.acknowledged_by.as_deref()), ("acknowledged", Some("ada")));
+    assert_eq!((shown.state, shown.acknowledged_by.as_deref()), (AlarmState::Acknowledged, Some("ada")));
 }
 
 #[test]
@@ -150,7 +152,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
             row_version: candidate.row_version,
             evidence_digest: candidate.digest,
             policy_digest: snapshot.policy,
-            profile: snapshot.profile.clone(),
+            profile: snapshot.profile.to_string(),
             store_id: text("another"),
             nonce: Nonce::random().unwrap(),
             not_after_ms: u64::MAX,
@@ -164,7 +166,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     assert_eq!(decide(SHOWN_BYTES_MAX), Refusal::NotFound);
     let audit = bench.ask(Command::Audit { before: None, subject: String::new(), limit: 100 });
     let Reply::Audit { page } = audit else { panic!("no page") };
-    assert!(page.rows.iter().all(|row| row.kind != "shown"));
+    assert!(page.rows.iter().all(|row| row.kind != RecordKind::Shown));
 }
 
 #[test]
@@ -203,12 +205,12 @@ fn pages_are_bounded_and_go_on() {
         }
         other => panic!("{other:?}"),
     };
-    let (all, total) = names(bench.ask(registry(Group::All, "", 0, u64::MAX)));
+    let (all, total) = names(bench.ask(registry(VersionGroup::All, "", 0, u64::MAX)));
     assert_eq!(all, ["align@1.0.0", "grasp@1.0.0", "park@1.0.0", "place@1.0.0"]);
     assert_eq!(total, 4);
-    assert_eq!(names(bench.ask(registry(Group::Active, "gr", 0, 10))).0, ["grasp@1.0.0"]);
-    assert_eq!(names(bench.ask(registry(Group::All, "", 1, 2))), (all[1..3].to_vec(), 4));
-    assert!(names(bench.ask(registry(Group::History, "", 0, 10))).0.is_empty());
+    assert_eq!(names(bench.ask(registry(VersionGroup::Active, "gr", 0, 10))).0, ["grasp@1.0.0"]);
+    assert_eq!(names(bench.ask(registry(VersionGroup::All, "", 1, 2))), (all[1..3].to_vec(), 4));
+    assert!(names(bench.ask(registry(VersionGroup::History, "", 0, 10))).0.is_empty());
 
     let page = |reply: Reply| match reply {
         Reply::Audit { page } => page,

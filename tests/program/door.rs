@@ -19,6 +19,7 @@ use holdpoint::engine::pump::Pump;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
@@ -65,12 +66,8 @@ fn client(folder: &Path) -> Client {
     Client::connect(&Layout::new(folder)).unwrap().expect("an engine answers")
 }
 
-fn drift(seq: u64, text: &str) -> Event {
-    Event {
-        seq,
-        at_ms: seq,
-        kind: EventKind::Drift { kind: Some(text.to_owned()), magnitude: "mild".to_owned() },
-    }
+fn told(seq: u64, text: &str) -> Event {
+    Event { seq, at_ms: seq, kind: EventKind::Scene { text: text.to_owned(), failed: false } }
 }
 
 /// A connection that speaks by hand.
@@ -134,7 +131,7 @@ fn a_client_is_answered_and_told_what_happens() {
                 kinds.push("registered");
             }
             EventKind::AuditClosed { outcome, .. } => {
-                assert_eq!(outcome, "rejected");
+                assert_eq!(outcome, UpgradeEnd::Rejected);
                 break;
             }
             _ => {}
@@ -263,7 +260,7 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     // Far more than the ring and the socket's buffers hold.
     let (count, text) = (30_000, "x".repeat(200));
     for seq in 1..=count {
-        door.publish(&[drift(seq, &text)]);
+        door.publish(&[told(seq, &text)]);
     }
     let (mut read, mut missed, mut last) = (0, 0, 0);
     while last < count {
@@ -357,7 +354,7 @@ fn every_answer_survives_the_wire() {
     for answer in [
         Answer::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
         Answer::Subscribed,
-        Answer::Event { event: Box::new(drift(1, "\u{1b}[2J\n")) },
+        Answer::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
         Answer::Lagged { missed: 3 },
         Answer::Closed { text: "why".to_owned() },
     ] {

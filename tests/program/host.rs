@@ -4,7 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use holdpoint::body::TaskKind;
+use holdpoint::body::rehearsal::{DriftKind, Magnitude};
 use holdpoint::engine::host::{Host, HostConfig, OUTSTANDING_MAX, Update};
+use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::event::{Event, EventKind};
@@ -152,7 +155,7 @@ fn it_starts_answers_works_and_ends() {
 fn an_abort_stops_the_arm_in_flight() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
-    front.picture(|picture| picture.task.as_deref() == Some("grasp") && picture.speed_m_s > 0.02);
+    front.picture(|picture| picture.task == Some(TaskKind::Grasp) && picture.speed_m_s > 0.02);
     let asked = Instant::now();
     let reply = front.carry_out(Command::Rollback(operation("grasp@1.0.0")));
     let took = asked.elapsed();
@@ -186,7 +189,7 @@ fn what_happens_between_sequences_waits_and_the_rest_does_not() {
     let mut front = Front::start(folder.path(), Some(4.0));
     front.picture(|picture| picture.task.is_some());
     let drift =
-        front.ask(Command::Drift { kind: Some("sensor_noise".to_owned()), magnitude: "mild".to_owned() });
+        front.ask(Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) });
     let audit = front.ask(Command::Audit { before: None, subject: String::new(), limit: 3 });
     let Reply::Audit { page } = front.answer(&audit) else { panic!("no page") };
     assert_eq!(page.rows.len(), 3);
@@ -263,7 +266,7 @@ fn inside_a_panic() {
         assert!(snapshot.holding.as_deref().is_some_and(|why| why.contains("on purpose")), "{snapshot:?}");
         let alarm = snapshot.alarms.iter().find(|alarm| alarm.alarm == "engine-fault").unwrap();
         assert!(alarm.latching);
-        assert_eq!(alarm.state, "unacknowledged");
+        assert_eq!(alarm.state, AlarmState::Unacknowledged);
         let held = front.carry_out(Command::Pause(operation("align@1.1.0")));
         assert_eq!(refusal(&held), Refusal::Holding);
         let seen = Command::AcknowledgeAlarm { alarm: "engine-fault".to_owned(), by: "ada".to_owned() };

@@ -87,7 +87,7 @@ fn store(root: &Path) -> PathBuf {
         outcome: closed.outcome,
     };
     let body = serde_json::to_string(&recorded).unwrap();
-    let audit = vec![AuditBody { kind: KIND.to_owned(), subject: closed.version.to_string(), body }];
+    let audit = vec![AuditBody { kind: KIND, subject: closed.version.to_string(), body }];
     let command_id = "closed".to_owned();
     store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
     folder.join(closed.file)

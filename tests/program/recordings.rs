@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::recordings::folder;
 use holdpoint::recordings::recording::Recording;
@@ -86,7 +87,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     assert_eq!(dropped, [0, 0]);
     assert!(bytes < 2 << 20, "{bytes} bytes");
 
-    assert_eq!(recording.outcome.as_deref(), Some("rejected"));
+    assert_eq!(recording.outcome, Some(UpgradeEnd::Rejected.into()));
     assert!(recording.pictures.iter().any(|picture| picture.twin.is_some()), "the twin is in it");
     assert!(recording.pictures.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms));
     let decided = |events: &[Event]| -> Vec<Event> {

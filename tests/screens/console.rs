@@ -12,6 +12,8 @@ use holdpoint::console::palette::Palette;
 use holdpoint::console::prompt::{Prompt, Stale};
 use holdpoint::console::theme;
 use holdpoint::governance::alarms::AlarmSummary;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::words::Word;
 use holdpoint::protocol::detail::Verified;
 use holdpoint::protocol::snapshot::Snapshot;
 use ratatui::buffer::Buffer;
@@ -103,7 +105,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
             shelved: 0,
             flood: false,
         },
-        profile: "sim".to_owned(),
+        profile: ProfileName::Sim,
         ..support::snapshot()
     }));
     occasions.push(("first_use", first));
@@ -111,7 +113,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let mut doubtful = support::at(View::Shadow);
     let mut held = support::snapshot();
     held.holding = Some("paused by grace: lens is being cleaned".to_owned());
-    "real".clone_into(&mut held.profile);
+    held.profile = ProfileName::Real;
     doubtful.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
     doubtful.snapshot = Some(Arc::new(held));
     doubtful.snapshot_ms = 48_000;
@@ -221,7 +223,6 @@ fn poisoned(text: &str, view: View) -> Model {
     }
     for candidate in &mut snapshot.candidates {
         text.clone_into(&mut candidate.author);
-        text.clone_into(&mut candidate.provenance);
         candidate.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
         if let Some(progress) = &mut candidate.progress {
             text.clone_into(&mut progress.what);
@@ -231,8 +232,6 @@ fn poisoned(text: &str, view: View) -> Model {
             shadow.disagreements.iter_mut().for_each(|one| text.clone_into(&mut one.text));
         }
     }
-    snapshot.live.drift = Some(text.to_owned());
-    snapshot.live.fault = Some(text.to_owned());
     snapshot
         .live
         .monitors
@@ -243,14 +242,14 @@ fn poisoned(text: &str, view: View) -> Model {
     model.snapshot = Some(Arc::new(snapshot));
     let mut detail = support::detail();
     text.clone_into(&mut detail.summary);
-    detail.parent = Some(text.to_owned());
     detail.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
     detail.untested = vec![text.to_owned()];
-    detail.differences.iter_mut().for_each(|one| one.candidate = Some(text.to_owned()));
+    detail.differences.iter_mut().for_each(|one| one.new = Some(text.into()));
     model.detail = model.detail.map(|_| Arc::new(detail));
     let mut page = (*model.audit).clone();
     for row in &mut page.rows {
-        for field in [&mut row.kind, &mut row.subject, &mut row.body] {
+        row.kind = Word::read(text.to_owned());
+        for field in [&mut row.subject, &mut row.body] {
             text.clone_into(field);
         }
     }

@@ -7,6 +7,7 @@ use holdpoint::console::replay::model::Model;
 use holdpoint::console::replay::print;
 use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::timeline::Timeline;
+use holdpoint::governance::words::Word;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::recordings::recording::Recording;
 use ratatui::buffer::Buffer;
@@ -155,16 +156,14 @@ fn poisoned() -> Recording {
     let mut recording = upgrade::recording();
     let poison = |text: &mut String| HOSTILE.clone_into(text);
     poison(&mut recording.about.robot);
-    poison(&mut recording.about.profile);
+    recording.about.profile = Word::read(HOSTILE.to_owned());
     poison(&mut recording.about.engine_build);
-    recording.outcome = Some(HOSTILE.to_owned());
+    recording.outcome = Some(Word::read(HOSTILE.to_owned()));
     recording.series.iter_mut().for_each(|series| series.name = format!("shadow/{HOSTILE}"));
     recording.scenery.keep_outs.iter_mut().for_each(|region| poison(&mut region.name));
-    recording.pictures.iter_mut().for_each(|picture| picture.task = Some(HOSTILE.to_owned()));
     for event in &mut recording.events {
         match &mut event.kind {
-            EventKind::Decided { reasons, outcome, .. } => {
-                poison(outcome);
+            EventKind::Decided { reasons, .. } => {
                 for reason in reasons {
                     poison(&mut reason.text);
                 }

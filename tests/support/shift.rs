@@ -1,16 +1,21 @@
 //! What an engine shows in the middle of a shift, made by hand: every screen has something to show.
 
-use holdpoint_governance::alarms::AlarmSummary;
+use holdpoint_body::TaskKind;
+use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
+use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::evidence::Signature;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
-use holdpoint_protocol::detail::{
-    AuditRow, Detail, DifferenceView, DrillView, ExplainedLine, ExplainedView, Measure, ModeView,
-    RegistryPage, RegistryRow,
-};
+use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
+use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage};
 use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
 use holdpoint_protocol::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
@@ -38,15 +43,15 @@ fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
 fn dimensions(kappas: [Option<f64>; 4]) -> Vec<DimensionResult> {
     let which = [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
     let outcome = |kappa: Option<f64>, threshold| match kappa {
-        None => "no-data",
-        Some(kappa) if kappa >= threshold => "compatible",
-        Some(_) => "suspicious",
+        None => DimensionOutcome::NoData,
+        Some(kappa) if kappa >= threshold => DimensionOutcome::Compatible,
+        Some(_) => DimensionOutcome::Suspicious,
     };
     let parts = which.into_iter().zip(kappas).zip(LIMITS);
     parts
         .map(|((dimension, kappa), threshold)| DimensionResult {
             dimension,
-            outcome: outcome(kappa, threshold).to_owned(),
+            outcome: outcome(kappa, threshold),
             kappa,
             interval: kappa
                 .filter(|kappa| *kappa < 1.0)
@@ -78,8 +83,8 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
         flags,
         row_version: 7,
         author: "ada".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "medium".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Medium,
         progress: None,
         dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.871)]),
         composite: Some(0.912),
@@ -180,7 +185,7 @@ pub fn question(tier: u8) -> PromptView {
         row_version: 7,
         evidence: digest("evidence"),
         policy: digest("policy"),
-        profile: "human".to_owned(),
+        profile: ProfileName::Human,
         needed: if tier == 2 { 2 } else { 1 },
         approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
         deadline_ms: NOW_MS + 1_742_000,
@@ -198,16 +203,16 @@ pub fn question(tier: u8) -> PromptView {
     }
 }
 
-fn alarm(alarm: &str, priority: &str, state: &str, text: &str, since_ms: u64) -> AlarmView {
+fn alarm(alarm: &str, priority: Priority, state: AlarmState, text: &str, since_ms: u64) -> AlarmView {
     AlarmView {
         alarm: alarm.to_owned(),
         subject: alarm.rsplit(':').next().unwrap_or(alarm).to_owned(),
-        state: state.to_owned(),
-        priority: priority.to_owned(),
+        state,
+        priority,
         text: text.to_owned(),
         since_ms,
-        state_below: state.to_owned(),
-        latching: priority == "critical",
+        state_below: state,
+        latching: priority == Priority::Critical,
         acknowledged_by: None,
         shelf: None,
         raises: 1,
@@ -216,38 +221,27 @@ fn alarm(alarm: &str, priority: &str, state: &str, text: &str, since_ms: u64) ->
 }
 
 fn alarms() -> Vec<AlarmView> {
-    let mut acknowledged = alarm(
-        "drift:place@1.0.0",
-        "high",
-        "acknowledged",
-        "success of the last sequences fell below the baseline",
-        540_000,
-    );
+    use AlarmState as S;
+    use Priority as P;
+    let fallen = "success of the last sequences fell below the baseline";
+    let mut acknowledged = alarm("drift:place@1.0.0", P::High, S::Acknowledged, fallen, 540_000);
     acknowledged.acknowledged_by = Some("grace".to_owned());
-    let mut shelved =
-        alarm("camera:align@1.0.0", "low", "shelved", "frames arrive late, 3 in a minute", 400_000);
-    "unacknowledged".clone_into(&mut shelved.state_below);
+    let late = "frames arrive late, 3 in a minute";
+    let mut shelved = alarm("camera:align@1.0.0", P::Low, S::Shelved, late, 400_000);
+    shelved.state_below = S::Unacknowledged;
     shelved.shelf = Some(("grace".to_owned(), "the camera is being exchanged".to_owned(), NOW_MS + 900_000));
     shelved.raises = 7;
     shelved.chattering = true;
+    let silent = "the monitor has had no samples for 3 s and holds the arm";
+    let diverged = "one sequence diverged by 0.42, limit 0.30 on average";
+    let full = "the audit log's disk is 81 % full";
+    let slow = "the rollback took 1.9 s, limit 1.5 s";
     vec![
-        alarm(
-            "monitor:grasp@1.0.0",
-            "critical",
-            "unacknowledged",
-            "the monitor has had no samples for 3 s and holds the arm",
-            749_000,
-        ),
-        alarm(
-            "shadow:place@1.1.0",
-            "high",
-            "returned-unacknowledged",
-            "one sequence diverged by 0.42, limit 0.30 on average",
-            700_000,
-        ),
-        alarm("store:disk", "low", "unacknowledged", "the audit log's disk is 81 % full", 650_000),
+        alarm("monitor:grasp@1.0.0", P::Critical, S::Unacknowledged, silent, 749_000),
+        alarm("shadow:place@1.1.0", P::High, S::ReturnedUnacknowledged, diverged, 700_000),
+        alarm("store:disk", P::Low, S::Unacknowledged, full, 650_000),
         acknowledged,
-        alarm("ladder:grasp@1.0.9", "critical", "latched", "the rollback took 1.9 s, limit 1.5 s", 300_000),
+        alarm("ladder:grasp@1.0.9", P::Critical, S::Latched, slow, 300_000),
         shelved,
     ]
 }
@@ -276,7 +270,7 @@ fn live() -> LiveView {
         recent_success: Some(0.94),
         recent: 50,
         last: Vec::new(),
-        drift: Some("friction, strong".to_owned()),
+        drift: Some(Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong }),
         fault: None,
         pace: None,
         outcomes: (0..50).map(|index| index % 17 != 4).collect(),
@@ -330,7 +324,7 @@ pub fn picture() -> Picture {
         sequence: 211,
         at_ms: NOW_MS,
         at_secs: 3.42,
-        task: Some("grasp".to_owned()),
+        task: Some(TaskKind::Grasp),
         version: Some(id("grasp@1.0.0")),
         body: body(0.5, true),
         speed_m_s: 0.21,
@@ -349,7 +343,7 @@ pub fn picture() -> Picture {
 pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
-        profile: "human".to_owned(),
+        profile: ProfileName::Human,
         robot: "arm-1".to_owned(),
         seed: 42,
         policy: digest("policy"),
@@ -384,15 +378,16 @@ pub fn snapshot() -> Snapshot {
 
 /// The registry's first page.
 pub fn registry_page() -> RegistryPage {
-    let row = |version: &str, state, flags, kappas| RegistryRow {
+    let row = |version: &str, state, flags, kappas| VersionSummary {
         version: id(version),
         state,
+        row_version: 7,
         flags,
         kappas,
         baseline: version.ends_with("1.0.0"),
         author: "ada".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "medium".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Medium,
         changed_ms: 300_000,
     };
     let none = Flags::default();
@@ -422,30 +417,27 @@ pub fn registry_page() -> RegistryPage {
     RegistryPage { rows, total, thresholds: LIMITS }
 }
 
-pub fn audit_rows() -> Vec<AuditRow> {
-    let row = |seq: u64, kind: &str, subject: &str, body: &str| AuditRow {
+pub fn audit_rows() -> Vec<AuditRecord> {
+    use RecordKind as K;
+    let row = |seq: u64, kind: RecordKind, subject: &str, body: &str| AuditRecord {
         seq,
         at_ms: seq * 1_900,
-        kind: kind.to_owned(),
+        kind: kind.into(),
         subject: subject.to_owned(),
         body: body.to_owned(),
+        prev: digest(subject),
         hash: digest(body),
+        wall_ms: 0,
     };
+    let said = r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#;
+    let began = r#"{"stage":"shadow","outcome":"started","budget":40}"#;
+    let decided = r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#;
+    let made = r#"{"author":"ada","provenance":"optimiser","digest":"9f3c"}"#;
     vec![
-        row(
-            391,
-            "approval",
-            "align@2.0.0",
-            r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#,
-        ),
-        row(390, "stage", "place@1.1.0", r#"{"stage":"shadow","outcome":"started","budget":40}"#),
-        row(
-            389,
-            "decision",
-            "place@1.1.0",
-            r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#,
-        ),
-        row(388, "registered", "grasp@1.1.0", r#"{"author":"ada","provenance":"refined","digest":"9f3c"}"#),
+        row(391, K::ApprovalPut, "align@2.0.0", said),
+        row(390, K::FlagsSet, "place@1.1.0", began),
+        row(389, K::Decision, "place@1.1.0", decided),
+        row(388, K::VersionRegistered, "grasp@1.1.0", made),
     ]
 }
 
@@ -472,12 +464,12 @@ pub fn detail() -> Detail {
     Detail {
         version: id("align@2.0.0"),
         against: Some(id("align@1.0.0")),
-        parent: Some("align@1.0.0".to_owned()),
+        parent: Some(id("align@1.0.0")),
         digest: digest("align@2.0.0"),
         summary: "Turns the wrist before it lowers, which needs less room above the tray.".to_owned(),
         author: "ada".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "medium".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Medium,
         registered_ms: 120_000,
         dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.821)]),
         composite: Some(0.912),
@@ -495,21 +487,17 @@ pub fn detail() -> Detail {
         ],
         conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
         differences: vec![
-            DifferenceView {
+            Difference {
                 field: "envelope.force_max_n".to_owned(),
-                active: Some("12".to_owned()),
-                candidate: Some("20".to_owned()),
+                old: Some("12".into()),
+                new: Some("20".into()),
             },
-            DifferenceView {
+            Difference {
                 field: "permissions.force_control".to_owned(),
-                active: None,
-                candidate: Some("up to 20 N".to_owned()),
+                old: None,
+                new: Some("up to 20 N".into()),
             },
-            DifferenceView {
-                field: "inputs.tray_height".to_owned(),
-                active: Some("optional, m".to_owned()),
-                candidate: None,
-            },
+            Difference { field: "inputs.tray_height".to_owned(), old: Some("optional, m".into()), new: None },
         ],
         behavior: measures(),
         modes: vec![
@@ -517,22 +505,22 @@ pub fn detail() -> Detail {
             ModeView { mode: "slippery".to_owned(), measures: measures() },
         ],
         drills: vec![
-            DrillView { kind: "rollback".to_owned(), candidate: [49, 50], active: [50, 50] },
-            DrillView { kind: "abort".to_owned(), candidate: [41, 50], active: [48, 50] },
+            DrillView { kind: DrillKind::Rollback, candidate: [49, 50], active: [50, 50] },
+            DrillView { kind: DrillKind::Abort, candidate: [41, 50], active: [48, 50] },
         ],
-        decisions: vec![ExplainedView {
+        decisions: vec![Explained {
             record: 371,
             at_ms: 700_000,
-            stage: "sandbox".to_owned(),
-            outcome: "pass-restricted".to_owned(),
-            rule: ["composition".to_owned(), "design 3.7".to_owned()],
-            reasons: vec![ExplainedLine {
-                code: "recovery-conditional".to_owned(),
-                dimension: "recovery".to_owned(),
+            ruling: Ruling::Sandbox(StageOutcome::RollbackReview.into()),
+            rule: Rule::Sandbox,
+            reasons: vec![ExplainedReason {
+                code: Some(ReasonCode::RecoveryConditional.into()),
+                dimension: Some(Dimension::Recovery.into()),
                 in_favour: false,
                 text: "recovery is clearly below the active version's".to_owned(),
                 evidence: Some(0.821),
                 limit: Some(0.85),
+                rule: Rule::Recovery,
                 measured: Some("41 of 50, 0.82 [0.69, 0.90]".to_owned()),
             }],
             change: vec!["44 of 50 abort drills would have to pass".to_owned()],

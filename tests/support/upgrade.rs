@@ -1,5 +1,13 @@
 //! A recording made by hand: an upgrade that passes sandbox and shadow, is activated, drifts and is rolled back.
 
+use holdpoint::body::TaskKind;
+use holdpoint::governance::approval::Answer;
+use holdpoint::governance::monitor::MonitorOutcome;
+use holdpoint::governance::outcome::StageOutcome;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::UpgradeEnd;
+use holdpoint::governance::rollback::PostStatus;
+use holdpoint::governance::submission::{Provenance, Risk};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::ActivationMode;
@@ -35,13 +43,19 @@ fn at(at_ms: u64, kind: EventKind) -> (u64, EventKind) {
     (at_ms, kind)
 }
 
-fn decided(at_ms: u64, stage: Stage, outcome: &str, code: ReasonCode, text: &str) -> (u64, EventKind) {
+fn decided(
+    at_ms: u64,
+    stage: Stage,
+    outcome: StageOutcome,
+    code: ReasonCode,
+    text: &str,
+) -> (u64, EventKind) {
     at(
         at_ms,
         EventKind::Decided {
             version: id(NEW),
             stage,
-            outcome: outcome.to_owned(),
+            outcome,
             dimensions: snapshot().candidates[0].dimensions.clone(),
             composite: Some(0.912),
             reasons: vec![reason(code, Dimension::Behavior, text)],
@@ -85,7 +99,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
         time_to_restored_ms: Some(750),
         unsafe_continuation_ms: 0,
         rungs: Vec::new(),
-        post_status: "rolled-back".to_owned(),
+        post_status: PostStatus::RolledBack,
         recovered: Some(true),
         resumed_tasks: 2,
     };
@@ -111,8 +125,8 @@ fn evaluation() -> Vec<(u64, EventKind)> {
                 version: id(NEW),
                 digest: digest(NEW),
                 author: "ada".to_owned(),
-                provenance: "refined".to_owned(),
-                risk: "medium".to_owned(),
+                provenance: Provenance::Optimiser,
+                risk: Risk::Medium,
                 parent: Some(OLD.to_owned()),
             },
         ),
@@ -120,7 +134,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
         decided(
             700_400,
             Stage::Validation,
-            "validated",
+            StageOutcome::Sandbox,
             ReasonCode::BehaviorCompatible,
             "all four checks hold",
         ),
@@ -137,7 +151,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
     events.push(decided(
         757_000,
         Stage::Sandbox,
-        "sandboxed",
+        StageOutcome::Shadow,
         ReasonCode::BehaviorCompatible,
         "no component is worse than the active version's beyond its tolerance: success 0.971 against 0.940 in 480 pairs",
     ));
@@ -153,7 +167,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
     events.push(decided(
         800_000,
         Stage::Shadow,
-        "shadowed",
+        StageOutcome::Pass,
         ReasonCode::BehaviorCompatible,
         "mean output divergence 0.112, limit 0.30",
     ));
@@ -177,7 +191,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
         EventKind::ApprovalReceived {
             version: id(NEW),
             by: "grace".to_owned(),
-            decision: "approve".to_owned(),
+            decision: Answer::Approve,
             reason: "read the evidence".to_owned(),
             have: 1,
             needed: 1,
@@ -198,7 +212,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
         851_000,
         EventKind::Monitor {
             version: id(NEW),
-            decision: "rollback".to_owned(),
+            decision: MonitorOutcome::Rollback,
             reasons: vec![reason(
                 ReasonCode::BehaviorSuspicious,
                 Dimension::Monitor,
@@ -210,7 +224,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
     events.push(moved(851_100, State::Active, State::RolledBack, "the monitor tripped"));
     events.push(at(
         880_000,
-        EventKind::AuditClosed { version: id(NEW), outcome: "rolled-back".to_owned(), records: 61 },
+        EventKind::AuditClosed { version: id(NEW), outcome: UpgradeEnd::RolledBack, records: 61 },
     ));
     events
 }
@@ -226,7 +240,7 @@ fn pictures() -> Vec<Picture> {
             one.sequence = index;
             one.at_ms = start_ms + number * EVERY_MS;
             one.at_secs = (number * EVERY_MS) as f64 / 1000.0;
-            one.task = Some("place".to_owned());
+            one.task = Some(TaskKind::Place);
             one.version = Some(id(if with_twin { OLD } else { NEW }));
             one.speed_m_s = 0.22 + 0.18 * swing;
             one.force_n = if index == 4 && number > 115 { 31.0 } else { 6.0 + 4.0 * swing };
@@ -280,12 +294,12 @@ pub fn recording() -> Recording {
             version: id(NEW),
             digest: digest(NEW),
             predecessor: Some(id(OLD)),
-            profile: "sim".to_owned(),
+            profile: ProfileName::Sim.into(),
             robot: "arm-1".to_owned(),
             seed: 42,
             engine_build: "0.1.0".to_owned(),
         },
-        outcome: Some("rolled-back".to_owned()),
+        outcome: Some(UpgradeEnd::RolledBack.into()),
         scenery: snapshot().scenery,
         pictures: pictures(),
         events: (1..).zip(events).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),

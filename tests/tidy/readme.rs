@@ -188,8 +188,8 @@ fn scenarios_are_listed_with_the_code_they_end_with() {
     let mut there = BTreeMap::new();
     for (name, script) in scenarios() {
         let last = script.steps.iter().rev().find_map(|step| step.expect.as_ref());
-        let state = last.map(|expect| expect.state.clone()).unwrap_or_default();
-        let code = code_of(&state).map_or_else(|| format!("no code for {state:?}"), |code| code.to_string());
+        let state = last.map_or("", |expect| expect.state.name());
+        let code = code_of(state).map_or_else(|| format!("no code for {state:?}"), |code| code.to_string());
         there.insert(name, code);
     }
     assert_eq!(said, there);

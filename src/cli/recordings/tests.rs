@@ -23,11 +23,11 @@ fn store() -> (tempfile::TempDir, Context) {
             pictures: 3,
             dropped_pictures: 0,
             dropped_events: 0,
-            outcome: "confirmed".to_owned(),
+            outcome: holdpoint_governance::record::UpgradeEnd::Confirmed.into(),
         };
         if on_record {
             let body = serde_json::to_string(&recorded).unwrap();
-            audit.push(AuditBody { kind: KIND.to_owned(), subject: "grasp@1.1.0".to_owned(), body });
+            audit.push(AuditBody { kind: KIND, subject: "grasp@1.1.0".to_owned(), body });
         }
     }
     let transaction =

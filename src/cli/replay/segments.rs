@@ -55,20 +55,21 @@ fn add(all: &mut Vec<Series>, more: Series) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::record::UpgradeEnd;
     use holdpoint_recordings::recording::About;
 
-    fn part(outcome: Option<&str>, points: &[(u64, f64)], name: &str) -> Recording {
+    fn part(outcome: Option<UpgradeEnd>, points: &[(u64, f64)], name: &str) -> Recording {
         Recording {
             about: About {
                 version: "grasp@1.1.0".parse().unwrap(),
                 digest: holdpoint_governance::ids::Digest::from_bytes([1; 32]),
                 predecessor: None,
-                profile: "sim".to_owned(),
+                profile: holdpoint_governance::profile::ProfileName::Sim.into(),
                 robot: "arm7".to_owned(),
                 seed: 1,
                 engine_build: "test".to_owned(),
             },
-            outcome: outcome.map(str::to_owned),
+            outcome: outcome.map(Into::into),
             scenery: holdpoint_protocol::picture::Scenery::default(),
             pictures: Vec::new(),
             events: Vec::new(),
@@ -82,10 +83,10 @@ mod tests {
         let parts = vec![
             part(None, &[(1, 1.0), (5, 2.0)], "a"),
             part(None, &[(7, 3.0)], "b"),
-            part(Some("confirmed"), &[(9, 4.0)], "a"),
+            part(Some(UpgradeEnd::Confirmed), &[(9, 4.0)], "a"),
         ];
         let whole = join(parts).unwrap();
-        assert_eq!((whole.outcome.as_deref(), whole.dropped), (Some("confirmed"), (3, 6)));
+        assert_eq!((whole.outcome, whole.dropped), (Some(UpgradeEnd::Confirmed.into()), (3, 6)));
         let points: Vec<(&str, usize)> =
             whole.series.iter().map(|series| (series.name.as_str(), series.points.len())).collect();
         assert_eq!(points, [("a", 3), ("b", 1)]);

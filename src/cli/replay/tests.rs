@@ -21,10 +21,10 @@ fn store() -> (tempfile::TempDir, Context) {
         pictures: 1,
         dropped_pictures: 0,
         dropped_events: 0,
-        outcome: "confirmed".to_owned(),
+        outcome: holdpoint_governance::record::UpgradeEnd::Confirmed.into(),
     };
     let body = serde_json::to_string(&recorded).unwrap();
-    let audit = vec![AuditBody { kind: KIND.to_owned(), subject: "grasp@1.1.0".to_owned(), body }];
+    let audit = vec![AuditBody { kind: KIND, subject: "grasp@1.1.0".to_owned(), body }];
     let command_id = "test".to_owned();
     store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
     let context = Context { data: root.path().to_owned(), data_given: true, json: false };

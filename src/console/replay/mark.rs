@@ -1,7 +1,9 @@
 //! What an event is on the time bar: sign, role, how grave it is, and whether it is a turn in the upgrade's story.
 
 use crate::look::{Glyph, Role};
-use crate::theme::Mark as Outcome;
+use crate::theme::mark::of_stage;
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
 
 /// A mark on the time bar. Where several fall on one column the gravest is shown.
@@ -35,18 +37,24 @@ pub fn of(kind: &EventKind) -> Option<Mark> {
     let aside = |glyph, role, weight| Some(Mark { glyph, role, weight, is_turn: false });
     match kind {
         EventKind::RolledBack { .. } => turn((Glyph::Returned, Role::Bad), 9),
-        EventKind::Monitor { decision, .. } if decision == "rollback" => turn((Glyph::Bad, Role::Bad), 8),
-        EventKind::Monitor { .. } => turn((Glyph::Warning, Role::Warning), 7),
-        EventKind::Decided { outcome, .. } => {
-            let sign = Outcome::outcome(outcome);
+        EventKind::Monitor { decision, .. } => match decision {
+            MonitorOutcome::Rollback => turn((Glyph::Bad, Role::Bad), 8),
+            MonitorOutcome::Continue
+            | MonitorOutcome::Escalate
+            | MonitorOutcome::Restrict
+            | MonitorOutcome::Settled
+            | MonitorOutcome::DoubtRemains => turn((Glyph::Warning, Role::Warning), 7),
+        },
+        EventKind::Decided { stage, outcome, .. } => {
+            let sign = of_stage(*stage, *outcome);
             turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
         }
         EventKind::Activated { .. } => turn((Glyph::Up, Role::Good), 7),
         EventKind::Confirmed { .. } | EventKind::Continued { .. } => turn((Glyph::Good, Role::Good), 6),
-        EventKind::ApprovalReceived { decision, .. } if decision == "approve" => {
-            turn((Glyph::Good, Role::Good), 6)
-        }
-        EventKind::ApprovalReceived { .. } => turn((Glyph::Bad, Role::Bad), 8),
+        EventKind::ApprovalReceived { decision, .. } => match decision {
+            Answer::Approve => turn((Glyph::Good, Role::Good), 6),
+            Answer::Reject => turn((Glyph::Bad, Role::Bad), 8),
+        },
         EventKind::ApprovalRequested { .. } => aside(Glyph::Waiting, Role::Waiting, 5),
         EventKind::Rung { ok: false, .. } | EventKind::Fault { .. } => aside(Glyph::Bad, Role::Bad, 7),
         EventKind::LiveFault { fault: Some(_) } | EventKind::Drift { kind: Some(_), .. } => {

@@ -4,6 +4,7 @@
 
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::{Event, EventKind};
 
 /// How a version stood.
@@ -80,10 +81,13 @@ fn apply(standing: &mut Standing, version: &CapabilityId, kind: &EventKind) {
             *flags = Flags { provisional: *provisional_episodes > 0, ..Flags::default() };
         }
         EventKind::Confirmed { version: of, .. } if of == version => flags.provisional = false,
-        EventKind::Monitor { version: of, decision, .. } if of == version => match decision.as_str() {
-            "restrict" => flags.restricted = true,
-            "rollback" => flags.rollback_pending = true,
-            _ => {}
+        EventKind::Monitor { version: of, decision, .. } if of == version => match decision {
+            MonitorOutcome::Restrict => flags.restricted = true,
+            MonitorOutcome::Rollback => flags.rollback_pending = true,
+            MonitorOutcome::Continue
+            | MonitorOutcome::Escalate
+            | MonitorOutcome::Settled
+            | MonitorOutcome::DoubtRemains => {}
         },
         EventKind::Rung { version: of, .. } if of == version => flags.rollback_pending = true,
         EventKind::RolledBack { version: of, .. } if of == version => *flags = Flags::default(),

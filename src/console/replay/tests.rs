@@ -9,6 +9,9 @@ use super::super::timeline::Timeline;
 use super::{Effect, Msg, What, update};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::{Body, NO_TURN, Picture, Scenery};
 use holdpoint_recordings::recording::{About, Recording};
@@ -49,10 +52,10 @@ fn pictures() -> Vec<Picture> {
 
 fn recording() -> Recording {
     let version: holdpoint_governance::ids::CapabilityId = "grasp@1.1.0".parse().unwrap();
-    let decided = |stage, outcome: &str| EventKind::Decided {
+    let decided = |stage, outcome| EventKind::Decided {
         version: version.clone(),
         stage,
-        outcome: outcome.to_owned(),
+        outcome,
         dimensions: Vec::new(),
         composite: None,
         reasons: Vec::new(),
@@ -76,9 +79,9 @@ fn recording() -> Recording {
         (10_000, EventKind::StageStarted { version: version.clone(), stage: Stage::Sandbox, budget: 9 }),
         (13_000, progress(3)),
         (16_000, progress(6)),
-        (19_500, decided(Stage::Sandbox, "sandboxed")),
+        (19_500, decided(Stage::Sandbox, StageOutcome::Shadow)),
         (19_500, moved(State::Validated, State::Sandboxed)),
-        (41_500, decided(Stage::Shadow, "rejected")),
+        (41_500, decided(Stage::Shadow, StageOutcome::Fail)),
         (50_000, moved(State::Sandboxed, State::Rejected)),
     ];
     Recording {
@@ -86,12 +89,12 @@ fn recording() -> Recording {
             version: version.clone(),
             digest: Digest::of_parts("test", &[b"grasp"]),
             predecessor: None,
-            profile: "sim".to_owned(),
+            profile: ProfileName::Sim.into(),
             robot: "arm-1".to_owned(),
             seed: 1,
             engine_build: "test".to_owned(),
         },
-        outcome: Some("rejected".to_owned()),
+        outcome: Some(UpgradeEnd::Rejected.into()),
         scenery: Scenery::default(),
         pictures: pictures(),
         events: (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),

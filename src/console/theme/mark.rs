@@ -2,7 +2,16 @@
 
 use super::Role;
 use crate::look::Glyph;
-use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::rollback::PostStatus;
+use holdpoint_governance::words::Word;
+use holdpoint_protocol::explained::{PeopleSaid, Ruling};
 
 /// How a state is shown: always all three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,42 +29,41 @@ const fn mark(glyph: Glyph, word: &'static str, role: Role) -> Mark {
 }
 
 impl Mark {
-    /// Of an alarm's priority by name.
+    /// Of an alarm's priority.
     #[must_use]
-    pub fn priority(name: &str) -> Self {
-        match name {
-            "critical" => mark(Glyph::Critical, "CRIT", Role::Critical),
-            "high" => mark(Glyph::High, "HIGH", Role::High),
-            "low" => mark(Glyph::Low, "LOW", Role::Low),
-            _ => mark(Glyph::Unknown, "unknown", Role::High),
+    pub const fn priority(priority: Priority) -> Self {
+        match priority {
+            Priority::Critical => mark(Glyph::Critical, "CRIT", Role::Critical),
+            Priority::High => mark(Glyph::High, "HIGH", Role::High),
+            Priority::Low => mark(Glyph::Low, "LOW", Role::Low),
         }
     }
 
-    /// Of an alarm's state by name.
+    /// Of an alarm's state.
     #[must_use]
-    pub fn alarm_state(name: &str) -> Self {
-        match name {
-            "unacknowledged" => mark(Glyph::Warning, "unacknowledged", Role::Text),
-            "returned-unacknowledged" => mark(Glyph::Returned, "returned", Role::Text),
-            "acknowledged" => mark(Glyph::Good, "acknowledged", Role::Quiet),
-            "latched" => mark(Glyph::Latched, "latched", Role::Warning),
-            "shelved" => mark(Glyph::Paused, "shelved", Role::Quiet),
-            "normal" => mark(Glyph::Neutral, "normal", Role::Quiet),
-            _ => mark(Glyph::Unknown, "unknown", Role::Text),
+    pub const fn alarm_state(state: AlarmState) -> Self {
+        match state {
+            AlarmState::Unacknowledged => mark(Glyph::Warning, "unacknowledged", Role::Text),
+            AlarmState::ReturnedUnacknowledged => mark(Glyph::Returned, "returned", Role::Text),
+            AlarmState::Acknowledged => mark(Glyph::Good, "acknowledged", Role::Quiet),
+            AlarmState::Latched => mark(Glyph::Latched, "latched", Role::Warning),
+            AlarmState::Shelved => mark(Glyph::Paused, "shelved", Role::Quiet),
+            AlarmState::Normal => mark(Glyph::Neutral, "normal", Role::Quiet),
         }
     }
 
-    /// Of a profile by name.
+    /// Of a profile.
     #[must_use]
-    pub fn profile(name: &str) -> Self {
-        match name {
-            "sim" => mark(Glyph::Sim, "SIM", Role::BannerSim),
-            "real" => mark(Glyph::Real, "REAL", Role::BannerReal),
-            "human" => mark(Glyph::Human, "HUMAN", Role::BannerHuman),
-            // What is not known is treated as the gravest.
-            _ => mark(Glyph::Unknown, "UNKNOWN", Role::BannerHuman),
+    pub const fn profile(profile: ProfileName) -> Self {
+        match profile {
+            ProfileName::Sim => mark(Glyph::Sim, "SIM", Role::BannerSim),
+            ProfileName::Real => mark(Glyph::Real, "REAL", Role::BannerReal),
+            ProfileName::Human => mark(Glyph::Human, "HUMAN", Role::BannerHuman),
         }
     }
+
+    /// Of a profile that this build does not know: treated as the gravest.
+    pub const NO_PROFILE: Self = mark(Glyph::Unknown, "UNKNOWN", Role::BannerHuman);
 
     /// Of a version: what asks for attention first, then what runs, then where it stands.
     #[must_use]
@@ -103,37 +111,21 @@ impl Mark {
     /// Of something not measured.
     pub const UNKNOWN: Self = mark(Glyph::Unknown, "no data", Role::Unknown);
 
-    /// Of a dimension's outcome in its own words.
-    #[must_use]
-    pub fn outcome(word: &str) -> (Glyph, Role) {
-        match word {
-            "pass" | "passed" | "compatible" | "promoted" | "approved" | "confirmed" | "validated"
-            | "sandboxed" | "shadowed" | "active" | "activate" => (Glyph::Good, Role::Good),
-            "incompatible" | "fragile" | "reject" | "rejected" | "fail" | "failed" | "rollback"
-            | "rolled-back" => (Glyph::Bad, Role::Bad),
-            "conditional" | "review" | "suspicious" | "inconclusive" | "pass-restricted" | "restrict"
-            | "escalate" | "demote" | "demoted" | "hold" | "held" | "rollback-review" => {
-                (Glyph::Warning, Role::Warning)
-            }
-            "no-data" | "unknown" => (Glyph::Unknown, Role::Unknown),
-            _ => (Glyph::Neutral, Role::Text),
-        }
-    }
-
     /// One mark of each kind, for the preview.
     #[must_use]
     pub fn samples() -> Vec<(&'static str, Self)> {
         let flags = Flags::default();
         let mut samples = Vec::new();
-        for name in ["sim", "real", "human"] {
-            samples.push(("profile", Self::profile(name)));
-        }
-        for name in ["critical", "high", "low"] {
-            samples.push(("alarm", Self::priority(name)));
-        }
-        for name in ["unacknowledged", "returned-unacknowledged", "acknowledged", "latched", "shelved"] {
-            samples.push(("alarm state", Self::alarm_state(name)));
-        }
+        samples.extend(ProfileName::ALL.map(|profile| ("profile", Self::profile(profile))));
+        samples.extend(Priority::ALL.map(|priority| ("alarm", Self::priority(priority))));
+        let told = [
+            AlarmState::Unacknowledged,
+            AlarmState::ReturnedUnacknowledged,
+            AlarmState::Acknowledged,
+            AlarmState::Latched,
+            AlarmState::Shelved,
+        ];
+        samples.extend(told.map(|state| ("alarm state", Self::alarm_state(state))));
         samples.extend(State::ALL.map(|state| ("version", Self::version(state, &flags))));
         let flagged = [
             (State::Active, Flags { provisional: true, ..flags }),
@@ -147,5 +139,131 @@ impl Mark {
         samples.extend(stages.map(|stage| ("stage", stage)));
         samples.push(("family", Self::SAFE_STOPPED));
         samples
+    }
+}
+
+/// Sign and role of an outcome, which is told in its own word beside them.
+pub type Sign = (Glyph, Role);
+
+const GOOD: Sign = (Glyph::Good, Role::Good);
+const BAD: Sign = (Glyph::Bad, Role::Bad);
+const DOUBT: Sign = (Glyph::Warning, Role::Warning);
+const UNKNOWN: Sign = (Glyph::Unknown, Role::Unknown);
+const PLAIN: Sign = (Glyph::Neutral, Role::Text);
+
+/// The sign of a dimension's outcome.
+#[must_use]
+pub const fn of_dimension(outcome: DimensionOutcome) -> Sign {
+    match outcome {
+        DimensionOutcome::Compatible => GOOD,
+        DimensionOutcome::Conditional
+        | DimensionOutcome::Review
+        | DimensionOutcome::Suspicious
+        | DimensionOutcome::Inconclusive => DOUBT,
+        DimensionOutcome::Fragile | DimensionOutcome::Incompatible => BAD,
+        DimensionOutcome::NoData => UNKNOWN,
+    }
+}
+
+/// The sign of what a stage ended with. A recommendation of the stage just worked is no step onward.
+#[must_use]
+pub const fn of_stage(stage: Stage, outcome: StageOutcome) -> Sign {
+    match (outcome, stage) {
+        (StageOutcome::Pass | StageOutcome::Activate, _) => GOOD,
+        (StageOutcome::Sandbox, Stage::Validation) => GOOD,
+        (StageOutcome::Sandbox, Stage::Sandbox | Stage::Shadow | Stage::Activation) => DOUBT,
+        (StageOutcome::Shadow, Stage::Validation | Stage::Sandbox) => GOOD,
+        (StageOutcome::Shadow, Stage::Shadow | Stage::Activation) => DOUBT,
+        (StageOutcome::Reject | StageOutcome::Fail, _) => BAD,
+        (
+            StageOutcome::PassRestricted
+            | StageOutcome::Review
+            | StageOutcome::RollbackReview
+            | StageOutcome::Inconclusive
+            | StageOutcome::Hold
+            | StageOutcome::Demote,
+            _,
+        ) => DOUBT,
+        (StageOutcome::NoData, _) => UNKNOWN,
+        (StageOutcome::Skipped | StageOutcome::AwaitApproval, _) => PLAIN,
+    }
+}
+
+/// The sign of what a monitor did.
+#[must_use]
+pub const fn of_monitor(outcome: MonitorOutcome) -> Sign {
+    match outcome {
+        MonitorOutcome::Continue | MonitorOutcome::Settled | MonitorOutcome::DoubtRemains => PLAIN,
+        MonitorOutcome::Escalate | MonitorOutcome::Restrict => DOUBT,
+        MonitorOutcome::Rollback => BAD,
+    }
+}
+
+/// The sign of how an upgrade ended.
+#[must_use]
+pub const fn of_end(end: UpgradeEnd) -> Sign {
+    match end {
+        UpgradeEnd::Confirmed => GOOD,
+        UpgradeEnd::Rejected | UpgradeEnd::RolledBack | UpgradeEnd::SafeStopped => BAD,
+        UpgradeEnd::Demoted => DOUBT,
+    }
+}
+
+const fn of_rollback(status: PostStatus) -> Sign {
+    match status {
+        PostStatus::RolledBack | PostStatus::SafeStopped => BAD,
+        PostStatus::Demoted => DOUBT,
+    }
+}
+
+const fn of_people(said: PeopleSaid) -> Sign {
+    match said {
+        PeopleSaid::Answered(Answer::Approve) => GOOD,
+        PeopleSaid::Answered(Answer::Reject) => BAD,
+        PeopleSaid::Moved(State::Rejected | State::RolledBack) => BAD,
+        PeopleSaid::Moved(State::Demoted) => DOUBT,
+        PeopleSaid::Moved(State::Validated | State::Sandboxed | State::Shadowed | State::Active) => GOOD,
+        PeopleSaid::Moved(State::Registered | State::Superseded) => PLAIN,
+    }
+}
+
+/// The sign of a decision on record; what another build wrote has none.
+#[must_use]
+pub fn of_ruling(ruling: &Ruling) -> Sign {
+    fn of<T: Copy>(word: &Word<T>, sign: impl Fn(T) -> Sign) -> Sign {
+        word.known().map_or(UNKNOWN, |word| sign(*word))
+    }
+    match ruling {
+        Ruling::Registration(word) | Ruling::Validation(word) => {
+            of(word, |outcome| of_stage(Stage::Validation, outcome))
+        }
+        Ruling::Sandbox(word) => of(word, |outcome| of_stage(Stage::Sandbox, outcome)),
+        Ruling::Shadow(word) => of(word, |outcome| of_stage(Stage::Shadow, outcome)),
+        Ruling::Activation(word) => of(word, |outcome| of_stage(Stage::Activation, outcome)),
+        Ruling::Monitor(word) => of(word, of_monitor),
+        Ruling::Rollback(word) => of(word, of_rollback),
+        Ruling::People(said) => of_people(*said),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What lets a version go on is marked as passed, in the words that the rules use.
+    #[test]
+    fn a_step_onward_is_marked_as_passed() {
+        for (stage, outcome) in [
+            (Stage::Validation, StageOutcome::Sandbox),
+            (Stage::Sandbox, StageOutcome::Shadow),
+            (Stage::Shadow, StageOutcome::Pass),
+            (Stage::Activation, StageOutcome::Pass),
+        ] {
+            assert_eq!(of_stage(stage, outcome), GOOD, "{stage} -> {outcome}");
+            assert_eq!(of_stage(stage, StageOutcome::Reject), BAD);
+        }
+        assert_eq!(of_stage(Stage::Sandbox, StageOutcome::Sandbox), DOUBT);
+        assert_eq!(of_people(PeopleSaid::Answered(Answer::Approve)), GOOD);
+        assert_eq!(of_end(UpgradeEnd::SafeStopped), BAD);
     }
 }

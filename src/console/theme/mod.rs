@@ -3,7 +3,7 @@
 //! What it must not do: know what is drawn, or read files and the environment; texts are handed in.
 
 mod file;
-mod mark;
+pub mod mark;
 mod paint;
 mod role;
 mod themes;

@@ -3,7 +3,7 @@
 use super::tell;
 use crate::effect::{Effect, Question};
 use crate::model::{EngineState, Model, View};
-use holdpoint_protocol::detail::Group;
+use holdpoint_governance::record::VersionGroup;
 
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
@@ -52,12 +52,12 @@ fn wanted(model: &Model) -> Option<(&'static str, Question)> {
     }
 }
 
-fn group(model: &Model) -> Group {
+fn group(model: &Model) -> VersionGroup {
     match model.pane_of(View::Registry) {
-        1 => Group::Active,
-        2 => Group::Candidate,
-        3 => Group::History,
-        _ => Group::All,
+        1 => VersionGroup::Active,
+        2 => VersionGroup::Candidate,
+        3 => VersionGroup::History,
+        _ => VersionGroup::All,
     }
 }
 

@@ -6,8 +6,8 @@ use super::{asking, tell};
 use crate::effect::{Effect, Question};
 use crate::model::{EngineState, LOG_MAX, Model, Overlay, Told, View};
 use holdpoint_governance::alarms::Priority;
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Reply;
-use holdpoint_protocol::detail::Group;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
@@ -16,7 +16,7 @@ use holdpoint_text::{Hint, Problem};
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
     let mut effects = vec![Effect::ReadIdentities];
-    let everything = Question::Registry { group: Group::All, text: String::new() };
+    let everything = Question::Registry { group: VersionGroup::All, text: String::new() };
     effects.extend(asking::ask(model, "registry", String::new(), everything));
     effects
 }

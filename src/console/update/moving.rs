@@ -141,17 +141,11 @@ fn open_waiting(model: &mut Model) -> Vec<Effect> {
 /// The highest alarm nobody has acknowledged, whatever the view.
 pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
     let rows = model.alarm_rows();
-    let waits = |state: &str| matches!(state, "unacknowledged" | "returned-unacknowledged");
-    let rank = |priority: &str| match priority {
-        "critical" => 0,
-        "high" => 1,
-        _ => 2,
-    };
     let highest = rows
         .iter()
         .enumerate()
-        .filter(|(_, item)| waits(&item.alarm().state))
-        .min_by_key(|(_, item)| rank(&item.alarm().priority))
+        .filter(|(_, item)| item.alarm().state.calls())
+        .min_by_key(|(_, item)| item.alarm().priority)
         .map(|(row, _)| row);
     let effects = show(model, View::Alarms);
     match highest {

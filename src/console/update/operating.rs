@@ -202,7 +202,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             asking::ask(model, "alarm", what, Question::Unshelve { alarm: alarm.alarm, by })
         }
         Action::Shelve => {
-            if alarm.priority == "critical" {
+            if !alarm.priority.can_be_shelved() {
                 return refuse(model, "a critical alarm stays in sight: it cannot be shelved");
             }
             let lines = vec![
@@ -212,7 +212,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             open(model, Intent::Shelve(alarm.alarm), lines)
         }
         _ => {
-            if alarm.state_below == "unacknowledged" || alarm.state_below == "acknowledged" {
+            if alarm.state_below.is_present() {
                 return refuse(
                     model,
                     "its condition is still present: acknowledge it, and reset it when it is gone",

@@ -42,7 +42,7 @@ fn snapshot(tier: u8, evidence: char) -> Snapshot {
         "families": [{ "family": "grasp", "active": "grasp@1.2.0", "pinned": "grasp@1.1.0",
             "safe_stopped": false, "flags": flags(false, false), "provisional": null }],
         "candidates": [{ "version": CANDIDATE, "digest": digest('a'), "state": "shadowed",
-            "flags": flags(false, true), "row_version": 7, "author": "cora", "provenance": "human",
+            "flags": flags(false, true), "row_version": 7, "author": "cora", "provenance": "manual",
             "risk": "medium", "progress": null, "dimensions": [], "composite": null, "pairs": null,
             "drills": null, "shadow": null, "reasons": [], "conditions": [] }],
         "prompts": [{ "id": "p1", "version": CANDIDATE, "replaces": "grasp@1.2.0", "candidate": digest('a'),

@@ -141,8 +141,8 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             Vec::new()
         }
         Asked::Pace(times) => asking::ask(model, "pace", "change the pace".to_owned(), Question::Pace(times)),
-        Asked::Drift { kind, magnitude } => {
-            let question = Question::Drift { kind, magnitude };
+        Asked::Drift(drift) => {
+            let question = Question::Drift(drift);
             asking::ask(model, "drift", "let a drift set in".to_owned(), question)
         }
         Asked::Candidate(version) => {

@@ -19,6 +19,7 @@ use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::{duration, seconds};
+use holdpoint_governance::alarms::AlarmState;
 use holdpoint_protocol::snapshot::AlarmView;
 
 /// Lines for the alarm under the cursor.
@@ -57,10 +58,16 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 fn row(item: AlarmItem<'_>, look: &Look) -> Row {
     let alarm = item.alarm();
-    let priority = Mark::priority(&alarm.priority);
-    let state = Mark::alarm_state(&alarm.state);
+    let priority = Mark::priority(alarm.priority);
+    let state = Mark::alarm_state(alarm.state);
     // What somebody knows of calls no more: its priority is told in words alone.
-    let quiet = matches!(alarm.state.as_str(), "acknowledged" | "shelved");
+    let quiet = match alarm.state {
+        AlarmState::Acknowledged | AlarmState::Shelved => true,
+        AlarmState::Normal
+        | AlarmState::Unacknowledged
+        | AlarmState::ReturnedUnacknowledged
+        | AlarmState::Latched => false,
+    };
     let role = if quiet { Role::Quiet } else { priority.role };
     let times = if alarm.chattering {
         format!("{} {}", alarm.raises, look.glyph(Glyph::Warning))
@@ -72,7 +79,7 @@ fn row(item: AlarmItem<'_>, look: &Look) -> Row {
         text = format!("{count} alarms, the first: {text}");
     }
     Row::new()
-        .with(role, &priority_words(look, &alarm.priority))
+        .with(role, &priority_words(look, alarm.priority))
         .to_column(9)
         .cell(state.role, &look.words(state), 16)
         .with(Role::Text, " ")
@@ -96,7 +103,7 @@ fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row
     rows.push(Row::of(Role::Text, &attention(alarm)));
     if let Some((by, why, until_ms)) = &alarm.shelf {
         let back = seconds(*until_ms);
-        let below = Mark::alarm_state(&alarm.state_below).word;
+        let below = Mark::alarm_state(alarm.state_below).word;
         rows.push(Row::of(Role::Text, &format!("shelved by {by} until {back}, then {below} again: {why}")));
     }
     if alarm.latching {
@@ -111,11 +118,18 @@ fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row
 }
 
 fn attention(alarm: &AlarmView) -> String {
-    match (&alarm.acknowledged_by, alarm.state.as_str()) {
+    match (&alarm.acknowledged_by, alarm.state) {
         (Some(by), _) => format!("acknowledged by {by}; acknowledging resumes nothing"),
-        (None, "returned-unacknowledged") => {
+        (None, AlarmState::ReturnedUnacknowledged) => {
             "the condition is gone, and nobody has acknowledged it".to_owned()
         }
-        (None, _) => "nobody has acknowledged it".to_owned(),
+        (
+            None,
+            AlarmState::Normal
+            | AlarmState::Unacknowledged
+            | AlarmState::Acknowledged
+            | AlarmState::Latched
+            | AlarmState::Shelved,
+        ) => "nobody has acknowledged it".to_owned(),
     }
 }

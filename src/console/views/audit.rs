@@ -16,7 +16,7 @@ use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::seconds;
-use holdpoint_protocol::detail::AuditRow;
+use holdpoint_governance::record::AuditRecord;
 
 /// Characters of a record's content that a list's row looks at.
 const CONTENT_CHARS: usize = 200;
@@ -59,12 +59,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-fn line(row: &AuditRow, subject: usize) -> Row {
+fn line(row: &AuditRecord, subject: usize) -> Row {
     let content: String = row.body.chars().take(CONTENT_CHARS).collect();
     Row::new()
         .cell(Role::Muted, &row.seq.to_string(), 8)
         .cell(Role::Muted, &seconds(row.at_ms), 10)
-        .cell(Role::Text, &row.kind, 15)
+        .cell(Role::Text, &row.kind.to_string(), 15)
         .with(Role::Text, " ")
         .cell(Role::Text, &row.subject, subject)
         .with(Role::Text, " ")
@@ -101,7 +101,7 @@ fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     }
 }
 
-fn record(row: &AuditRow, pen: &mut Pen<'_>, area: Rect) {
+fn record(row: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
     let hash = format!("hash {}", row.hash.short());
     let inside = pen.pane(area, &format!("Record {}", row.seq), false, &hash);
     let head = format!("{} {} {}", seconds(row.at_ms), row.kind, row.subject);

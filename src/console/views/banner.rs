@@ -34,7 +34,7 @@ fn profile(model: &Model, pen: &Pen<'_>) -> Row {
     let Some(snapshot) = &model.snapshot else {
         return Row::of(Role::Title, " Holdpoint ");
     };
-    let mark = Mark::profile(&snapshot.profile);
+    let mark = Mark::profile(snapshot.profile);
     Row::of(mark.role, &format!(" {} ", pen.look.words(mark)))
         .with(Role::Title, &format!(" {} ", super::short(&snapshot.robot, 24)))
 }

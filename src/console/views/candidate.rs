@@ -79,12 +79,7 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
     let short = super::short;
     first.push(
         Role::Muted,
-        &format!(
-            "  {}, {}, risk {}",
-            short(&detail.author, 20),
-            short(&detail.provenance, 16),
-            short(&detail.risk, 10)
-        ),
+        &format!("  {}, {}, risk {}", short(&detail.author, 20), detail.provenance, detail.risk),
     );
     let mut rows = vec![first];
     let lines = if fit >= Fit::Two { 2 } else { 1 };
@@ -93,14 +88,14 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
         if let Some(candidate) = candidate {
             rows.push(pipeline::strip(candidate, look, width));
         }
-        let parent = detail.parent.as_deref().unwrap_or("nothing");
+        let parent = detail.parent.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string);
         rows.push(Row::of(
             Role::Muted,
             &format!(
                 "digest {}  evidence {}  made from {}  registered {}",
                 detail.digest.short(),
                 detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
-                short(parent, 24),
+                short(&parent, 24),
                 seconds(detail.registered_ms)
             ),
         ));

@@ -2,13 +2,15 @@
 
 use crate::look::{Glyph, Look, Role};
 use crate::rows::CandidateItem;
-use crate::theme::Mark;
+use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
 use crate::words::{kappa_sign, reason_line, seconds};
 use holdpoint_governance::condition::Condition;
-use holdpoint_protocol::detail::{DifferenceView, DrillView, ExplainedView, Measure};
+use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::explained::Explained;
+use serde_json::Value;
 
 /// Lines of one wrapped text.
 const LINES_MAX: usize = 6;
@@ -39,7 +41,7 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
             Row::new()
                 .cell(Role::Muted, &record.seq.to_string(), 7)
                 .cell(Role::Muted, &seconds(record.at_ms), 10)
-                .cell(Role::Text, &record.kind, 15)
+                .cell(Role::Text, &record.kind.to_string(), 15)
                 .with(Role::Muted, " ")
                 .with(Role::Text, &super::short(&record.body, 400)),
         ],
@@ -73,7 +75,7 @@ fn text(role: Role, text: &str, width: usize) -> Vec<Row> {
 }
 
 fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
-    let (glyph, role) = Mark::outcome(&result.outcome);
+    let (glyph, role) = of_dimension(result.outcome);
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
     let sign = kappa_sign(result.dimension, look.ascii());
     let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
@@ -83,7 +85,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let tail = Row::new()
         .cell(Role::Muted, &interval, 16)
         .with(Role::Limit, &format!(" limit {:.2} ", result.threshold))
-        .cell(role, &result.outcome, 13);
+        .cell(role, result.outcome.name(), 13);
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
     row = row.and(against_limit(look, result.kappa, result.threshold, bar)).and(tail);
     if !result.measured && row.width() + 10 <= width {
@@ -139,14 +141,19 @@ fn values(measure: &Measure, width: usize) -> Row {
     }
 }
 
-fn differs(difference: &DifferenceView, width: usize) -> Vec<Row> {
+fn differs(difference: &Difference, width: usize) -> Vec<Row> {
     let mut rows = vec![Row::of(Role::Title, &super::short(&difference.field, width))];
     let mut line = |sign: &'static str, role: Role, value: &str| {
         let lines = wrap(value, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {sign} {line}"))));
     };
-    line("-", Role::Removed, difference.active.as_deref().unwrap_or("(not there)"));
-    line("+", Role::Added, difference.candidate.as_deref().unwrap_or("(gone)"));
+    let said = |value: &Option<Value>, missing: &str| match value {
+        None => missing.to_owned(),
+        Some(Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+    };
+    line("-", Role::Removed, &said(&difference.old, "(not there)"));
+    line("+", Role::Added, &said(&difference.new, "(gone)"));
     rows
 }
 
@@ -162,7 +169,7 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
     };
     let row = Row::of(role, look.glyph(glyph))
         .with(Role::Text, " ")
-        .cell(Role::Text, &drill.kind, 12)
+        .cell(Role::Text, drill.kind.name(), 12)
         .cell_right(Role::Value, &format!("{passed} of {all}"), 12)
         .with(Role::Text, " ");
     let tail = Row::of(Role::Muted, &format!(" active {active_passed} of {active_all} (the line)"));
@@ -171,23 +178,26 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
 }
 
 /// A decision with its rule, its reasons, what would change it and what came of it.
-fn decided(decision: &ExplainedView, look: &Look, width: usize) -> Vec<Row> {
-    let (glyph, role) = Mark::outcome(&decision.outcome);
-    let [rule, place] = &decision.rule;
+fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
+    let (glyph, role) = of_ruling(&decision.ruling);
     let mut rows = vec![
         Row::of(Role::Muted, &format!("{} ", seconds(decision.at_ms)))
-            .with(Role::Title, &format!("{} ", super::short(&decision.stage, 16)))
-            .with(role, &format!("{} {}", look.glyph(glyph), super::short(&decision.outcome, 40))),
+            .with(Role::Title, &format!("{} ", decision.ruling.stage()))
+            .with(role, &format!("{} {}", look.glyph(glyph), super::short(&decision.ruling.outcome(), 40))),
     ];
     let mut say = |role: Role, line: &str| {
         let lines = wrap(line, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {line}"))));
     };
-    say(Role::Muted, &format!("rule {rule} ({place}), record {}", decision.record));
+    say(
+        Role::Muted,
+        &format!("rule {} ({}), record {}", decision.rule.name(), decision.rule.source(), decision.record),
+    );
     for reason in &decision.reasons {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
-        say(Role::Text, &format!("{sign} {}: {}{measured}", reason.code, reason.text));
+        let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
+        say(Role::Text, &format!("{sign} {code}: {}{measured}", reason.text));
     }
     for change in &decision.change {
         say(Role::Text, &format!("would change it: {change}"));

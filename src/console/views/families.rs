@@ -30,14 +30,11 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         snapshot.families.iter().map(|family| row(family, pen, name_width.min(16))).collect();
     rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
-        rows.push(Row::of(
-            Role::Bad,
-            &format!("{} broken: {}", pen.look.words(Mark::FAILED), super::short(fault, width)),
-        ));
+        rows.push(Row::of(Role::Bad, &format!("{} broken: {}", pen.look.words(Mark::FAILED), fault.name())));
     }
     if let Some(drift) = &snapshot.live.drift {
         let glyph = pen.look.glyph(crate::look::Glyph::Warning);
-        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {}", super::short(drift, width))));
+        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {}", drift)));
     }
     rows
 }

@@ -101,8 +101,8 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
                 &format!(
                     "  {}, {}, risk {}",
                     super::short(&candidate.author, 24),
-                    super::short(&candidate.provenance, 20),
-                    super::short(&candidate.risk, 12)
+                    candidate.provenance,
+                    candidate.risk
                 ),
             ),
     ];

@@ -21,7 +21,7 @@ use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::{duration, kappa_sign, reason_line};
 use holdpoint_governance::decision::Dimension;
-use holdpoint_protocol::detail::RegistryRow;
+use holdpoint_governance::record::VersionSummary;
 
 /// Lines for what is said of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;
@@ -98,7 +98,7 @@ fn header(columns: &Columns, look: &Look) -> Row {
     row.with(Role::Muted, " age")
 }
 
-fn version(row: &RegistryRow, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
+fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
     let mark = Mark::version(row.state, &row.flags);
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     let name = format!("  {}{baseline}", row.version.version);
@@ -139,12 +139,7 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     let limits = model.registry.page.thresholds;
     let mut sentence = Row::of(
         Role::Text,
-        &format!(
-            "by {}, {}, risk {}",
-            super::short(&row.author, 24),
-            super::short(&row.provenance, 20),
-            super::short(&row.risk, 12)
-        ),
+        &format!("by {}, {}, risk {}", super::short(&row.author, 24), row.provenance, row.risk),
     );
     for (dimension, limit) in DIMENSIONS.into_iter().zip(limits) {
         let sign = kappa_sign(dimension, pen.look.ascii());

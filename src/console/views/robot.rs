@@ -17,6 +17,7 @@ use crate::model::Model;
 use crate::widgets::dots::{Dots, Ink};
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
+use holdpoint_body::TaskKind;
 use holdpoint_protocol::picture::{Body, Picture, Point, Region, Scenery};
 
 const SCENERY: Ink = Ink { role: Role::Scenery, ascii: ".", dashed: false };
@@ -90,7 +91,7 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     if alarming.width() > 0 {
         rows.push(alarming);
     }
-    let task = picture.task.as_deref().unwrap_or("at rest");
+    let task = picture.task.map_or("at rest", TaskKind::name);
     let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
     let held = if picture.body.held { "held" } else { "free" };
     rows.push(

@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::theme::Mark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
-use holdpoint_governance::alarms::AlarmSummary;
+use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_protocol::snapshot::{AlarmView, Snapshot};
 
 /// Columns kept for the text of an alarm before counts are left off.
@@ -49,24 +49,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// The alarm that comes first: unacknowledged, the most urgent, the longest there.
 #[must_use]
 pub fn highest(snapshot: &Snapshot) -> Option<&AlarmView> {
-    let rank = |alarm: &AlarmView| match alarm.priority.as_str() {
-        "critical" => 0,
-        "high" => 1,
-        _ => 2,
-    };
-    let open =
-        |alarm: &&AlarmView| matches!(alarm.state.as_str(), "unacknowledged" | "returned-unacknowledged");
-    snapshot.alarms.iter().filter(open).min_by_key(|alarm| (rank(alarm), alarm.since_ms))
+    let open = snapshot.alarms.iter().filter(|alarm| alarm.state.calls());
+    open.min_by_key(|alarm| (alarm.priority, alarm.since_ms))
 }
 
 /// A priority as number, sign and word, `1▲ CRIT`.
 #[must_use]
-pub fn priority_words(look: &Look, priority: &str) -> String {
+pub fn priority_words(look: &Look, priority: Priority) -> String {
     let number = match priority {
-        "critical" => "1",
-        "high" => "2",
-        "low" => "3",
-        _ => "?",
+        Priority::Critical => 1,
+        Priority::High => 2,
+        Priority::Low => 3,
     };
     let mark = Mark::priority(priority);
     format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
@@ -75,7 +68,7 @@ pub fn priority_words(look: &Look, priority: &str) -> String {
 fn head(snapshot: &Snapshot, look: &Look) -> Row {
     let mut row = Row::new();
     if let Some(alarm) = highest(snapshot) {
-        row.push(Mark::priority(&alarm.priority).role, &priority_words(look, &alarm.priority));
+        row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
         row.push(Role::Text, " ");
     } else {
         row.push(Role::Good, look.glyph(Glyph::Good));
@@ -89,7 +82,14 @@ fn head_text(snapshot: &Snapshot) -> String {
         || "no unacknowledged alarm".to_owned(),
         |alarm| {
             // What is over still waits to be seen.
-            let over = if alarm.state == "returned-unacknowledged" { " (returned)" } else { "" };
+            let over = match alarm.state {
+                AlarmState::ReturnedUnacknowledged => " (returned)",
+                AlarmState::Normal
+                | AlarmState::Unacknowledged
+                | AlarmState::Acknowledged
+                | AlarmState::Latched
+                | AlarmState::Shelved => "",
+            };
             format!("{}{over}: {}", alarm.subject, alarm.text)
         },
     )
@@ -126,10 +126,10 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
         say(high, Role::High, format!("{high} high"));
         say(low, Role::Low, format!("{low} low"));
     } else {
-        let glyph = |name: &str| look.glyph(Mark::priority(name).glyph);
-        say(critical, Role::Critical, format!("{}{critical}", glyph("critical")));
-        say(high, Role::High, format!("{}{high}", glyph("high")));
-        say(low, Role::Low, format!("{}{low}", glyph("low")));
+        let glyph = |priority| look.glyph(Mark::priority(priority).glyph);
+        say(critical, Role::Critical, format!("{}{critical}", glyph(Priority::Critical)));
+        say(high, Role::High, format!("{}{high}", glyph(Priority::High)));
+        say(low, Role::Low, format!("{}{low}", glyph(Priority::Low)));
     }
     let [acknowledged, latched, shelved] = match wording {
         Wording::Full => ["acknowledged ", "latched ", "shelved "],

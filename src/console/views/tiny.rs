@@ -46,9 +46,9 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let highest = model.snapshot.as_deref().and_then(status::highest);
     let row = match highest {
         Some(alarm) => {
-            let head = status::priority_words(pen.look, &alarm.priority);
+            let head = status::priority_words(pen.look, alarm.priority);
             let left = width.saturating_sub(head.len() + waits.width());
-            Row::of(Mark::priority(&alarm.priority).role, &head)
+            Row::of(Mark::priority(alarm.priority).role, &head)
                 .with(Role::Text, &format!(" {} ", super::short(&alarm.text, left)))
         }
         None => Row::of(Role::Muted, if model.snapshot.is_some() { "no alarm " } else { "no engine " }),
@@ -96,10 +96,10 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     rows.truncate(usize::from(area.height / 2).max(1));
     let alarms = alarms.iter().take(room).map(|item| {
         let alarm = item.alarm();
-        let mark = Mark::priority(&alarm.priority);
-        Row::of(mark.role, &status::priority_words(pen.look, &alarm.priority)).with(
+        let mark = Mark::priority(alarm.priority);
+        Row::of(mark.role, &status::priority_words(pen.look, alarm.priority)).with(
             Role::Text,
-            &format!(" {} {}", Mark::alarm_state(&alarm.state).word, super::short(&alarm.text, 200)),
+            &format!(" {} {}", Mark::alarm_state(alarm.state).word, super::short(&alarm.text, 200)),
         )
     });
     let rows: Vec<Row> = alarms.chain(rows.iter().cloned()).collect();

@@ -2,22 +2,12 @@
 //!
 //! Pure; judges nothing and formats nothing.
 
-use serde::Serialize;
 use serde_json::Value;
+
+use holdpoint_protocol::detail::Difference;
 
 /// The most differences that are told.
 pub const DIFFERENCES_MAX: usize = 1_000;
-
-/// One field that differs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
-    /// Path of the field, e.g. `permissions.max_force_n`.
-    pub field: String,
-    /// Its old value; `None` where it is new.
-    pub old: Option<Value>,
-    /// Its new value; `None` where it is gone.
-    pub new: Option<Value>,
-}
 
 /// The fields in which two values differ, by path. Lists of words compare as sets, member by member.
 #[must_use]

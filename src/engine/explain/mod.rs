@@ -7,80 +7,17 @@ pub mod difference;
 mod need;
 mod seen;
 
-use serde::Serialize;
-
 pub use need::is_in_favour;
-use seen::{Change, Decided, Decision, Dossier, Monitored, Reason};
+use seen::{Change, Decision, Dossier, Monitored, Moved, Noted};
 
+use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::rollback::RollbackRecord;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::rollback::{RollbackRecord, RungFailure};
+use holdpoint_governance::words::Word;
+use holdpoint_protocol::explained::{Explained, ExplainedReason, Explanation, PeopleSaid, Rule, Ruling};
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, AuditRecord, EvidenceEntry, StoreError, Views};
-
-/// Everything that was decided about a version.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Explanation {
-    /// The version.
-    pub version: CapabilityId,
-    /// Where it stands.
-    pub state: State,
-    /// Who submitted it.
-    pub author: String,
-    /// In the order they were made.
-    pub decisions: Vec<Explained>,
-}
-
-/// One decision.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Explained {
-    /// The audit record it stands in.
-    pub record: u64,
-    /// Virtual time, ms.
-    pub at_ms: u64,
-    /// The stage, or `monitor`, `rollback`, `people`.
-    pub stage: String,
-    /// What was decided, in the rule's own word.
-    pub outcome: String,
-    /// The rule that decided.
-    pub rule: Rule,
-    /// Why, the deciding reasons first.
-    pub reasons: Vec<ExplainedReason>,
-    /// What would have to change for the next better outcome; empty where there is none.
-    pub change: Vec<String>,
-    /// What happened next, until the next decision.
-    pub then: Vec<String>,
-}
-
-/// A rule by name, and where it is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Rule {
-    /// Its name.
-    pub name: &'static str,
-    /// Design rule and section of the paper.
-    pub source: &'static str,
-}
-
-/// A reason with the evidence it rests on.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ExplainedReason {
-    /// The stable name.
-    pub code: String,
-    /// What it is about.
-    pub dimension: String,
-    /// Whether it speaks for the version.
-    pub in_favour: bool,
-    /// One sentence, as recorded.
-    pub text: String,
-    /// The measured value; absent where there is none.
-    pub evidence: Option<f64>,
-    /// The limit it was held against.
-    pub limit: Option<f64>,
-    /// The rule it belongs to.
-    pub rule: Rule,
-    /// What was measured, where the evidence in the store tells more than the reason: n, value, interval.
-    pub measured: Option<String>,
-}
+use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, Views};
 
 /// Reads everything that was decided about a version; `None` where the store does not know it.
 ///
@@ -94,25 +31,46 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
     let approvals: Vec<_> = detail.approvals.iter().map(|entry| entry.signed.approval()).collect();
     let mut answers = approvals.into_iter();
     for (index, record) in records.iter().enumerate() {
-        match record.kind.as_str() {
-            "decision" => reader.decision(record, records.get(..index).unwrap_or_default()),
-            "monitor" => reader.monitor(record),
-            "evidence-put" => reader.rollback(record),
-            "approval-put" => {
+        let Some(kind) = record.kind.known() else { continue };
+        match kind {
+            RecordKind::Decision => reader.decision(record, records.get(..index).unwrap_or_default()),
+            RecordKind::Monitor => reader.monitor(record),
+            RecordKind::EvidencePut => reader.rollback(record),
+            RecordKind::ApprovalPut => {
                 if let Some(said) = answers.next() {
-                    let word = said.decision.name();
-                    let text = format!("{} ({}) says {word}: {}", said.who, said.role.name(), said.reason);
-                    reader.people(record, word, text);
+                    let answer = said.decision;
+                    let text = format!("{} ({}) says {answer}: {}", said.who, said.role.name(), said.reason);
+                    reader.people(record, PeopleSaid::Answered(answer), text);
                 }
             }
-            "approval-requested" => reader.then(format!("people were asked (record {})", record.seq)),
+            RecordKind::ApprovalRequested => {
+                reader.then(format!("people were asked (record {})", record.seq));
+            }
             // What moved with a decision is told with it.
-            "state-set" if decided_with(records.get(index + 1..).unwrap_or_default(), record) => {}
-            "state-set" => reader.state(record),
-            "audit-closed" => {
+            RecordKind::StateSet if decided_with(records.get(index + 1..).unwrap_or_default(), record) => {}
+            RecordKind::StateSet => reader.state(record),
+            RecordKind::AuditClosed => {
                 reader.then(format!("the record of the upgrade was closed (record {})", record.seq));
             }
-            _ => {}
+            // No decision, and nothing that came of one.
+            RecordKind::VersionRegistered
+            | RecordKind::FlagsSet
+            | RecordKind::ScoresSet
+            | RecordKind::ActiveSet
+            | RecordKind::FamilySet
+            | RecordKind::FamilyVoided
+            | RecordKind::StandingSet
+            | RecordKind::ApprovalConsumed
+            | RecordKind::ContextSet
+            | RecordKind::TelemetrySealed
+            | RecordKind::AlarmChanged
+            | RecordKind::MonitorAnswer
+            | RecordKind::Shown
+            | RecordKind::AlarmReset
+            | RecordKind::Drift
+            | RecordKind::LiveFault
+            | RecordKind::Recording
+            | RecordKind::RecordingRemoved => {}
         }
     }
     let decisions = reader.decisions;
@@ -134,7 +92,6 @@ impl Reader<'_> {
             return;
         };
         let entry = self.evidence.iter().rev().find(|entry| entry.seq < record.seq);
-        let stage = entry.map_or("registration", |entry| stage_of(entry.kind));
         // The gate keeps its decision as its evidence; what was measured is in the dossier before it.
         let dossier = self
             .evidence
@@ -145,28 +102,32 @@ impl Reader<'_> {
             .unwrap_or_default();
         let mut reasons = decision.reasons;
         let mut outcome = seen::word(&decision.outcome);
-        if stage == "shadow"
+        let kind = entry.map(|entry| entry.kind);
+        if kind == Some(EvidenceKind::Shadow)
             && let Some(shadow) = &dossier.shadow
         {
             // Shadow has a rule of its own beside the composition.
-            reasons = shadow.reasons.iter().cloned().chain(reasons).collect();
-            outcome = seen::word(&shadow.check);
+            reasons = shadow.reasons.iter().map(Noted::from).chain(reasons).collect();
+            outcome = serde_json::to_value(shadow.check).map_or(outcome, |check| seen::word(&check));
         }
+        let ruling = ruling(kind, outcome);
         let moved: Vec<String> = before
             .iter()
             .rev()
-            .take_while(|earlier| earlier.at_ms == record.at_ms && earlier.kind != "decision")
-            .filter(|earlier| earlier.kind == "state-set" && Some(earlier.seq) > entry.map(|entry| entry.seq))
+            .take_while(|earlier| earlier.at_ms == record.at_ms && earlier.kind != RecordKind::Decision)
+            .filter(|earlier| {
+                earlier.kind == RecordKind::StateSet && Some(earlier.seq) > entry.map(|entry| entry.seq)
+            })
             .filter_map(moved)
             .collect();
-        self.push(record, stage, outcome, &reasons, &dossier);
+        self.push(record, ruling, &reasons, &dossier);
         moved.into_iter().rev().for_each(|text| self.then(text));
     }
 
     fn monitor(&mut self, record: &AuditRecord) {
         match serde_json::from_str::<Monitored>(&record.body) {
             Ok(Monitored { action, reasons }) => {
-                self.push(record, "monitor", action, &reasons, &Dossier::default());
+                self.push(record, Ruling::Monitor(action), &reasons, &Dossier::default());
             }
             Err(_) => self.unreadable(record),
         }
@@ -181,7 +142,7 @@ impl Reader<'_> {
             return;
         };
         if let Some(last) = self.decisions.last()
-            && last.stage == "rollback"
+            && matches!(last.ruling, Ruling::Rollback(_))
         {
             // What was known at the swap is in what is known now.
             let then = self.decisions.pop().map(|earlier| earlier.then).unwrap_or_default();
@@ -191,14 +152,14 @@ impl Reader<'_> {
         self.decisions.push(climbed(record, &told, Vec::new()));
     }
 
-    fn people(&mut self, record: &AuditRecord, outcome: &str, text: String) {
+    fn people(&mut self, record: &AuditRecord, what: PeopleSaid, text: String) {
+        let ruling = Ruling::People(what);
         self.decisions.push(Explained {
             record: record.seq,
             at_ms: record.at_ms,
-            stage: "people".to_owned(),
-            outcome: outcome.to_owned(),
-            rule: need::APPROVAL,
-            reasons: vec![said(text, "approval")],
+            rule: ruling.rule(),
+            ruling,
+            reasons: vec![said(text, Dimension::Approval)],
             change: Vec::new(),
             then: Vec::new(),
         });
@@ -207,26 +168,19 @@ impl Reader<'_> {
     /// A state that changed. One that no decision goes with was somebody's, or the clock's.
     fn state(&mut self, record: &AuditRecord) {
         let Some(text) = moved(record) else { return };
-        let Ok(Change { change: Decided { to, reason, .. } }) = serde_json::from_str(&record.body) else {
+        let Ok(Change { change: Moved { to, reason, .. } }) = serde_json::from_str(&record.body) else {
             return;
         };
         let marks = ["rejected by ", "demoted by ", "approval-refused", "approval-timeout"];
         if marks.iter().any(|mark| reason.starts_with(mark)) {
-            self.people(record, &to, reason);
+            self.people(record, PeopleSaid::Moved(to), reason);
         }
         self.then(text);
     }
 
-    fn push(
-        &mut self,
-        record: &AuditRecord,
-        stage: &str,
-        outcome: String,
-        reasons: &[Reason],
-        dossier: &Dossier,
-    ) {
+    fn push(&mut self, record: &AuditRecord, ruling: Ruling, reasons: &[Noted], dossier: &Dossier) {
         let mut seen = std::collections::BTreeSet::new();
-        let reasons: Vec<&Reason> =
+        let reasons: Vec<&Noted> =
             reasons.iter().filter(|reason| seen.insert((&reason.code, &reason.text))).collect();
         let mut change: Vec<String> = Vec::new();
         for text in reasons.iter().filter_map(|reason| need::change(reason, dossier)) {
@@ -237,19 +191,18 @@ impl Reader<'_> {
         self.decisions.push(Explained {
             record: record.seq,
             at_ms: record.at_ms,
-            stage: stage.to_owned(),
-            outcome,
-            rule: need::rule_of_stage(stage),
+            rule: ruling.rule(),
+            ruling,
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {
-                    code: reason.code.clone(),
+                    code: Some(reason.code.clone()),
                     dimension: reason.dimension.clone(),
-                    in_favour: is_in_favour(&reason.code),
+                    in_favour: reason.code.known().is_some_and(|code| is_in_favour(*code)),
                     text: reason.text.clone(),
                     evidence: reason.evidence,
                     limit: reason.limit,
-                    rule: need::rule_of(&reason.dimension),
+                    rule: rule_of(reason.dimension.as_ref()),
                     measured: need::measured(reason, dossier),
                 })
                 .collect(),
@@ -273,36 +226,43 @@ impl Reader<'_> {
 fn decided_with(after: &[AuditRecord], moved: &AuditRecord) -> bool {
     after
         .iter()
-        .take_while(|later| later.at_ms == moved.at_ms && later.kind != "state-set")
-        .any(|later| later.kind == "decision")
+        .take_while(|later| later.at_ms == moved.at_ms && later.kind != RecordKind::StateSet)
+        .any(|later| later.kind == RecordKind::Decision)
 }
 
-fn stage_of(kind: EvidenceKind) -> &'static str {
+/// Who decided, by the evidence that was written with the decision, and what.
+fn ruling(kind: Option<EvidenceKind>, outcome: String) -> Ruling {
     match kind {
-        EvidenceKind::Compat => "validation",
-        EvidenceKind::Sandbox | EvidenceKind::Drill => "sandbox",
-        EvidenceKind::Shadow => "shadow",
-        EvidenceKind::Gate | EvidenceKind::Activation => "activation",
-        EvidenceKind::Monitor => "monitor",
-        EvidenceKind::Rollback => "rollback",
+        None => Ruling::Registration(Word::read(outcome)),
+        Some(EvidenceKind::Compat) => Ruling::Validation(Word::read(outcome)),
+        Some(EvidenceKind::Sandbox | EvidenceKind::Drill) => Ruling::Sandbox(Word::read(outcome)),
+        Some(EvidenceKind::Shadow) => Ruling::Shadow(Word::read(outcome)),
+        Some(EvidenceKind::Gate | EvidenceKind::Activation) => Ruling::Activation(Word::read(outcome)),
+        Some(EvidenceKind::Monitor) => Ruling::Monitor(Word::read(outcome)),
+        Some(EvidenceKind::Rollback) => Ruling::Rollback(Word::read(outcome)),
     }
+}
+
+/// The rule that a reason belongs to.
+fn rule_of(dimension: Option<&Word<Dimension>>) -> Rule {
+    dimension.and_then(Word::known).map_or(Rule::Any, |dimension| Rule::from(*dimension))
 }
 
 /// `validated -> rejected (record 36)`.
 fn moved(record: &AuditRecord) -> Option<String> {
-    let Decided { from, to, .. } = serde_json::from_str::<Change>(&record.body).ok()?.change;
+    let Moved { from, to, .. } = serde_json::from_str::<Change>(&record.body).ok()?.change;
     Some(format!("{from} -> {to} (record {})", record.seq))
 }
 
-fn said(text: String, dimension: &str) -> ExplainedReason {
+fn said(text: String, dimension: Dimension) -> ExplainedReason {
     ExplainedReason {
-        code: String::new(),
-        dimension: dimension.to_owned(),
+        code: None,
+        dimension: Some(dimension.into()),
         in_favour: false,
         text,
         evidence: None,
         limit: None,
-        rule: need::rule_of(dimension),
+        rule: dimension.into(),
         measured: None,
     }
 }
@@ -318,7 +278,7 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
                 told.trigger.tick,
                 told.trigger.text
             ),
-            "monitor",
+            Dimension::Monitor,
         ),
         said(
             format!(
@@ -327,26 +287,18 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
                 ms(told.time_to_restored_ms),
                 told.unsafe_continuation_ms
             ),
-            "recovery",
+            Dimension::Recovery,
         ),
     ];
     for rung in &told.rungs {
-        let ended = rung.failure.map_or("held", |failure| failure.name());
+        let ended = rung.failure.map_or("held", RungFailure::name);
         reasons.push(said(
             format!("rung {}: {ended} in {} ms: {}", rung.rung.name(), rung.ms, rung.text),
-            "recovery",
+            Dimension::Recovery,
         ));
     }
     let change =
         told.rungs.iter().filter_map(|rung| rung.failure.map(need::of_failure)).map(str::to_owned).collect();
-    Explained {
-        record: record.seq,
-        at_ms: record.at_ms,
-        stage: "rollback".to_owned(),
-        outcome: told.post_status.clone(),
-        rule: need::rule_of_stage("rollback"),
-        reasons,
-        change,
-        then,
-    }
+    let ruling = Ruling::Rollback(told.post_status.into());
+    Explained { record: record.seq, at_ms: record.at_ms, rule: ruling.rule(), ruling, reasons, change, then }
 }

@@ -3,106 +3,66 @@
 //! Counts are computed from the raw pairs and drills in the record by the rule's own statistics, never guessed: a
 //! number of episodes is the smallest that brings the rule's bound within its limit.
 
-use super::Rule;
-use super::seen::{Component, Dossier, Reason, Values};
+use super::seen::{Dossier, Noted};
+use holdpoint_governance::behavior::{Component, ComponentName};
+use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
 /// The error rate of the one-sided upper bound that the behavioural rule asks for (design rule 3.4).
 const UPPER_ALPHA: f64 = 0.05;
 
-/// The rule about people.
-pub(super) const APPROVAL: Rule =
-    Rule { name: "approval by people", source: "design rule 3.10; paper section 5.2, stage 5" };
-
-/// The rule that decides a stage.
-pub(super) fn rule_of_stage(stage: &str) -> Rule {
-    let (name, source) = match stage {
-        "validation" => (
-            "Psi over the four compatibilities",
-            "design rules 3.2, 3.3, 3.6; paper section 4.3, Procedures 1 and 2",
-        ),
-        "sandbox" => (
-            "Psi over measured behaviour and rehearsed recovery",
-            "design rules 3.4 to 3.6; paper section 4.3, Procedure 2",
-        ),
-        "shadow" => {
-            ("Delta_shadow, live work against its twin", "design rules 3.7, 5.4; paper section 5.2, stage 4")
-        }
-        "activation" => {
-            ("theta_act, the activation gate", "design rule 3.7; paper equation 10, section 5.2, stage 5")
-        }
-        "monitor" => ("M, the monitor", "design rule 3.8; paper equation 11, section 5.2, stage 6"),
-        "rollback" => ("the rollback ladder", "design rule 3.11; paper section 5.2, stage 7, appendix F.3"),
-        _ => ("the lifecycle", "design rule 3.9; paper appendix A"),
-    };
-    Rule { name, source }
-}
-
-/// The rule that a reason's dimension belongs to.
-pub(super) fn rule_of(dimension: &str) -> Rule {
-    let (name, source) = match dimension {
-        "interface" => ("kappa_I", "design rule 3.2; paper section 4.3, Procedure 1"),
-        "policy" => ("kappa_P", "design rule 3.3; paper section 4.3, Procedure 1"),
-        "behavior" => ("kappa_B", "design rule 3.4; paper section 4.3, Table 3"),
-        "recovery" => ("kappa_R", "design rule 3.5; paper section 4.3"),
-        "composition" => ("Psi", "design rule 3.6; paper Procedure 2"),
-        "shadow" => ("Delta_shadow", "design rule 3.7; paper section 5.2, stage 4"),
-        "gate" => ("theta_act", "design rule 3.7; paper equation 10"),
-        "approval" => return APPROVAL,
-        "monitor" => ("M", "design rule 3.8; paper equation 11"),
-        _ => ("the rules", "design, chapter 3"),
-    };
-    Rule { name, source }
-}
-
 /// Whether a reason speaks for the version: nothing has to change for it.
 #[must_use]
-pub fn is_in_favour(code: &str) -> bool {
-    const GOOD: [&str; 8] = [
-        "behavior-improved",
-        "composition-eligible",
-        "shadow-clean",
-        "gate-passed",
-        "approval-granted",
-        "approval-not-needed",
-        "monitor-healthy",
-        "monitor-confirmed",
-    ];
-    code.ends_with("-compatible") || GOOD.contains(&code)
+pub const fn is_in_favour(code: ReasonCode) -> bool {
+    matches!(
+        code,
+        ReasonCode::InterfaceCompatible
+            | ReasonCode::PolicyCompatible
+            | ReasonCode::BehaviorCompatible
+            | ReasonCode::RecoveryCompatible
+            | ReasonCode::BehaviorImproved
+            | ReasonCode::CompositionEligible
+            | ReasonCode::ShadowClean
+            | ReasonCode::GatePassed
+            | ReasonCode::ApprovalGranted
+            | ReasonCode::ApprovalNotNeeded
+            | ReasonCode::MonitorHealthy
+            | ReasonCode::MonitorConfirmed
+    )
 }
 
 /// The component a behavioural reason is about: its text begins with the name.
-fn component<'a>(reason: &Reason, dossier: &'a Dossier) -> Option<&'a Component> {
-    let behavior = dossier.behavior.as_ref().filter(|_| reason.dimension == "behavior")?;
-    behavior.components.iter().find(|component| reason.text.starts_with(&component.name))
+fn component<'a>(reason: &Noted, dossier: &'a Dossier) -> Option<&'a Component> {
+    let behavior = dossier.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
+    behavior.components.iter().find(|component| reason.text.starts_with(component.name.name()))
 }
 
 /// What was measured for a reason, where the evidence tells more than the reason.
-pub(super) fn measured(reason: &Reason, dossier: &Dossier) -> Option<String> {
+pub(super) fn measured(reason: &Noted, dossier: &Dossier) -> Option<String> {
     if let Some(component) = component(reason, dossier) {
         let n = dossier.behavior.as_ref().map_or(0, |behavior| behavior.pairs);
         let Component { name, worsening, lower, upper, tolerance } = component;
         let upper =
             upper.map_or_else(|| "no upper bound".to_owned(), |upper| format!("95 % bound {upper:.3}"));
+        let name = name.name();
         return Some(format!(
             "{name} {worsening:+.3} over n = {n} pairs, at least {lower:.3}, {upper}, tolerance {tolerance:.3}"
         ));
     }
-    if reason.dimension == "recovery" && reason.code != "recovery-no-data" {
+    if reason.is_about(Dimension::Recovery) && reason.code != ReasonCode::RecoveryNoData {
         let (candidate, active) = dossier.drills.as_ref()?;
-        let kinds: Vec<String> = candidate
-            .each()
+        let share = |tally: &DrillTally| format!("{}/{}", tally.passed, tally.feasible());
+        let kinds: Vec<String> = DrillKind::ALL
             .into_iter()
-            .zip(active.each())
-            .filter(|((_, tally), _)| tally.feasible() > 0)
-            .map(|((kind, new), (_, old))| {
-                format!("{kind} {}/{} (active {}/{})", new.passed, new.feasible(), old.passed, old.feasible())
-            })
+            .map(|kind| (kind.name(), candidate.of(kind), active.of(kind)))
+            .filter(|(_, new, _)| new.feasible() > 0)
+            .map(|(kind, new, old)| format!("{kind} {} (active {})", share(new), share(old)))
             .collect();
         return (!kinds.is_empty()).then(|| format!("drills passed: {}", kinds.join(", ")));
     }
-    if reason.dimension == "shadow" {
+    if reason.is_about(Dimension::Shadow) {
         let shadow = dossier.shadow.as_ref()?;
         return Some(format!("n = {} shadow sequences", shadow.sequences));
     }
@@ -110,85 +70,126 @@ pub(super) fn measured(reason: &Reason, dossier: &Dossier) -> Option<String> {
 }
 
 /// What would have to change for a reason to go away; `None` where it speaks for the version.
-pub(super) fn change(reason: &Reason, dossier: &Dossier) -> Option<String> {
-    if is_in_favour(&reason.code) || reason.code == "composition-restricted" {
-        return None;
-    }
-    let text = match reason.code.as_str() {
-        "behavior-established-worse" | "behavior-suspicious" | "behavior-safety-traded" => {
+pub(super) fn change(reason: &Noted, dossier: &Dossier) -> Option<String> {
+    use ReasonCode as Code;
+    // What another build wrote is told with its number against its limit.
+    let Some(code) = reason.code.known() else { return Some(against(reason)) };
+    let text = match code {
+        Code::BehaviorEstablishedWorse | Code::BehaviorSuspicious | Code::BehaviorSafetyTraded => {
             component(reason, dossier).map_or_else(|| against(reason), |found| behaviour(found, dossier))
         }
-        "behavior-no-data" | "composition-no-data" => {
+        Code::BehaviorNoData | Code::CompositionNoData => {
             "it has to be measured: the next stage does that".to_owned()
         }
         // The end of an evaluation is no demand of its own: what ended it stands beside it.
-        "behavior-ended-early" | "recovery-ended-early" => return None,
-        "behavior-inconclusive" => format!("more paired episodes are needed: {}", against(reason)),
-        "behavior-hard-stop" => {
+        Code::BehaviorEndedEarly | Code::RecoveryEndedEarly => return None,
+        Code::BehaviorInconclusive => format!("more paired episodes are needed: {}", against(reason)),
+        Code::BehaviorHardStop => {
             "the event has to be made impossible: one of them ends an evaluation".to_owned()
         }
-        "recovery-rollback-below-floor" => drills(reason, dossier),
-        "recovery-below-threshold"
-        | "recovery-far-below-floor"
-        | "recovery-fragile"
-        | "recovery-conditional" => weakest(reason, dossier),
-        "recovery-established-worse" | "recovery-leaning" => {
+        Code::RecoveryRollbackBelowFloor => drills(reason, dossier),
+        Code::RecoveryBelowThreshold
+        | Code::RecoveryFarBelowFloor
+        | Code::RecoveryFragile
+        | Code::RecoveryConditional => weakest(reason, dossier),
+        Code::RecoveryEstablishedWorse | Code::RecoveryLeaning => {
             format!("they have to pass as often as the active version's: {}", against(reason))
         }
-        "recovery-no-data" | "shadow-no-data" | "gate-no-data" | "interface-no-data" | "policy-no-data" => {
+        Code::RecoveryNoData
+        | Code::ShadowNoData
+        | Code::GateNoData
+        | Code::InterfaceNoData
+        | Code::PolicyNoData => {
             format!("evidence is missing: {}", reason.text)
         }
-        "recovery-hook-missing" => format!("export the hook: {}", reason.text),
-        "recovery-fallback-unresolved" => "bind a fallback that is registered and may take over".to_owned(),
-        "recovery-signal-unknown" => format!("declare failure signals the watcher knows: {}", reason.text),
-        "recovery-predecessor-not-loadable" => {
+        Code::RecoveryHookMissing => format!("export the hook: {}", reason.text),
+        Code::RecoveryFallbackUnresolved => "bind a fallback that is registered and may take over".to_owned(),
+        Code::RecoverySignalUnknown => format!("declare failure signals the watcher knows: {}", reason.text),
+        Code::RecoveryPredecessorNotLoadable => {
             "the predecessor has to load and be true to its digest".to_owned()
         }
-        "interface-version-mislabelled" => format!("raise the version number by more: {}", reason.text),
-        "interface-export-mismatch" => format!("manifest and code have to say the same: {}", reason.text),
-        "interface-dependency-breaking" | "interface-dependency-adaptable" => {
+        Code::InterfaceVersionMislabelled => format!("raise the version number by more: {}", reason.text),
+        Code::InterfaceExportMismatch => format!("manifest and code have to say the same: {}", reason.text),
+        Code::InterfaceDependencyBreaking | Code::InterfaceDependencyAdaptable => {
             format!("name a dependency the registry can meet: {}", reason.text)
         }
-        "interface-signature-adaptable" | "interface-schema-adaptable" | "interface-condition-adaptable" => {
+        Code::InterfaceSignatureAdaptable
+        | Code::InterfaceSchemaAdaptable
+        | Code::InterfaceConditionAdaptable => {
             format!("an adapter carries it; without one, declare it as before: {}", reason.text)
         }
-        "interface-signature-breaking" | "interface-schema-breaking" | "interface-condition-breaking" => {
+        Code::InterfaceSignatureBreaking
+        | Code::InterfaceSchemaBreaking
+        | Code::InterfaceConditionBreaking => {
             format!("declare it as the active version does (type, unit, frame, range): {}", reason.text)
         }
-        "policy-uncovered-high-risk" | "policy-uncovered-mode" | "policy-below-threshold" => {
+        Code::PolicyUncoveredHighRisk | Code::PolicyUncoveredMode | Code::PolicyBelowThreshold => {
             format!("a policy has to cover it, or the manifest must not reach it: {}", reason.text)
         }
-        "policy-forbidden-mode" => format!("the manifest must not reach it: {}", reason.text),
-        "policy-undeclared-import" => format!("declare the permission, or do not use it: {}", reason.text),
-        "policy-environment-not-admitted" => format!("admit this profile in [deployment]: {}", reason.text),
-        "policy-authority-review" | "policy-escalation" | "policy-new-permission" => {
+        Code::PolicyForbiddenMode => format!("the manifest must not reach it: {}", reason.text),
+        Code::PolicyUndeclaredImport => format!("declare the permission, or do not use it: {}", reason.text),
+        Code::PolicyEnvironmentNotAdmitted => format!("admit this profile in [deployment]: {}", reason.text),
+        Code::PolicyAuthorityReview | Code::PolicyEscalation | Code::PolicyNewPermission => {
             format!("ask for less, or have people review it: {}", reason.text)
         }
-        "approval-pending" => missing_people(reason),
-        "approval-refused" => "people would have to approve a new registration".to_owned(),
-        "approval-timeout" => {
+        Code::ApprovalPending => missing_people(reason),
+        Code::ApprovalRefused => "people would have to approve a new registration".to_owned(),
+        Code::ApprovalTimeout => {
             "people have to answer by the deadline; `holdpoint resume` asks again".to_owned()
         }
-        "gate-frozen" => "the freeze has to end".to_owned(),
-        "gate-no-improvement" => "an improvement over the active version has to be established".to_owned(),
-        "gate-stale-evidence" => "the stages have to be run again under what holds now".to_owned(),
-        "shadow-governance-divergence" => {
+        Code::GateFrozen => "the freeze has to end".to_owned(),
+        Code::GateNoImprovement => "an improvement over the active version has to be established".to_owned(),
+        Code::GateStaleEvidence => "the stages have to be run again under what holds now".to_owned(),
+        Code::ShadowGovernanceDivergence => {
             format!(
                 "the twin may not have more policy hits or watcher events than the live world: {}",
                 against(reason)
             )
         }
-        "shadow-output-divergence" | "shadow-envelope-divergence" | "shadow-leaning" => {
+        Code::ShadowOutputDivergence | Code::ShadowEnvelopeDivergence | Code::ShadowLeaning => {
             format!("it only lengthens shadow: {}", against(reason))
         }
-        "monitor-safety-trip" => "no safety event: the first one takes a version off".to_owned(),
-        "monitor-rate-trip" | "monitor-rate-warning" => {
+        Code::MonitorSafetyTrip => "no safety event: the first one takes a version off".to_owned(),
+        Code::MonitorRateTrip | Code::MonitorRateWarning => {
             format!("the rate has to stay as it was measured before activation: {}", against(reason))
         }
-        "monitor-telemetry-missing" => format!("telemetry has to arrive: {}", against(reason)),
-        "monitor-escalation-unanswered" => "somebody has to answer an escalation by its deadline".to_owned(),
-        "monitor-operator" => "a person asked for it".to_owned(),
-        _ => against(reason),
+        Code::MonitorTelemetryMissing => format!("telemetry has to arrive: {}", against(reason)),
+        Code::MonitorEscalationUnanswered => {
+            "somebody has to answer an escalation by its deadline".to_owned()
+        }
+        Code::MonitorOperator => "a person asked for it".to_owned(),
+        Code::PolicyResourcesExceeded
+        | Code::PolicyTighterEnvelope
+        | Code::BehaviorEstimated
+        | Code::GateDimensionFailed
+        | Code::GateNotMeasured
+        | Code::GateSkipped
+        | Code::GateSitePolicyForbids
+        | Code::GateHardLimit
+        | Code::GateReviewOpen
+        | Code::GateProfileClosed
+        | Code::ApprovalStale
+        | Code::ApprovalExpired
+        | Code::ApprovalSelf
+        | Code::ApprovalDuplicate
+        | Code::ApprovalRole
+        | Code::ApprovalSignature
+        | Code::ApprovalReplayed
+        | Code::ApprovalBreakGlass => against(reason),
+        // They speak for the version, or only say that another reason caps it.
+        Code::InterfaceCompatible
+        | Code::PolicyCompatible
+        | Code::BehaviorCompatible
+        | Code::RecoveryCompatible
+        | Code::BehaviorImproved
+        | Code::CompositionEligible
+        | Code::ShadowClean
+        | Code::GatePassed
+        | Code::ApprovalGranted
+        | Code::ApprovalNotNeeded
+        | Code::MonitorHealthy
+        | Code::MonitorConfirmed
+        | Code::CompositionRestricted => return None,
     };
     Some(text)
 }
@@ -213,7 +214,7 @@ pub(super) const fn of_failure(failure: RungFailure) -> &'static str {
 }
 
 /// The reason with its number against its limit.
-fn against(reason: &Reason) -> String {
+fn against(reason: &Noted) -> String {
     match (reason.evidence, reason.limit) {
         (Some(found), Some(limit)) => format!("{} ({found:.3} against a limit of {limit:.3})", reason.text),
         _ => reason.text.clone(),
@@ -222,6 +223,7 @@ fn against(reason: &Reason) -> String {
 
 fn behaviour(component: &Component, dossier: &Dossier) -> String {
     let Component { name, worsening, upper, tolerance, .. } = component;
+    let name = name.name();
     let bound = upper.map_or_else(|| "unbounded".to_owned(), |upper| format!("95 % bound {upper:.3}"));
     let fewer = fewer(component, dossier)
         .map_or_else(String::new, |(fewer, all)| format!(": {fewer} fewer of {all} episodes"));
@@ -231,14 +233,16 @@ fn behaviour(component: &Component, dossier: &Dossier) -> String {
 /// How many episodes fewer may be worse for the upper bound to come within the tolerance. Absent for what is not
 /// counted per episode (time, retries).
 fn fewer(component: &Component, dossier: &Dossier) -> Option<(u64, u64)> {
-    let bad: fn(&Values) -> bool = match component.name.as_str() {
-        "success" => |values| !values.success,
-        "violation" => |values| values.violation,
-        "anomaly" => |values| values.anomaly,
-        "recovery" => |values| values.recovery,
-        _ => return None,
+    let bad: fn(&EpisodeValues) -> bool = match component.name {
+        ComponentName::Success => |values| !values.success,
+        ComponentName::Violation => |values| values.violation,
+        ComponentName::Anomaly => |values| values.anomaly,
+        ComponentName::Recovery => |values| values.recovery,
+        ComponentName::Time | ComponentName::Retry => return None,
     };
-    let counts = PairedCounts::of(dossier.pairs.iter().map(|pair| (bad(&pair.candidate), bad(&pair.active))));
+    let counts = PairedCounts::of(
+        dossier.pairs.iter().flatten().map(|pair| (bad(&pair.candidate), bad(&pair.active))),
+    );
     let fits = |fewer: u64| {
         let counts = PairedCounts { candidate_only: counts.candidate_only.checked_sub(fewer)?, ..counts };
         let bound = binary_pairs(counts, UPPER_ALPHA).ok()?;
@@ -248,7 +252,7 @@ fn fewer(component: &Component, dossier: &Dossier) -> Option<(u64, u64)> {
 }
 
 /// `rollback drills passed 26 of 40; 28 are needed`.
-fn drills(reason: &Reason, dossier: &Dossier) -> String {
+fn drills(reason: &Noted, dossier: &Dossier) -> String {
     let (Some((candidate, _)), Some(floor)) = (&dossier.drills, reason.limit) else { return against(reason) };
     let (passed, all) = (candidate.rollback.passed, candidate.rollback.feasible());
     match needed(floor, all) {
@@ -258,19 +262,19 @@ fn drills(reason: &Reason, dossier: &Dossier) -> String {
 }
 
 /// The fewest of `all` whose share is at least `floor`.
-fn needed(floor: f64, all: u64) -> Option<u64> {
-    (0..=all).find(|passed| all > 0 && *passed as f64 / all as f64 >= floor)
+fn needed(floor: f64, all: u32) -> Option<u32> {
+    (0..=all).find(|passed| all > 0 && f64::from(*passed) / f64::from(all) >= floor)
 }
 
 /// The drills that pull recovery down.
-fn weakest(reason: &Reason, dossier: &Dossier) -> String {
-    let low =
-        dossier.drills.as_ref().and_then(|(candidate, _)| {
-            let share = |passed: u64, all: u64| passed as f64 / all as f64;
-            candidate.each().into_iter().filter(|(_, tally)| tally.feasible() > 0).min_by(|(_, a), (_, b)| {
-                share(a.passed, a.feasible()).total_cmp(&share(b.passed, b.feasible()))
-            })
-        });
+fn weakest(reason: &Noted, dossier: &Dossier) -> String {
+    let share = |tally: &DrillTally| f64::from(tally.passed) / f64::from(tally.feasible());
+    let lowest = |drills: &Drills| {
+        let tallies = DrillKind::ALL.map(|kind| (kind.name(), *drills.of(kind)));
+        let held = tallies.into_iter().filter(|(_, tally)| tally.feasible() > 0);
+        held.min_by(|(_, a), (_, b)| share(a).total_cmp(&share(b)))
+    };
+    let low = dossier.drills.as_ref().and_then(|(candidate, _)| lowest(candidate));
     let limit = reason.limit.map_or_else(String::new, |limit| format!(", at least {limit:.3} is needed"));
     let found = reason.evidence.map_or_else(String::new, |found| format!(" {found:.3}{limit}"));
     match low {
@@ -283,7 +287,7 @@ fn weakest(reason: &Reason, dossier: &Dossier) -> String {
 }
 
 /// `approval by 1 more person`.
-fn missing_people(reason: &Reason) -> String {
+fn missing_people(reason: &Noted) -> String {
     match reason.evidence {
         Some(missing) if missing >= 0.5 => {
             let people = if missing < 1.5 { "operator" } else { "operators" };

@@ -1,32 +1,43 @@
-//! What is read from records, leniently: a field that is not there is absent, one that is not known is passed over.
+//! What is read from records, leniently: records are older and newer than this build.
 //!
-//! Owns the forms; says nothing about them. Records are older and newer than this build.
+//! The forms are governance's own. What a record lacks is absent; a part that this build cannot read is as if it were
+//! not there, and a word it does not know is kept as it is.
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
+
+use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::evidence::{Drills, Pair};
+use holdpoint_governance::gate::ShadowAssessment;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::words::Word;
 
 /// The body of a `decision` record.
 #[derive(Debug, Deserialize)]
 pub(super) struct Decision {
+    /// A word, or a word with content.
     pub(super) outcome: Value,
     #[serde(default)]
-    pub(super) reasons: Vec<Reason>,
+    pub(super) reasons: Vec<Noted>,
 }
 
 /// The body of a `monitor` record.
 #[derive(Debug, Deserialize)]
 pub(super) struct Monitored {
-    pub(super) action: String,
+    pub(super) action: Word<MonitorOutcome>,
     #[serde(default)]
-    pub(super) reasons: Vec<Reason>,
+    pub(super) reasons: Vec<Noted>,
 }
 
-/// A reason.
+/// A reason as it was noted.
 #[derive(Clone, Debug, Deserialize)]
-pub(super) struct Reason {
-    pub(super) code: String,
+pub(super) struct Noted {
+    pub(super) code: Word<ReasonCode>,
     #[serde(default)]
-    pub(super) dimension: String,
+    pub(super) dimension: Option<Word<Dimension>>,
     #[serde(default)]
     pub(super) text: String,
     #[serde(default)]
@@ -35,17 +46,36 @@ pub(super) struct Reason {
     pub(super) limit: Option<f64>,
 }
 
+impl From<&Reason> for Noted {
+    fn from(reason: &Reason) -> Self {
+        Self {
+            code: reason.code.into(),
+            dimension: Some(reason.dimension.into()),
+            text: reason.text.clone(),
+            evidence: reason.evidence,
+            limit: reason.limit,
+        }
+    }
+}
+
+impl Noted {
+    /// Whether it is about this part of the rules.
+    pub(super) fn is_about(&self, dimension: Dimension) -> bool {
+        self.dimension.as_ref().is_some_and(|about| *about == dimension)
+    }
+}
+
 /// The body of a `state-set` record.
 #[derive(Debug, Deserialize)]
 pub(super) struct Change {
-    pub(super) change: Decided,
+    pub(super) change: Moved,
 }
 
 /// A state that changed.
 #[derive(Debug, Deserialize)]
-pub(super) struct Decided {
-    pub(super) from: String,
-    pub(super) to: String,
+pub(super) struct Moved {
+    pub(super) from: State,
+    pub(super) to: State,
     #[serde(default)]
     pub(super) reason: String,
 }
@@ -55,10 +85,14 @@ pub(super) struct Decided {
 #[serde(default)]
 pub(super) struct Dossier {
     pub(super) kappas: Option<Value>,
-    pub(super) behavior: Option<Behavior>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) behavior: Option<BehaviorAssessment>,
+    #[serde(deserialize_with = "readable")]
     pub(super) drills: Option<(Drills, Drills)>,
-    pub(super) shadow: Option<Shadow>,
-    pub(super) pairs: Vec<Pair>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) shadow: Option<ShadowAssessment>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) pairs: Option<Vec<Pair>>,
 }
 
 impl Dossier {
@@ -68,90 +102,9 @@ impl Dossier {
     }
 }
 
-/// `kappa_B` with its components.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Behavior {
-    pub(super) components: Vec<Component>,
-    pub(super) pairs: u64,
-}
-
-/// One component.
-#[derive(Debug, Deserialize)]
-pub(super) struct Component {
-    pub(super) name: String,
-    #[serde(default)]
-    pub(super) worsening: f64,
-    #[serde(default)]
-    pub(super) lower: f64,
-    #[serde(default)]
-    pub(super) upper: Option<f64>,
-    #[serde(default)]
-    pub(super) tolerance: f64,
-}
-
-/// Outcomes of the drills of one version.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Drills {
-    pub(super) rollback: Tally,
-    pub(super) fallback: Tally,
-    pub(super) abort: Tally,
-    pub(super) detect: Tally,
-}
-
-impl Drills {
-    /// Kinds with their names.
-    pub(super) const fn each(&self) -> [(&'static str, &Tally); 4] {
-        [
-            ("rollback", &self.rollback),
-            ("fallback", &self.fallback),
-            ("abort", &self.abort),
-            ("detect", &self.detect),
-        ]
-    }
-}
-
-/// Drills of one kind.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Tally {
-    pub(super) passed: u64,
-    pub(super) failed: u64,
-}
-
-impl Tally {
-    /// Drills that say something.
-    pub(super) const fn feasible(&self) -> u64 {
-        self.passed.saturating_add(self.failed)
-    }
-}
-
-/// What shadow came to.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Shadow {
-    pub(super) check: Value,
-    pub(super) reasons: Vec<Reason>,
-    pub(super) sequences: u64,
-}
-
-/// One episode of both versions.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Pair {
-    pub(super) active: Values,
-    pub(super) candidate: Values,
-}
-
-/// What an episode gave, as far as it is counted.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Values {
-    pub(super) success: bool,
-    pub(super) violation: bool,
-    pub(super) anomaly: bool,
-    pub(super) recovery: bool,
+/// A part that this build can read; absent otherwise.
+fn readable<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
+    Value::deserialize(deserializer).map(|value| serde_json::from_value(value).ok())
 }
 
 /// A unit variant's name, or that of a variant with content.

@@ -16,6 +16,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Event;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::PromptView;
@@ -303,7 +304,7 @@ impl Approvals {
         record.tell(EventKind::ApprovalReceived {
             version: id,
             by: said.who.clone(),
-            decision: said.decision.name().to_owned(),
+            decision: said.decision,
             reason: Untrusted::new(said.reason).line().into_string(),
             have,
             needed,
@@ -376,7 +377,7 @@ fn view(
         row_version: prompt.row_version,
         evidence: prompt.evidence,
         policy: context.digest,
-        profile: context.profile.name.name().to_owned(),
+        profile: context.profile.name,
         needed: u32::from(quorum),
         approved_by: approved.map(|vote| vote.person.clone()).collect(),
         deadline_ms: prompt.deadline_ms,
@@ -411,7 +412,7 @@ fn shown_record(id: &CapabilityId, who: &str, nonce: &str, shown: &str) -> Resul
     let digest = Digest::of_parts("holdpoint.shown.v1", &[shown.as_bytes()]);
     let body = serde_json::json!({ "by": who, "nonce": nonce, "digest": digest, "text": shown });
     let body = serde_json::to_string(&body)?;
-    Ok(AuditBody { kind: "shown".to_owned(), subject: id.to_string(), body })
+    Ok(AuditBody { kind: RecordKind::Shown, subject: id.to_string(), body })
 }
 
 /// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.

@@ -7,6 +7,7 @@ use crate::fault::Fault;
 use crate::pipeline::Pipeline;
 use holdpoint_governance::alarms::AlarmEvent;
 use holdpoint_governance::monitor::{MonitorAction, normal_rates};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_text::Untrusted;
@@ -36,7 +37,7 @@ impl Pipeline {
         watched.asked = None;
         watched.question.clear();
         let body = serde_json::json!({ "answer": "go-on", "by": operation.by, "reason": operation.reason });
-        self.record.note("monitor-answer", id.to_string(), body.to_string())?;
+        self.record.note(RecordKind::MonitorAnswer, id.to_string(), body.to_string())?;
         self.record.tell(EventKind::Continued {
             version: id.clone(),
             by: Untrusted::new(operation.by.clone()).line().into_string(),

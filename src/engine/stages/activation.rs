@@ -6,6 +6,7 @@ use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::gate::{self, GateInput, GateOutcome, GatePassed, GateResult};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
@@ -213,7 +214,7 @@ impl Activation<'_> {
             cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
             before,
             after: Vec::new(),
-            audit: vec![AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body: decision }],
+            audit: vec![AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body: decision }],
         };
         // Without a live monitor no tick runs under a provisional version: it is made first.
         let watched = Watched::new(id, self.dossiers.of(id), self.context, self.record.now_tick())?;

@@ -4,6 +4,8 @@ use holdpoint_governance::alarms::AlarmEvent;
 use holdpoint_governance::decision::{Decision, Kappa, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_registry::names::EvidenceKind;
@@ -13,7 +15,6 @@ use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
-use crate::names::word;
 use crate::record::Record;
 
 /// Keeps and tells how far a stage is.
@@ -46,7 +47,7 @@ const fn early(stage: Stage) -> &'static str {
 }
 
 /// Tells a decision.
-pub(crate) fn decided<O: serde::Serialize>(
+pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
     context: &Context,
     record: &mut Record,
     dossier: &mut Dossier,
@@ -58,7 +59,7 @@ pub(crate) fn decided<O: serde::Serialize>(
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,
-        outcome: word(decision.outcome()),
+        outcome: (*decision.outcome()).into(),
         dimensions: dossier.dimensions(&context.profile),
         composite: dossier.composite(&context.profile),
         reasons: decision.reasons().to_vec(),
@@ -78,7 +79,7 @@ pub(crate) fn stage_note<O: serde::Serialize>(
     let digest = dossier.digest()?;
     let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
     let body = serde_json::to_string(decision)?;
-    let record = AuditBody { kind: "decision".to_owned(), subject: id.to_string(), body };
+    let record = AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body };
     Ok(Note {
         reason,
         cause: None,
@@ -106,7 +107,7 @@ pub(crate) fn rejected(context: &Context, record: &mut Record, id: &CapabilityId
     let (key, priority) = (format!("rejected:{id}"), context.profile.alarms.rejected);
     record.raise(&key, "rejected", priority, false, &format!("{id} was rejected"));
     record.alarm_event(&AlarmEvent::Clear { key });
-    record.close_audit(id, "rejected")
+    record.close_audit(id, UpgradeEnd::Rejected)
 }
 
 /// A stage ends without a result; it can be begun again.

@@ -9,6 +9,7 @@
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
 use holdpoint_registry::names::EvidenceKind;
@@ -157,12 +158,8 @@ fn conclude(
     let dossier = dossiers.edit(id);
     dossier.progress = None;
     dossier.confirmation = Some(confirmation);
-    let decision = if settled { "settled" } else { "doubt-remains" };
-    record.tell(EventKind::Monitor {
-        version: id.clone(),
-        decision: decision.to_owned(),
-        reasons: reasons.clone(),
-    });
+    let decision = if settled { MonitorOutcome::Settled } else { MonitorOutcome::DoubtRemains };
+    record.tell(EventKind::Monitor { version: id.clone(), decision, reasons: reasons.clone() });
     if !settled {
         dossier.reasons = reasons;
     }

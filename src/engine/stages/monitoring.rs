@@ -4,6 +4,7 @@ use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Event, Leave};
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
+use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_registry::Batch;
@@ -237,10 +238,10 @@ impl Live<'_> {
         reasons: &[Reason],
     ) -> Result<(), Fault> {
         let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
-        self.record.note("monitor", id.to_string(), body)?;
+        self.record.note(RecordKind::Monitor, id.to_string(), body)?;
         self.record.tell(EventKind::Monitor {
             version: id.clone(),
-            decision: action.name().to_owned(),
+            decision: action.into(),
             reasons: reasons.to_vec(),
         });
         Ok(())
@@ -288,7 +289,7 @@ impl Live<'_> {
         let note = Note::because("the provisional window passed without a trip");
         self.record.transition(&id.family, Event::Confirm { version }, note)?;
         self.record.tell(EventKind::Confirmed { version: id.clone(), episodes });
-        self.record.close_audit(id, "confirmed")
+        self.record.close_audit(id, UpgradeEnd::Confirmed)
     }
 
     /// Takes an active version off, and looks at the first tasks under its predecessor: at once where the live world

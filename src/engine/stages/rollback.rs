@@ -8,7 +8,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Event, Leave, State, VersionRef};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::rollback::{
-    RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
+    PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
@@ -63,7 +63,7 @@ impl Live<'_> {
             time_to_restored_ms: None,
             unsafe_continuation_ms: 0,
             rungs: Vec::new(),
-            post_status: "safe-stopped".to_owned(),
+            post_status: PostStatus::SafeStopped,
             recovered: None,
             resumed_tasks: 0,
         };
@@ -89,8 +89,7 @@ impl Live<'_> {
         if !is_ready {
             return self.safe_stop(id, version, record).map(|()| None);
         }
-        let left = if leave == Leave::RolledBack { "rolled-back" } else { "demoted" };
-        left.clone_into(&mut record.post_status);
+        record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
@@ -235,9 +234,9 @@ impl Live<'_> {
         if !self.world.is_paced() {
             self.raise_rolled_back(&record);
         }
-        let state = record.post_status.clone();
+        let end = record.post_status.into();
         self.record.tell(told(record));
-        self.record.close_audit(&id, &state)
+        self.record.close_audit(&id, end)
     }
 
     pub(crate) fn raise_rolled_back(&mut self, record: &RollbackRecord) {
@@ -254,7 +253,7 @@ impl Live<'_> {
         version: VersionRef,
         mut record: RollbackRecord,
     ) -> Result<(), Fault> {
-        "safe-stopped".clone_into(&mut record.post_status);
+        record.post_status = PostStatus::SafeStopped;
         record.predecessor = None;
         record.time_to_restored_ticks = None;
         record.time_to_restored_ms = None;
@@ -273,7 +272,7 @@ impl Live<'_> {
         let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
         self.record.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);
         self.record.tell(told(record));
-        self.record.close_audit(id, "safe-stopped")
+        self.record.close_audit(id, PostStatus::SafeStopped.into())
     }
 
     fn rung(&mut self, record: &mut RollbackRecord, rung: Rung, failure: Option<RungFailure>, text: &str) {
@@ -283,7 +282,7 @@ impl Live<'_> {
     pub(crate) fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
         self.record.tell(EventKind::Rung {
             version: record.candidate.clone(),
-            rung: rung.rung.name().to_owned(),
+            rung: rung.rung,
             ok: rung.failure.is_none(),
             failure: rung.failure,
             ms: rung.ms,

@@ -17,7 +17,6 @@ use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::monitors::Monitors;
-use crate::names::word;
 use crate::record::Record;
 use crate::world::shadow::{Shadow, ShadowTrace};
 
@@ -160,11 +159,10 @@ fn decide(
     let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
     dossier.reasons.clone_from(&result.reasons);
     dossier.progress = None;
-    let outcome = word(&result.check);
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage: Stage::Shadow,
-        outcome: if outcome == "unknown" { "pass-restricted".to_owned() } else { outcome },
+        outcome: result.check.into(),
         dimensions: dossier.dimensions(profile),
         composite: dossier.composite(profile),
         reasons: result.reasons.clone(),

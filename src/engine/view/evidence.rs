@@ -3,7 +3,6 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::dossier::Dossier;
-use crate::names::word;
 use crate::trial::measures::{Metric, ModeMetrics};
 use holdpoint_governance::behavior::{self, ComponentName};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
@@ -26,7 +25,7 @@ pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
         .components
         .iter()
         .map(|component| Measure {
-            name: word(&component.name),
+            name: component.name.name().to_owned(),
             candidate: of(&behavior.candidate, component.name),
             active: of(&behavior.active, component.name),
             interval: component.upper.map(|upper| [component.lower, upper]),
@@ -91,7 +90,7 @@ pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
     DrillKind::ALL
         .into_iter()
         .map(|kind| DrillView {
-            kind: kind.name().to_owned(),
+            kind,
             candidate: counts(candidate.of(kind)),
             active: counts(active.of(kind)),
         })

@@ -4,21 +4,18 @@
 
 use super::evidence::{behavior, drills, modes};
 use crate::dossier::Dossier;
-use crate::explain::{self, Explained, difference::differences};
+use crate::explain;
+use crate::explain::difference::differences;
 use crate::fault::Fault;
 use crate::pipeline::Pipeline;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::{AuditRecord, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_protocol::detail::{
-    AuditPage, AuditRow, Detail, DifferenceView, ExplainedLine, ExplainedView, Group, PAGE_MAX, RegistryPage,
-    RegistryRow, Verified,
-};
-use holdpoint_registry::{
-    AuditFilter, AuditRecord, EvidenceEntry, VersionFilter, VersionGroup, VersionSummary,
-};
+use holdpoint_protocol::detail::{AuditPage, Detail, Difference, PAGE_MAX, RegistryPage, Verified};
+use holdpoint_registry::{AuditFilter, EvidenceEntry, VersionFilter};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
 
@@ -38,7 +35,7 @@ impl Pipeline {
     /// A page of the registry.
     pub(crate) fn registry_page(
         &self,
-        group: Group,
+        group: VersionGroup,
         text: &str,
         offset: u64,
         limit: u64,
@@ -47,23 +44,15 @@ impl Pipeline {
             return Ok(refused);
         }
         let filter = VersionFilter {
-            group: match group {
-                Group::All => VersionGroup::All,
-                Group::Active => VersionGroup::Active,
-                Group::Candidate => VersionGroup::Candidate,
-                Group::History => VersionGroup::History,
-            },
+            group,
             text: (!text.is_empty()).then(|| text.to_owned()),
             offset: usize::try_from(offset).unwrap_or(usize::MAX),
             limit: rows(limit),
             ..VersionFilter::default()
         };
         let (found, total) = self.record.ledger().store().views()?.versions(&filter)?;
-        let page = RegistryPage {
-            rows: found.into_iter().map(registry_row).collect(),
-            total: total as u64,
-            thresholds: self.context.thresholds(),
-        };
+        let thresholds = self.context.thresholds();
+        let page = RegistryPage { rows: found, total: total as u64, thresholds };
         Ok(Reply::Registry { page })
     }
 
@@ -135,23 +124,22 @@ impl Pipeline {
         let detail = Detail {
             version: id.clone(),
             against: against.as_ref().map(Capability::id),
-            parent: stored.parent.as_ref().map(ToString::to_string),
+            parent: stored.parent.clone(),
             digest: stored.candidate_digest,
             summary: capability.submission.summary.clone(),
             author: stored.summary.author.clone(),
-            provenance: stored.summary.provenance.clone(),
-            risk: stored.summary.risk.clone(),
+            provenance: stored.summary.provenance,
+            risk: stored.summary.risk,
             registered_ms: stored.registered_ms,
             dimensions: dossier.dimensions(&self.context.profile),
             composite: dossier.composite(&self.context.profile),
             reasons: reasons(&dossier),
             conditions: dossier.conditions.clone(),
-            differences: against.map_or_else(Vec::new, |active| difference_views(&active, capability)),
+            differences: against.map_or_else(Vec::new, |active| differing(&active, capability)),
             behavior: behavior(&dossier),
             modes: modes(&dossier),
             drills: drills(&dossier),
-            decisions: explained
-                .map_or_else(Vec::new, |all| all.decisions.into_iter().map(explained_view).collect()),
+            decisions: explained.map_or_else(Vec::new, |all| all.decisions),
             audit,
             evidence: if assessed { Some(dossier.digest()?) } else { None },
             untested: if assessed { crate::people::approvals::untested(&dossier) } else { Vec::new() },
@@ -190,22 +178,8 @@ fn too_long(what: &str, text: &str) -> Option<Reply> {
     })
 }
 
-fn registry_row(row: VersionSummary) -> RegistryRow {
-    RegistryRow {
-        version: row.id,
-        state: row.state.into(),
-        flags: row.flags,
-        kappas: row.kappas,
-        baseline: row.baseline,
-        author: row.author,
-        provenance: row.provenance,
-        risk: row.risk,
-        changed_ms: row.changed_ms,
-    }
-}
-
 /// Rows until their bodies are more than one answer carries; the first one always.
-fn bounded(records: Vec<AuditRecord>) -> Vec<AuditRow> {
+fn bounded(records: Vec<AuditRecord>) -> Vec<AuditRecord> {
     let mut bytes = 0_usize;
     let mut rows = Vec::new();
     for record in records {
@@ -213,20 +187,13 @@ fn bounded(records: Vec<AuditRecord>) -> Vec<AuditRow> {
         if bytes > BODIES_BYTES_MAX && !rows.is_empty() {
             break;
         }
-        rows.push(AuditRow {
-            seq: record.seq,
-            at_ms: record.at_ms,
-            kind: record.kind,
-            subject: record.subject,
-            body: record.body,
-            hash: record.hash,
-        });
+        rows.push(record);
     }
     rows
 }
 
 /// The beginning of a body, and how long it is.
-fn shorten(row: &mut AuditRow) {
+fn shorten(row: &mut AuditRecord) {
     if row.body.len() > TRAIL_BODY_BYTES_MAX {
         let whole = row.body.len();
         let start: String = row.body.chars().take(TRAIL_BODY_BYTES_MAX / 4).collect();
@@ -261,7 +228,7 @@ fn reasons(dossier: &Dossier) -> Vec<Reason> {
 }
 
 /// Manifest and parameters, field by field.
-fn difference_views(active: &Capability, candidate: &Capability) -> Vec<DifferenceView> {
+fn differing(active: &Capability, candidate: &Capability) -> Vec<Difference> {
     let value = |version: &Capability| {
         let manifest = serde_json::to_value(&*version.manifest).unwrap_or_default();
         // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
@@ -269,41 +236,5 @@ fn difference_views(active: &Capability, candidate: &Capability) -> Vec<Differen
         let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
         serde_json::json!({ "manifest": manifest, "params": params })
     };
-    let text = |value: serde_json::Value| match value {
-        serde_json::Value::String(text) => text,
-        other => other.to_string(),
-    };
     differences(&value(active), &value(candidate))
-        .into_iter()
-        .map(|found| DifferenceView {
-            field: found.field,
-            active: found.old.map(text),
-            candidate: found.new.map(text),
-        })
-        .collect()
-}
-
-fn explained_view(decision: Explained) -> ExplainedView {
-    ExplainedView {
-        record: decision.record,
-        at_ms: decision.at_ms,
-        stage: decision.stage,
-        outcome: decision.outcome,
-        rule: [decision.rule.name.to_owned(), decision.rule.source.to_owned()],
-        reasons: decision
-            .reasons
-            .into_iter()
-            .map(|reason| ExplainedLine {
-                code: reason.code,
-                dimension: reason.dimension,
-                in_favour: reason.in_favour,
-                text: reason.text,
-                evidence: reason.evidence,
-                limit: reason.limit,
-                measured: reason.measured,
-            })
-            .collect(),
-        change: decision.change,
-        then: decision.then,
-    }
 }

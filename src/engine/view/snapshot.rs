@@ -32,8 +32,8 @@ impl Pipeline {
                     flags: version.flags,
                     row_version: member.row_version,
                     author: submission.author.clone(),
-                    provenance: submission.provenance.name().to_owned(),
-                    risk: submission.estimated_risk.name().to_owned(),
+                    provenance: submission.provenance,
+                    risk: submission.estimated_risk,
                     progress: dossier.progress.clone(),
                     dimensions: dossier.dimensions(&self.context.profile),
                     composite: dossier.composite(&self.context.profile),
@@ -47,7 +47,7 @@ impl Pipeline {
         }
         Snapshot {
             at_ms: self.record.now_ms(),
-            profile: self.context.profile.name.name().to_owned(),
+            profile: self.context.profile.name,
             robot: self.context.cell.model.name.clone(),
             seed: self.trials.seed(),
             policy: self.context.digest,
@@ -92,11 +92,11 @@ impl Pipeline {
             .map(|alarm| AlarmView {
                 alarm: alarm.key.clone(),
                 subject: alarm.group.clone(),
-                state: crate::names::word(&alarm.state()),
-                priority: crate::names::word(&alarm.priority),
+                state: alarm.state(),
+                priority: alarm.priority,
                 text: alarm.text.line().into_string(),
                 since_ms: alarm.first_ms,
-                state_below: crate::names::word(&alarm.state_below()),
+                state_below: alarm.state_below(),
                 latching: alarm.latching,
                 acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
                 shelf: alarm
@@ -115,16 +115,13 @@ impl Pipeline {
         #[allow(clippy::cast_precision_loss, reason = "at most fifty")]
         let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
         let needed = self.context.profile.activation.provisional_episodes;
-        let drift = self.world.cell.drift().map(|drift| {
-            format!("{} {}", crate::names::word(&drift.kind), crate::names::word(&drift.magnitude))
-        });
         LiveView {
             sequences: self.world.cell.sequences(),
             recent_success: share,
             recent: n as u64,
             last: last.to_vec(),
-            drift,
-            fault: self.world.cell.fault().map(|fault| fault.name().to_owned()),
+            drift: self.world.cell.drift().copied(),
+            fault: self.world.cell.fault(),
             pace: self.world.pace(),
             outcomes: recent,
             monitors: self.monitors.views(needed),

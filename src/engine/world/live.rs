@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
+pub use holdpoint_body::rehearsal::LiveFault;
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
@@ -64,31 +65,6 @@ impl SequenceReport {
     #[must_use]
     pub fn succeeded(&self) -> bool {
         self.tasks.len() == TaskKind::SEQUENCE.len() && self.tasks.iter().all(|done| done.record.success)
-    }
-}
-
-/// What is broken in the live world, from the next sequence on until it is mended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LiveFault {
-    /// The link to the monitors is down: nothing of the arm reaches them. Guard and watcher, which sit at the
-    /// arm, still see it.
-    TelemetryLost,
-    /// Every picture is lost.
-    CameraLost,
-}
-
-impl LiveFault {
-    /// Every fault.
-    pub const ALL: [Self; 2] = [Self::TelemetryLost, Self::CameraLost];
-
-    /// The name in commands, scenarios and records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::TelemetryLost => "telemetry-lost",
-            Self::CameraLost => "camera-lost",
-        }
     }
 }
 

@@ -89,7 +89,7 @@ impl Painter {
             sequence: self.sequence,
             at_ms: portrait::at_ms(&self.clock, world),
             at_secs: world.sim_secs(),
-            task: Some(crate::names::word(&task)),
+            task: Some(task),
             version: self.at_work(task),
             body: portrait::body(world, seen),
             speed_m_s: narrow(seen.tool_speed_m_s),

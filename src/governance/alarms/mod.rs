@@ -38,34 +38,65 @@ pub const CHATTER_RAISES: usize = 3;
 /// See [`CHATTER_RAISES`].
 pub const CHATTER_WINDOW_MS: u64 = 60_000;
 
-/// How soon the operator must act. The order is the order of attention: `Critical` comes first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Priority {
-    /// At once; cannot be shelved or grouped away.
-    Critical,
-    /// Soon.
-    High,
-    /// In this shift.
-    Low,
+crate::words! {
+    /// How soon the operator must act. The order is the order of attention: `Critical` comes first.
+    Priority, "priority of an alarm", {
+        /// At once; cannot be shelved or grouped away.
+        Critical = "critical",
+        /// Soon.
+        High = "high",
+        /// In this shift.
+        Low = "low",
+    }
 }
 
-/// What is being told about an alarm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum AlarmState {
-    /// Nothing to tell.
-    Normal,
-    /// The condition is there and nobody has seen it.
-    Unacknowledged,
-    /// The condition is there and somebody knows.
-    Acknowledged,
-    /// The condition is gone and nobody has seen it.
-    ReturnedUnacknowledged,
-    /// The condition is gone, somebody knows, and it stays until reset with a reason.
-    Latched,
-    /// Set aside for a time, with a reason.
-    Shelved,
+crate::words! {
+    /// What is being told about an alarm.
+    AlarmState, "state of an alarm", {
+        /// Nothing to tell.
+        Normal = "normal",
+        /// The condition is there and nobody has seen it.
+        Unacknowledged = "unacknowledged",
+        /// The condition is there and somebody knows.
+        Acknowledged = "acknowledged",
+        /// The condition is gone and nobody has seen it.
+        ReturnedUnacknowledged = "returned-unacknowledged",
+        /// The condition is gone, somebody knows, and it stays until reset with a reason.
+        Latched = "latched",
+        /// Set aside for a time, with a reason.
+        Shelved = "shelved",
+    }
+}
+
+impl Priority {
+    /// Whether an alarm may be set aside for a time: a critical one stays in sight.
+    #[must_use]
+    pub const fn can_be_shelved(self) -> bool {
+        match self {
+            Self::Critical => false,
+            Self::High | Self::Low => true,
+        }
+    }
+}
+
+impl AlarmState {
+    /// Whether nobody has acknowledged it: it calls for attention.
+    #[must_use]
+    pub const fn calls(self) -> bool {
+        match self {
+            Self::Unacknowledged | Self::ReturnedUnacknowledged => true,
+            Self::Normal | Self::Acknowledged | Self::Latched | Self::Shelved => false,
+        }
+    }
+
+    /// Whether the condition itself is known to be there.
+    #[must_use]
+    pub const fn is_present(self) -> bool {
+        match self {
+            Self::Unacknowledged | Self::Acknowledged => true,
+            Self::Normal | Self::ReturnedUnacknowledged | Self::Latched | Self::Shelved => false,
+        }
+    }
 }
 
 /// A shelf: who set the alarm aside, until when and why.
@@ -292,7 +323,7 @@ pub struct AlarmBook {
 }
 
 /// What the status line of every view shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AlarmSummary {
     /// The most urgent one nobody has acknowledged.

@@ -39,6 +39,12 @@ impl std::str::FromStr for ProfileName {
     }
 }
 
+impl std::fmt::Display for ProfileName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// Text that is no profile's name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the profile {0:?} does not exist; sim, real and human do")]

@@ -59,7 +59,7 @@ pub(super) fn measure(effort: &Effort) -> Result<Vec<Entry>, BenchError> {
 /// So many records and nothing else.
 fn transaction(command_id: String, records: u64) -> Transaction {
     let body = AuditBody {
-        kind: "decision".to_owned(),
+        kind: holdpoint_governance::record::RecordKind::Decision,
         subject: "align@1.1.0".to_owned(),
         body: format!("\"{}\"", "x".repeat(BODY_BYTES)),
     };

@@ -217,10 +217,18 @@ impl Drive<'_> {
         match kind {
             EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
                 seen.last_stage = Some(stage);
-                seen.stages.push(StageRecord { stage: stage.name().to_owned(), decision: outcome, reasons });
+                seen.stages.push(StageRecord {
+                    stage: stage.name().to_owned(),
+                    decision: outcome.to_string(),
+                    reasons,
+                });
             }
             EventKind::Monitor { version, decision, reasons } if ours(&version) => {
-                seen.stages.push(StageRecord { stage: "monitor".to_owned(), decision, reasons });
+                seen.stages.push(StageRecord {
+                    stage: "monitor".to_owned(),
+                    decision: decision.to_string(),
+                    reasons,
+                });
             }
             EventKind::StateChanged { version, to: State::Active, .. } if ours(&version) => {
                 seen.activated = true;

@@ -15,6 +15,7 @@ use super::drift_run::{CellResult, CellRun, Setting, activate, candidate_of, dri
 use super::{ExperimentError, Tell, drift_report, write_whole};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
+use holdpoint_governance::monitor::MonitorOutcome;
 
 /// The most runs of one experiment.
 pub const RUNS_MAX: u64 = 10_000;
@@ -187,12 +188,7 @@ fn check(options: &DriftOptions) -> Result<(), ExperimentError> {
 }
 
 fn file_of(cells: &Path, seed: u64, drift: Drift) -> PathBuf {
-    cells.join(format!("{seed}-{}-{}.json", name(&drift.kind), name(&drift.magnitude)))
-}
-
-/// The name a unit variant serialises as.
-pub(super) fn name<T: Serialize>(value: &T) -> String {
-    holdpoint_engine::names::word(value)
+    cells.join(format!("{seed}-{}-{}.json", drift.kind, drift.magnitude))
 }
 
 /// A kept cell; one of another setting, or one that cannot be read, is none.
@@ -237,7 +233,6 @@ fn one_run(
 
 fn told(drift: Drift, result: Option<&CellResult>) -> String {
     let Drift { kind, magnitude } = drift;
-    let (kind, magnitude) = (name(&kind), name(&magnitude));
     let Some(result) = result else { return format!("{kind} {magnitude}: -") };
     let need = if result.need.needs_trigger { "worsened" } else { "not worsened" };
     let ended = match &result.rollback {
@@ -307,7 +302,7 @@ fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentErro
             results
                 .iter()
                 .filter_map(|result| result.first.as_ref())
-                .map(|first| first.decision == "restrict"),
+                .map(|first| first.decision == MonitorOutcome::Restrict),
         )?,
         episodes_to_response: Spread::of(
             results.iter().filter_map(|result| result.first.as_ref()).map(|first| f64::from(first.episodes)),

@@ -10,7 +10,7 @@ use plotters::prelude::{
     RGBColor, SVGBackend, WHITE,
 };
 
-use super::drift::{DriftCell, DriftReport, Spread, name};
+use super::drift::{DriftCell, DriftReport, Spread};
 use super::{ExperimentError, write_whole};
 use holdpoint_governance::metrics::Proportion;
 
@@ -58,7 +58,7 @@ pub(super) fn csv(report: &DriftReport) -> String {
     let mut text =
         "kind,magnitude,figure,count_or_n,total,share_or_median,lower_or_p90,upper_or_max\n".to_owned();
     for cell in &report.cells {
-        let head = format!("{},{}", name(&cell.kind), name(&cell.magnitude));
+        let head = format!("{},{}", cell.kind, cell.magnitude);
         for (what, share) in shares(cell) {
             let ends = share.interval.map_or([None, None], |ends| [Some(ends.lower), Some(ends.upper)]);
             let [value, lower, upper] =
@@ -113,8 +113,8 @@ pub(super) fn markdown(report: &DriftReport) -> String {
     for cell in &report.cells {
         text.push_str(&format!(
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} / {} / {} |\n",
-            name(&cell.kind),
-            name(&cell.magnitude),
+            cell.kind,
+            cell.magnitude,
             cell.runs,
             of(&cell.needed),
             of(&cell.trigger_recall),
@@ -193,7 +193,7 @@ pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
             chart
                 .draw_series(LineSeries::new(points, colour.stroke_width(2)))
                 .map_err(|error| failed(error.to_string()))?
-                .label(name(&kind))
+                .label(kind.name())
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour));
         }
         chart
@@ -269,7 +269,7 @@ mod tests {
         let svg = svg(&report()).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         for kind in DriftKind::ALL {
-            assert!(svg.contains(&name(&kind)), "{kind:?}");
+            assert!(svg.contains(&kind.name()), "{kind:?}");
         }
     }
 }

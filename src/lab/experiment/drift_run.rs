@@ -21,6 +21,7 @@ use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{StartError, baselines};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::rollback::RollbackRecord;
@@ -173,8 +174,8 @@ pub struct Need {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FirstResponse {
-    /// `escalate`, `restrict` or `rollback`.
-    pub decision: String,
+    /// What it asked for.
+    pub decision: MonitorOutcome,
     /// Tasks of the version under the drift until then.
     pub episodes: u32,
 }

@@ -13,8 +13,9 @@ mod store;
 
 use std::time::{Duration, Instant};
 
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_registry::{Store, StoreError, VersionFilter, VersionGroup, check_invariants, verify};
+use holdpoint_registry::{Store, StoreError, VersionFilter, check_invariants, verify};
 use store::{commit, new_version};
 
 const VERSIONS: usize = 10_000;

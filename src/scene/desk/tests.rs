@@ -5,6 +5,8 @@ use std::io;
 
 use super::*;
 use crate::pace::tests::picture;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::submission::{Provenance, Risk};
 
 fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()
@@ -19,8 +21,8 @@ fn registered(version: &str, parent: Option<&str>) -> EventKind {
         version: id(version),
         digest: Digest::of_parts("test", &[version.as_bytes()]),
         author: "ada".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "low".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Low,
         parent: parent.map(ToOwned::to_owned),
     }
 }
@@ -30,7 +32,7 @@ fn shadow(version: &str) -> EventKind {
 }
 
 fn closed(version: &str) -> EventKind {
-    EventKind::AuditClosed { version: id(version), outcome: "confirmed".to_owned(), records: 3 }
+    EventKind::AuditClosed { version: id(version), outcome: UpgradeEnd::Confirmed, records: 3 }
 }
 
 fn desk(folder: &Path, open: Box<Open>) -> Desk {
@@ -142,7 +144,7 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     let whole = read(&path).unwrap();
     assert_eq!(whole.pictures.len(), torn.pictures.len() + 1);
     assert_eq!(whole.pictures.len() as u64, closed.pictures);
-    assert_eq!((whole.outcome.as_deref(), whole.dropped), (Some("confirmed"), (4, 2)));
+    assert_eq!((whole.outcome, whole.dropped), (Some(UpgradeEnd::Confirmed.into()), (4, 2)));
 }
 
 #[test]

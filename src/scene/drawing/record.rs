@@ -5,7 +5,10 @@ use serde::{Deserialize, Serialize};
 use rerun::TextLog;
 
 use crate::rows::{Moment, Rows};
+use holdpoint_body::TaskKind;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::{Block, Envelope, Picture, Scenery};
 use holdpoint_recordings::recording::About;
@@ -35,7 +38,7 @@ pub struct Head {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tail {
     /// How the upgrade ended; absent where only the program did.
-    pub outcome: Option<String>,
+    pub outcome: Option<Word<UpgradeEnd>>,
     /// Pictures and events that were dropped before they came here.
     pub dropped: (u64, u64),
 }
@@ -54,7 +57,7 @@ pub struct Frame {
     pub at_secs: f64,
     /// [`Picture::task`].
     #[serde(rename = "k", default, skip_serializing_if = "Option::is_none")]
-    pub task: Option<String>,
+    pub task: Option<TaskKind>,
     /// [`Picture::version`].
     #[serde(rename = "v", default, skip_serializing_if = "Option::is_none")]
     pub version: Option<CapabilityId>,
@@ -111,7 +114,7 @@ pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment, says_bl
         sequence: picture.sequence,
         at_ms: picture.at_ms,
         at_secs: picture.at_secs,
-        task: picture.task.clone(),
+        task: picture.task,
         version: picture.version.clone(),
         twin: twin.map(|twin| twin.version.clone()),
         flags: [

@@ -6,6 +6,7 @@ use super::Drawing;
 use crate::limits::TEXT_WIDTH_MAX;
 use crate::rows::Moment;
 use crate::words;
+use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::words::sentence;
 use holdpoint_recordings::recording::About;
@@ -16,7 +17,7 @@ pub(super) struct Told {
     about: Option<About>,
     decided: Option<Event>,
     phase: Option<String>,
-    outcome: Option<String>,
+    outcome: Option<UpgradeEnd>,
 }
 
 impl Drawing {
@@ -44,7 +45,7 @@ impl Drawing {
             EventKind::Decided { .. } | EventKind::Monitor { .. } | EventKind::RolledBack { .. } => {
                 self.told.decided = Some(event.clone());
             }
-            EventKind::AuditClosed { outcome, .. } => self.told.outcome = Some(outcome.clone()),
+            EventKind::AuditClosed { outcome, .. } => self.told.outcome = Some(*outcome),
             EventKind::Activated { .. } | EventKind::Confirmed { .. } => {}
             _ => return,
         }
@@ -55,7 +56,7 @@ impl Drawing {
         let (path, level) = match &event.kind {
             // A line for each episode would bury the rest.
             EventKind::Progress { .. } => return,
-            EventKind::Alarm { priority, state, .. } => ("log/alarms", words::alarm_level(priority, state)),
+            EventKind::Alarm { priority, state, .. } => ("log/alarms", words::alarm_level(*priority, *state)),
             kind => ("log/audit", words::level(kind)),
         };
         let text = sentence(event, TEXT_WIDTH_MAX).into_string();
@@ -64,12 +65,8 @@ impl Drawing {
 
     fn write_document(&mut self, moment: &Moment) {
         let Some(about) = &self.told.about else { return };
-        let text = words::document(
-            about,
-            self.told.phase.as_deref(),
-            self.told.decided.as_ref(),
-            self.told.outcome.as_deref(),
-        );
+        let text =
+            words::document(about, self.told.phase.as_deref(), self.told.decided.as_ref(), self.told.outcome);
         self.rows.at("upgrade", moment, &TextDocument::from_markdown(text));
     }
 }

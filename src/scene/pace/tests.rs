@@ -19,7 +19,7 @@ pub fn picture(sequence: u64, at_ms: u64) -> Arc<Picture> {
         sequence,
         at_ms,
         at_secs: at_ms as f64 / 1000.0,
-        task: Some("grasp".to_owned()),
+        task: Some(holdpoint_body::TaskKind::Grasp),
         version: Some("grasp@1.1.0".parse().unwrap()),
         body,
         speed_m_s: sway.abs(),

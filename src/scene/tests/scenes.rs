@@ -13,6 +13,9 @@ mod support;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::clock::tick_of;
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
@@ -132,8 +135,8 @@ fn registered() -> EventKind {
         version: id(VERSION),
         digest: digest(VERSION),
         author: "ada".to_owned(),
-        provenance: "refined".to_owned(),
-        risk: "medium".to_owned(),
+        provenance: Provenance::Optimiser,
+        risk: Risk::Medium,
         parent: Some("place@1.0.0".to_owned()),
     }
 }
@@ -156,7 +159,7 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
     let decided = EventKind::Decided {
         version: id(VERSION),
         stage: Stage::Shadow,
-        outcome: "compatible".to_owned(),
+        outcome: StageOutcome::Pass,
         dimensions: view.dimensions,
         composite: view.composite,
         reasons: view.reasons,
@@ -174,8 +177,7 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
     for index in shadowed..shadowed + monitored {
         script.sequence(&tap, index, 17, !fail.contains(&index), false);
     }
-    let closed =
-        EventKind::AuditClosed { version: id(VERSION), outcome: "confirmed".to_owned(), records: 12 };
+    let closed = EventKind::AuditClosed { version: id(VERSION), outcome: UpgradeEnd::Confirmed, records: 12 };
     script.event(&tap, closed, None);
     let reports = scenes.finish(PATIENCE);
     let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
@@ -239,7 +241,7 @@ fn what_is_written_is_read_back() {
     assert_eq!(recording.about.version, id(VERSION));
     assert_eq!(recording.about.predecessor, Some(id("place@1.0.0")));
     assert_eq!(recording.scenery, snapshot().scenery);
-    assert_eq!(recording.outcome.as_deref(), Some("confirmed"));
+    assert_eq!(recording.outcome, Some(UpgradeEnd::Confirmed.into()));
     assert_eq!(recording.events, script.events);
     assert_eq!(recording.pictures.len() as u64, closed.pictures);
     for picture in &recording.pictures {

@@ -11,6 +11,7 @@ use super::secs;
 use crate::look::{Glyph, Role};
 use crate::replay::model::Model;
 use crate::theme::Mark;
+use crate::theme::mark::of_end;
 use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -69,10 +70,8 @@ fn asides(model: &Model, pen: &Pen<'_>) -> Vec<Row> {
     if !lost.is_empty() {
         rows.push(Row::of(Role::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
     }
-    rows.push(
-        Row::of(Role::Text, "  ")
-            .with(Mark::profile(&about.profile).role, &pen.look.words(Mark::profile(&about.profile))),
-    );
+    let profile = about.profile.known().map_or(Mark::NO_PROFILE, |profile| Mark::profile(*profile));
+    rows.push(Row::of(Role::Text, "  ").with(profile.role, &pen.look.words(profile)));
     rows.push(Row::of(Role::Text, &format!("  {}", short(&about.robot, 24))));
     rows.push(Row::of(Role::Muted, &format!("  seed {}", about.seed)));
     rows
@@ -92,9 +91,9 @@ fn lost(pictures: u64, events: u64) -> String {
 fn outcome(model: &Model, pen: &Pen<'_>) -> Row {
     match &model.timeline.recording().outcome {
         Some(outcome) => {
-            let (glyph, role) = Mark::outcome(outcome);
+            let (glyph, role) = outcome.known().map_or((Glyph::Unknown, Role::Unknown), |end| of_end(*end));
             Row::of(Role::Muted, "ended: ")
-                .with(role, &format!("{} {}", pen.look.glyph(glyph), short(outcome, 24)))
+                .with(role, &format!("{} {}", pen.look.glyph(glyph), short(&outcome.to_string(), 24)))
         }
         None => Row::of(Role::Unknown, &format!("{} not closed", pen.look.glyph(Glyph::Unknown))),
     }

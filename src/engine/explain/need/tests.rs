@@ -3,7 +3,7 @@
 use super::*;
 use holdpoint_governance::decision::ReasonCode;
 
-fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> Reason {
+fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> Noted {
     let value = serde_json::json!({
         "code": code, "dimension": dimension, "text": text, "evidence": evidence, "limit": limit,
     });
@@ -12,27 +12,58 @@ fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) ->
 
 /// A dossier of 120 pairs, of which the candidate alone has a violation in so many.
 fn dossier(worse: usize) -> Dossier {
+    let values = |violation: bool| {
+        serde_json::json!({
+            "success": true, "violation": violation, "anomaly": false, "recovery": false, "intervention": false,
+            "timeout": false, "near_violation": false, "retries": 0, "time_s": 1.0, "unsafe_continuation_ms": 0.0,
+        })
+    };
     let pairs: Vec<_> = (0..120)
-        .map(|i| serde_json::json!({ "candidate": { "violation": i < worse }, "active": {} }))
+        .map(|i| serde_json::json!({ "seed": i, "candidate": values(i < worse), "active": values(false) }))
         .collect();
     let counts = PairedCounts { pairs: 120, candidate_only: worse as u64, active_only: 0 };
     let bound = binary_pairs(counts, UPPER_ALPHA).unwrap();
-    serde_json::from_value(serde_json::json!({
+    let tally = |passed, failed| serde_json::json!({ "passed": passed, "failed": failed, "infeasible": 0 });
+    let drills = |rollback: serde_json::Value| {
+        serde_json::json!({
+            "rollback": rollback, "abort": tally(40, 0), "fallback": tally(0, 0), "detect": tally(0, 0),
+        })
+    };
+    let dossier: Dossier = serde_json::from_value(serde_json::json!({
         "kappas": {},
+        "field": "of a later build",
         "pairs": pairs,
         "behavior": {
+            "assessment": {
+                "outcome": "suspicious", "kappa": null, "basis": "measured", "reasons": [], "conditions": [],
+            },
+            "established": null, "active": null, "candidate": null, "improved": false,
             "pairs": 120,
             "components": [{
                 "name": "violation", "worsening": bound.mean, "lower": 0.0, "upper": bound.upper,
-                "tolerance": 0.05, "field": "of a later build",
+                "tolerance": 0.05,
             }],
         },
-        "drills": [
-            { "rollback": { "passed": 26, "failed": 14 }, "abort": { "passed": 40, "failed": 0 } },
-            { "rollback": { "passed": 40, "failed": 0 }, "abort": { "passed": 40, "failed": 0 } },
-        ],
+        "drills": [drills(tally(26, 14)), drills(tally(40, 0))],
     }))
-    .unwrap()
+    .unwrap();
+    assert!(dossier.behavior.is_some() && dossier.drills.is_some() && dossier.pairs.is_some());
+    dossier
+}
+
+/// What another build wrote in another form is as if it were not there, and a word of its own is told as it is.
+#[test]
+fn what_another_build_wrote_is_told_as_far_as_it_can_be() {
+    let dossier: Dossier = serde_json::from_value(serde_json::json!({
+        "kappas": {}, "behavior": { "form": "of a later build" }, "drills": 7, "pairs": "none",
+    }))
+    .unwrap();
+    assert!(dossier.is_one() && dossier.behavior.is_none());
+    assert!(dossier.drills.is_none() && dossier.pairs.is_none());
+    let said = reason("behavior-of-a-later-build", "behavior", "violation is worse", 0.1, 0.05);
+    assert_eq!(said.code.known(), None);
+    let text = change(&said, &dossier).unwrap();
+    assert_eq!(text, "violation is worse (0.100 against a limit of 0.050)");
 }
 
 #[test]

@@ -8,6 +8,7 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -21,8 +22,8 @@ fn go_on(id: &CapabilityId) -> Command {
     })
 }
 
-fn records(pipeline: &Pipeline, kind: &str) -> usize {
-    let filter = AuditFilter { kind: Some(kind.to_owned()), ..AuditFilter::default() };
+fn records(pipeline: &Pipeline, kind: RecordKind) -> usize {
+    let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
     pipeline.record.ledger().store().views().unwrap().audit(&filter).unwrap().len()
 }
 
@@ -51,7 +52,7 @@ fn a_question_is_answered_and_may_come_again() {
     let reply = pipeline.command(go_on(&id));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     assert!(pipeline.monitors.questions().is_empty());
-    assert_eq!(records(pipeline, "monitor-answer"), 1);
+    assert_eq!(records(pipeline, RecordKind::MonitorAnswer), 1);
     let events = pipeline.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
     let alarm = pipeline.record.alarms.get(&format!("escalated:{id}")).unwrap();
@@ -96,7 +97,7 @@ fn an_alarm_is_closed_once_it_is_over() {
     assert!(matches!(pipeline.command(reset.clone()), Reply::Accepted { .. }));
     let open = |pipeline: &Pipeline| pipeline.record.alarms.open().iter().any(|alarm| alarm.key == key);
     assert!(!open(pipeline));
-    assert_eq!(records(pipeline, "alarm-reset"), 1);
+    assert_eq!(records(pipeline, RecordKind::AlarmReset), 1);
     assert!(matches!(pipeline.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
     assert_eq!(pipeline.record.holding(), None);
 }

@@ -3,6 +3,9 @@
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ};
+use holdpoint_governance::alarms::Priority;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::rollback::PostStatus;
 use holdpoint_sim::fault::Fault as SimFault;
 use tempfile::TempDir;
 
@@ -121,18 +124,18 @@ impl Bench {
         let views = self.pipeline.record.ledger().store().views().unwrap();
         let kept = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
         assert_eq!(serde_json::from_str::<RollbackRecord>(&kept.json).unwrap(), record);
-        let rungs: Vec<&str> = events
+        let rungs: Vec<Rung> = events
             .iter()
             .filter_map(|event| match event {
-                EventKind::Rung { rung, .. } => Some(rung.as_str()),
+                EventKind::Rung { rung, .. } => Some(*rung),
                 _ => None,
             })
             .collect();
-        assert_eq!(rungs, record.rungs.iter().map(|rung| rung.rung.name()).collect::<Vec<_>>());
-        if record.post_status == "safe-stopped" {
+        assert_eq!(rungs, record.rungs.iter().map(|rung| rung.rung).collect::<Vec<_>>());
+        if record.post_status == PostStatus::SafeStopped {
             let rang = |event: &EventKind| {
                 matches!(event, EventKind::Alarm { alarm, priority, .. }
-                    if alarm.starts_with("safe-stopped:") && priority == "critical")
+                    if alarm.starts_with("safe-stopped:") && *priority == Priority::Critical)
             };
             assert!(events.iter().any(rang), "a safe-stopped family has a critical alarm: {events:?}");
         }
@@ -143,7 +146,7 @@ impl Bench {
     fn assert_stopped(&self, record: &RollbackRecord, failure: RungFailure) {
         assert_eq!(record.stopped_by(), Some(failure), "{:?}", record.rungs);
         assert_eq!(record.rungs.last().unwrap().failure, Some(failure), "nothing is tried after it");
-        assert_eq!((record.post_status.as_str(), record.recovered), ("safe-stopped", Some(false)));
+        assert_eq!((record.post_status, record.recovered), (PostStatus::SafeStopped, Some(false)));
         assert_eq!(record.time_to_restored_ticks, None);
         let family = self.pipeline.record.ledger().family(&record.candidate.family).unwrap();
         assert!(family.state.safe_stopped && family.active().is_none());
@@ -151,7 +154,7 @@ impl Bench {
 
     fn assert_restored(&self, record: &RollbackRecord) {
         assert_eq!(record.stopped_by(), None, "{:?}", record.rungs);
-        assert_eq!(record.post_status, "rolled-back");
+        assert_eq!(record.post_status, PostStatus::RolledBack);
         let active = self.pipeline.record.active_of(&record.candidate.family).map(|active| active.id());
         assert_eq!(active, record.predecessor);
         let (safe, restored) = (record.time_to_safe_ticks.unwrap(), record.time_to_restored_ticks.unwrap());
@@ -229,7 +232,9 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
     let taken = taken.lock().unwrap();
     assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "pictures are in order of time");
     assert!(
-        taken.iter().any(|picture| picture.task.as_deref() == Some("grasp") && picture.envelope.is_some())
+        taken.iter().any(
+            |picture| picture.task == Some(holdpoint_body::TaskKind::Grasp) && picture.envelope.is_some()
+        )
     );
     assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
     // The ladder ends with the tool clear of everything, and the arm under no task.
@@ -369,7 +374,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
             break;
         }
     }
-    assert_eq!(said, ["escalate", "restrict", "rollback"]);
+    assert_eq!(said, [MonitorOutcome::Escalate, MonitorOutcome::Restrict, MonitorOutcome::Rollback]);
     let record = record.unwrap();
     assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
     bench.assert_restored(&record);

@@ -4,9 +4,11 @@ use std::fs;
 use std::panic::catch_unwind;
 use std::path::Path;
 
+use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::record::AuditRecord;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
-    AuditFilter, AuditRecord, Change, Store, VerifyError, VersionFilter, Views, verify,
+    AuditFilter, Change, Store, VerifyError, VersionFilter, Views, verify,
 };
 use rusqlite::{Connection, params};
 
@@ -22,8 +24,8 @@ fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
     let alarm = Change::AlarmChange {
         alarm: "a1".into(),
         subject: "grasp@1.1.0".into(),
-        state: "unacknowledged".into(),
-        priority: "high".into(),
+        state: AlarmState::Unacknowledged,
+        priority: Priority::High,
         json: "{}".into(),
     };
     commit(&store, "put", vec![Change::PutApproval(Box::new(signed)), alarm]).unwrap();
@@ -165,7 +167,7 @@ fn contents(database: &Path) -> Result<String, String> {
         let views = Views::open(database)?;
         let versions = views.versions(&VersionFilter::default())?;
         let details: Result<Vec<_>, _> =
-            versions.0.iter().map(|version| views.version(&version.id)).collect();
+            versions.0.iter().map(|version| views.version(&version.version)).collect();
         let records: Vec<_> =
             views.audit(&AuditFilter::default())?.iter().map(|record| record.hash).collect();
         let (families, alarms, context) = (views.families()?, views.alarms()?, views.context()?);

@@ -168,5 +168,5 @@ fn a_disk_that_takes_no_more_loses_nothing() {
     commit(&store, "again", vec![new_version("grasp@3.0.0", false)]).unwrap();
     let records =
         store.views().unwrap().audit(&AuditFilter { from_seq: before + 1, ..Default::default() }).unwrap();
-    assert_eq!(records[0].kind, "version-registered");
+    assert_eq!(records[0].kind, holdpoint_governance::record::RecordKind::VersionRegistered);
 }

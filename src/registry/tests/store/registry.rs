@@ -3,10 +3,11 @@
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State as S;
+use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
     ActiveCause, AuditBody, AuditFilter, Change, Interrupted, StoreError, Transaction, VersionFilter,
-    VersionGroup, check_invariants, verify,
+    check_invariants, verify,
 };
 
 use crate::support::*;
@@ -31,7 +32,7 @@ fn a_candidate_comes_replaces_and_goes() {
     let detail = views.version(&id("grasp@1.1.0")).unwrap().unwrap();
     assert_eq!(detail.summary.state, S::RolledBack);
     assert_eq!(detail.summary.flags, Flags::default());
-    assert_eq!(detail.activations.iter().map(|a| a.cause.as_str()).collect::<Vec<_>>(), ["gate"]);
+    assert_eq!(detail.activations.iter().map(|a| a.cause).collect::<Vec<_>>(), [ActivationCause::Gate]);
     let kinds: Vec<_> = detail.evidence.iter().map(|e| e.kind).collect();
     assert_eq!(kinds, [EvidenceKind::Gate, EvidenceKind::Rollback]);
     let records =
@@ -60,8 +61,8 @@ fn refused_changes_leave_the_store_as_it_was() {
     let new = Some("grasp@1.1.0");
     let flags = Flags { provisional: true, ..Flags::default() };
     let long = "x".repeat(5000);
-    let note = |kind: &str, body: &str| {
-        let audit = vec![AuditBody { kind: kind.into(), subject: String::new(), body: body.into() }];
+    let note = |kind: RecordKind, body: &str| {
+        let audit = vec![AuditBody { kind, subject: String::new(), body: body.into() }];
         Transaction { command_id: "t".into(), at_ms: 1, wall_ms: 0, changes: vec![], audit }
     };
     let table: Vec<(&str, Transaction, &str)> = vec![
@@ -210,8 +211,8 @@ fn refused_changes_leave_the_store_as_it_was() {
             transaction("t", 1, vec![Change::VoidFamily { family: family("grasp"), reason: long }]),
             "4096",
         ),
-        ("forged record", note("state-set", "{}"), "does not write itself"),
-        ("record that is no JSON", note("decision", "{"), "must be JSON"),
+        ("forged record", note(RecordKind::StateSet, "{}"), "does not write itself"),
+        ("record that is no JSON", note(RecordKind::Decision, "{"), "must be JSON"),
         ("clock back", transaction("t", 0, vec![]), "clock went back"),
         ("no command id", transaction("", 1, vec![]), "command id"),
         ("control character", transaction("a\u{1b}b", 1, vec![]), "command id"),
@@ -311,7 +312,7 @@ fn lists_are_filtered_and_in_order() {
     let views = store.views().unwrap();
     let names = |filter: VersionFilter| -> (Vec<String>, usize) {
         let (list, total) = views.versions(&filter).unwrap();
-        (list.into_iter().map(|version| version.id.to_string()).collect(), total)
+        (list.into_iter().map(|version| version.version.to_string()).collect(), total)
     };
     let all = ["grasp@1.2.0", "grasp@1.10.0", "place@1.0.0"];
     assert_eq!(names(VersionFilter::default()), (all.map(String::from).to_vec(), 3));

@@ -46,8 +46,8 @@ pub fn new_version(name: &str, baseline: bool) -> Change {
         manifest: format!(r#"{{"name":"{name}"}}"#),
         submission: r#"{"author":"bob"}"#.into(),
         author: "bob".into(),
-        provenance: "manual".into(),
-        risk: "low".into(),
+        provenance: holdpoint_governance::submission::Provenance::Manual,
+        risk: holdpoint_governance::submission::Risk::Low,
         permissions: "[]".into(),
         environments: r#"["sim"]"#.into(),
         baseline,
@@ -76,7 +76,11 @@ pub fn context(profile: &str) -> Change {
 
 /// A transaction with a command id of its own.
 pub fn transaction(command_id: &str, at_ms: u64, changes: Vec<Change>) -> Transaction {
-    let audit = vec![AuditBody { kind: "decision".into(), subject: String::new(), body: "{}".into() }];
+    let audit = vec![AuditBody {
+        kind: holdpoint_governance::record::RecordKind::Decision,
+        subject: String::new(),
+        body: "{}".into(),
+    }];
     Transaction { command_id: command_id.into(), at_ms, wall_ms: 1_700_000_000_000, changes, audit }
 }
 

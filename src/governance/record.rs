@@ -1,0 +1,253 @@
+//! What a store keeps about versions and what was done to them, as plain data: everybody who reads a store, asks an
+//! engine or shows an answer speaks of the same records.
+//!
+//! Owns the forms and what a record's hash covers. Reads no store: that is for the registry.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::ids::{CapabilityId, Digest};
+use super::lifecycle::{Flags, State};
+use super::rollback::PostStatus;
+use super::submission::{Provenance, Risk};
+use super::words::Word;
+
+/// Domain tag of a record's hash.
+const DOMAIN: &str = "holdpoint/audit/v1";
+
+crate::words! {
+    /// What a record of the audit chain is about.
+    RecordKind, "kind of record", {
+        /// A version entered the registry.
+        VersionRegistered = "version-registered",
+        /// A version's state moved.
+        StateSet = "state-set",
+        /// A version's flags were replaced.
+        FlagsSet = "flags-set",
+        /// A validation's scores.
+        ScoresSet = "scores-set",
+        /// A family's active pointer moved.
+        ActiveSet = "active-set",
+        /// A family was stopped or re-armed.
+        FamilySet = "family-set",
+        /// A family's earlier passes were voided.
+        FamilyVoided = "family-voided",
+        /// The lifecycle model's own view of a family.
+        StandingSet = "standing-set",
+        /// A piece of evidence.
+        EvidencePut = "evidence-put",
+        /// People were asked, or a request stands otherwise.
+        ApprovalRequested = "approval-requested",
+        /// A signed decision came in.
+        ApprovalPut = "approval-put",
+        /// An approval was used.
+        ApprovalConsumed = "approval-consumed",
+        /// Profile, policy or thresholds changed.
+        ContextSet = "context-set",
+        /// A batch of telemetry is on disk.
+        TelemetrySealed = "telemetry-sealed",
+        /// An alarm as it stands.
+        AlarmChanged = "alarm-changed",
+        /// A stage's decision.
+        Decision = "decision",
+        /// What the monitor did.
+        Monitor = "monitor",
+        /// A person's answer to the monitor's question.
+        MonitorAnswer = "monitor-answer",
+        /// What was shown to people who decided.
+        Shown = "shown",
+        /// Why an alarm was reset.
+        AlarmReset = "alarm-reset",
+        /// A drift set in, or ended, in the simulated cell.
+        Drift = "drift",
+        /// Something in the simulated live world broke, or was mended.
+        LiveFault = "live-fault",
+        /// The record of an upgrade is closed.
+        AuditClosed = "audit-closed",
+        /// A scene recording was closed with its digest.
+        Recording = "recording",
+        /// A scene recording was removed.
+        RecordingRemoved = "recording-removed",
+    }
+}
+
+crate::words! {
+    /// How an upgrade ended, when its record is closed.
+    UpgradeEnd, "end of an upgrade", {
+        /// The version is active and no longer provisional.
+        Confirmed = "confirmed",
+        /// It was refused for good.
+        Rejected = "rejected",
+        /// It was taken off for good.
+        RolledBack = "rolled-back",
+        /// It was taken off and sent back to evaluation.
+        Demoted = "demoted",
+        /// Its rollback failed: the family is stopped.
+        SafeStopped = "safe-stopped",
+    }
+}
+
+impl From<PostStatus> for UpgradeEnd {
+    fn from(status: PostStatus) -> Self {
+        match status {
+            PostStatus::RolledBack => Self::RolledBack,
+            PostStatus::Demoted => Self::Demoted,
+            PostStatus::SafeStopped => Self::SafeStopped,
+        }
+    }
+}
+
+crate::words! {
+    /// Why a family's active pointer moved.
+    ActivationCause, "cause of an activation", {
+        /// The family's first version.
+        Bootstrap = "bootstrap",
+        /// A candidate passed the gate.
+        Gate = "gate",
+        /// The pinned predecessor took over again.
+        Restore = "restore",
+        /// Nobody is active; the family is stopped.
+        Vacate = "vacate",
+        /// An operator re-armed a stopped family.
+        Rearm = "rearm",
+    }
+}
+
+crate::words! {
+    /// Which versions a list is about.
+    #[derive(Default)]
+    VersionGroup, "group of versions", {
+        /// Every version.
+        #[default]
+        All = "all",
+        /// In control.
+        Active = "active",
+        /// On the way: registered, validated, sandboxed, shadowed, demoted.
+        Candidate = "candidate",
+        /// Done: superseded, rolled back, rejected.
+        History = "history",
+    }
+}
+
+impl VersionGroup {
+    /// The states of the group.
+    #[must_use]
+    pub const fn states(self) -> &'static [State] {
+        use State as S;
+        match self {
+            Self::All => &S::ALL,
+            Self::Active => &[S::Active],
+            Self::Candidate => &[S::Registered, S::Validated, S::Sandboxed, S::Shadowed, S::Demoted],
+            Self::History => &[S::Superseded, S::RolledBack, S::Rejected],
+        }
+    }
+}
+
+/// A version as a list shows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct VersionSummary {
+    /// Family and version.
+    pub version: CapabilityId,
+    /// Where it stands in its lifecycle.
+    pub state: State,
+    /// Counts every change; approvals name it.
+    pub row_version: u64,
+    /// What is going on with it.
+    pub flags: Flags,
+    /// kappa I, P, B, R; absent where not measured.
+    pub kappas: [Option<f64>; 4],
+    /// Whether it was its family's first.
+    pub baseline: bool,
+    /// Who submitted it.
+    pub author: String,
+    /// How it came about.
+    pub provenance: Provenance,
+    /// Estimated risk as submitted.
+    pub risk: Risk,
+    /// Virtual time of its last change, ms.
+    pub changed_ms: u64,
+}
+
+/// One record of the audit chain.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct AuditRecord {
+    /// 1, 2, 3, ... without gaps.
+    pub seq: u64,
+    /// Hash of the record before; zeros for the first.
+    pub prev: Digest,
+    /// SHA-256 over prev, seq, virtual time, kind, subject and body, each with its length, behind a domain tag.
+    pub hash: Digest,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// What kind of record.
+    pub kind: Word<RecordKind>,
+    /// What it is about: `family`, `family@version`, an alarm, or empty.
+    pub subject: String,
+    /// Its content, JSON text.
+    pub body: String,
+    /// Wall time, ms since 1970; not hashed.
+    pub wall_ms: i64,
+}
+
+impl AuditRecord {
+    /// The hash these fields must have.
+    #[must_use]
+    pub fn expected_hash(&self) -> Digest {
+        let kind = match &self.kind {
+            Word::Known(kind) => kind.name(),
+            Word::Unknown(text) => text,
+        };
+        Digest::of_parts(
+            DOMAIN,
+            &[
+                self.prev.bytes(),
+                &self.seq.to_le_bytes(),
+                &self.at_ms.to_le_bytes(),
+                kind.as_bytes(),
+                self.subject.as_bytes(),
+                self.body.as_bytes(),
+            ],
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A record of another build keeps its kind, letter by letter: its hash covers it.
+    #[test]
+    fn a_kind_that_is_not_known_is_kept() {
+        let record = |kind: &str| AuditRecord {
+            seq: 1,
+            prev: Digest::of_parts("t", &[]),
+            hash: Digest::of_parts("t", &[]),
+            at_ms: 0,
+            kind: Word::read(kind.to_owned()),
+            subject: String::new(),
+            body: "{}".to_owned(),
+            wall_ms: 0,
+        };
+        assert_eq!(record("drift").kind, RecordKind::Drift);
+        let later = record("of-a-later-build");
+        assert_eq!((later.kind.known(), later.kind.to_string().as_str()), (None, "of-a-later-build"));
+        assert_ne!(later.expected_hash(), record("of-an-earlier-build").expected_hash());
+        let json = serde_json::to_string(&later).unwrap();
+        assert_eq!(serde_json::from_str::<AuditRecord>(&json).unwrap(), later);
+    }
+
+    #[test]
+    fn every_end_of_a_rollback_ends_an_upgrade_by_the_same_name() {
+        for status in PostStatus::ALL {
+            assert_eq!(UpgradeEnd::from(status).name(), status.name());
+        }
+    }
+
+    #[test]
+    fn every_state_is_in_one_group() {
+        for state in State::ALL {
+            let groups = [VersionGroup::Active, VersionGroup::Candidate, VersionGroup::History];
+            assert_eq!(groups.iter().filter(|group| group.states().contains(&state)).count(), 1, "{state}");
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! Why a version stands where it stands: every decision on record with its rule, its reasons, what would have to
+//! change, and what came of it.
+//!
+//! Owns the forms; what is in them is read from the record by the engine's `explain`.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::rollback::PostStatus;
+use holdpoint_governance::words::Word;
+
+/// Everything that was decided about a version.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Explanation {
+    /// The version.
+    pub version: CapabilityId,
+    /// Where it stands.
+    pub state: State,
+    /// Who submitted it.
+    pub author: String,
+    /// In the order they were made.
+    pub decisions: Vec<Explained>,
+}
+
+/// One decision.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Explained {
+    /// The audit record it stands in.
+    pub record: u64,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// Who decided, and what.
+    #[serde(flatten)]
+    pub ruling: Ruling,
+    /// The rule that decided.
+    pub rule: Rule,
+    /// Why, the deciding reasons first.
+    pub reasons: Vec<ExplainedReason>,
+    /// What would have to change for the next better outcome; empty where there is none.
+    pub change: Vec<String>,
+    /// What happened next, until the next decision.
+    pub then: Vec<String>,
+}
+
+/// Who decided, and what, in the rule's own word: `stage` and `outcome` in JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "stage", content = "outcome", rename_all = "kebab-case")]
+pub enum Ruling {
+    /// On registration, before there was evidence.
+    Registration(Word<StageOutcome>),
+    /// The four checks.
+    Validation(Word<StageOutcome>),
+    /// Sandbox and drills.
+    Sandbox(Word<StageOutcome>),
+    /// Shadow deployment.
+    Shadow(Word<StageOutcome>),
+    /// The gate.
+    Activation(Word<StageOutcome>),
+    /// The monitor.
+    Monitor(Word<MonitorOutcome>),
+    /// The rollback ladder.
+    Rollback(Word<PostStatus>),
+    /// People, or the clock where they did not answer.
+    People(PeopleSaid),
+}
+
+/// What came of people.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum PeopleSaid {
+    /// A signed answer.
+    Answered(Answer),
+    /// The version was moved.
+    Moved(State),
+}
+
+impl fmt::Display for PeopleSaid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Answered(answer) => answer.fmt(f),
+            Self::Moved(state) => state.fmt(f),
+        }
+    }
+}
+
+impl Ruling {
+    /// Who decided, by name.
+    #[must_use]
+    pub const fn stage(&self) -> &'static str {
+        match self {
+            Self::Registration(_) => "registration",
+            Self::Validation(_) => "validation",
+            Self::Sandbox(_) => "sandbox",
+            Self::Shadow(_) => "shadow",
+            Self::Activation(_) => "activation",
+            Self::Monitor(_) => "monitor",
+            Self::Rollback(_) => "rollback",
+            Self::People(_) => "people",
+        }
+    }
+
+    /// What was decided, by name.
+    #[must_use]
+    pub fn outcome(&self) -> String {
+        match self {
+            Self::Registration(word)
+            | Self::Validation(word)
+            | Self::Sandbox(word)
+            | Self::Shadow(word)
+            | Self::Activation(word) => word.to_string(),
+            Self::Monitor(word) => word.to_string(),
+            Self::Rollback(word) => word.to_string(),
+            Self::People(said) => said.to_string(),
+        }
+    }
+
+    /// The rule that decides there.
+    #[must_use]
+    pub const fn rule(&self) -> Rule {
+        match self {
+            Self::Registration(_) => Rule::Lifecycle,
+            Self::Validation(_) => Rule::Validation,
+            Self::Sandbox(_) => Rule::Sandbox,
+            Self::Shadow(_) => Rule::Shadow,
+            Self::Activation(_) => Rule::Activation,
+            Self::Monitor(_) => Rule::Monitor,
+            Self::Rollback(_) => Rule::Ladder,
+            Self::People(_) => Rule::Approval,
+        }
+    }
+}
+
+/// A reason with the evidence it rests on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ExplainedReason {
+    /// The stable name; absent (an empty text) for what is told beside the rules' reasons.
+    #[serde(with = "blank")]
+    #[schemars(with = "String")]
+    pub code: Option<Word<ReasonCode>>,
+    /// What it is about; absent (an empty text) where an older record does not say.
+    #[serde(with = "blank")]
+    #[schemars(with = "String")]
+    pub dimension: Option<Word<Dimension>>,
+    /// Whether it speaks for the version.
+    pub in_favour: bool,
+    /// One sentence, as recorded.
+    pub text: String,
+    /// The measured value; absent where there is none.
+    pub evidence: Option<f64>,
+    /// The limit it was held against.
+    pub limit: Option<f64>,
+    /// The rule it belongs to.
+    pub rule: Rule,
+    /// What was measured, where the evidence in the store tells more than the reason: n, value, interval.
+    pub measured: Option<String>,
+}
+
+/// A word that may be missing, written as an empty text then.
+pub(crate) mod blank {
+    use serde::de::IntoDeserializer;
+    use serde::de::value::StringDeserializer;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(crate) fn serialize<T: Serialize, S: Serializer>(
+        word: &Option<T>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        match word {
+            Some(word) => word.serialize(serializer),
+            None => serializer.serialize_str(""),
+        }
+    }
+
+    pub(crate) fn deserialize<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<T>, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        if text.is_empty() {
+            return Ok(None);
+        }
+        let word: StringDeserializer<D::Error> = text.into_deserializer();
+        T::deserialize(word).map(Some)
+    }
+}
+
+macro_rules! rules {
+    ($($(#[$doc:meta])* $member:ident = $name:literal, $source:literal;)+) => {
+        /// A rule by name, and where it is written.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Rule { $($(#[$doc])* $member),+ }
+
+        impl Rule {
+            /// Every rule.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$member),+];
+
+            /// Its name.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$member => $name),+ }
+            }
+
+            /// Design rule and section of the paper.
+            #[must_use]
+            pub const fn source(self) -> &'static str {
+                match self { $(Self::$member => $source),+ }
+            }
+        }
+    };
+}
+
+rules! {
+    /// `kappa_I`.
+    Interface = "kappa_I", "design rule 3.2; paper section 4.3, Procedure 1";
+    /// `kappa_P`.
+    Policy = "kappa_P", "design rule 3.3; paper section 4.3, Procedure 1";
+    /// `kappa_B`.
+    Behavior = "kappa_B", "design rule 3.4; paper section 4.3, Table 3";
+    /// `kappa_R`.
+    Recovery = "kappa_R", "design rule 3.5; paper section 4.3";
+    /// `Psi`.
+    Composition = "Psi", "design rule 3.6; paper Procedure 2";
+    /// `Delta_shadow`, for a reason.
+    Divergence = "Delta_shadow", "design rule 3.7; paper section 5.2, stage 4";
+    /// `theta_act`, for a reason.
+    Gate = "theta_act", "design rule 3.7; paper equation 10";
+    /// `M`, for a reason.
+    Watch = "M", "design rule 3.8; paper equation 11";
+    /// Any rule: an older record does not say which.
+    Any = "the rules", "design, chapter 3";
+    /// What validation decides by.
+    Validation = "Psi over the four compatibilities",
+        "design rules 3.2, 3.3, 3.6; paper section 4.3, Procedures 1 and 2";
+    /// What the sandbox decides by.
+    Sandbox = "Psi over measured behaviour and rehearsed recovery",
+        "design rules 3.4 to 3.6; paper section 4.3, Procedure 2";
+    /// What shadow decides by.
+    Shadow = "Delta_shadow, live work against its twin", "design rules 3.7, 5.4; paper section 5.2, stage 4";
+    /// What the gate decides by.
+    Activation = "theta_act, the activation gate",
+        "design rule 3.7; paper equation 10, section 5.2, stage 5";
+    /// What the monitor decides by.
+    Monitor = "M, the monitor", "design rule 3.8; paper equation 11, section 5.2, stage 6";
+    /// What a rollback climbs.
+    Ladder = "the rollback ladder", "design rule 3.11; paper section 5.2, stage 7, appendix F.3";
+    /// What a version's states follow.
+    Lifecycle = "the lifecycle", "design rule 3.9; paper appendix A";
+    /// What people decide by.
+    Approval = "approval by people", "design rule 3.10; paper section 5.2, stage 5";
+}
+
+impl From<Dimension> for Rule {
+    fn from(dimension: Dimension) -> Self {
+        match dimension {
+            Dimension::Interface => Self::Interface,
+            Dimension::Policy => Self::Policy,
+            Dimension::Behavior => Self::Behavior,
+            Dimension::Recovery => Self::Recovery,
+            Dimension::Composition => Self::Composition,
+            Dimension::Shadow => Self::Divergence,
+            Dimension::Gate => Self::Gate,
+            Dimension::Approval => Self::Approval,
+            Dimension::Monitor => Self::Watch,
+        }
+    }
+}
+
+/// How a rule is written: in two fields, so that a reader need not know the list.
+#[derive(Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "Rule")]
+struct Written {
+    /// Its name.
+    name: String,
+    /// Design rule and section of the paper.
+    source: String,
+}
+
+impl Serialize for Rule {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Written { name: self.name().to_owned(), source: self.source().to_owned() }.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Rule {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let written = Written::deserialize(deserializer)?;
+        let known = Self::ALL.into_iter().find(|rule| rule.name() == written.name);
+        known.ok_or_else(|| serde::de::Error::custom(format!("{:?} is no rule", written.name)))
+    }
+}
+
+impl JsonSchema for Rule {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        Written::schema_name()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        Written::json_schema(generator)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decision_keeps_its_form() {
+        let reason = ExplainedReason {
+            code: Some(Word::Known(ReasonCode::GatePassed)),
+            dimension: Some(Word::Known(Dimension::Gate)),
+            in_favour: true,
+            text: "passed".to_owned(),
+            evidence: Some(0.1),
+            limit: None,
+            rule: Rule::Gate,
+            measured: None,
+        };
+        let beside = ExplainedReason { code: None, dimension: None, in_favour: false, ..reason.clone() };
+        let decision = Explained {
+            record: 7,
+            at_ms: 1_500,
+            ruling: Ruling::Activation(StageOutcome::Pass.into()),
+            rule: Rule::Activation,
+            reasons: vec![reason, beside],
+            change: Vec::new(),
+            then: Vec::new(),
+        };
+        let json = serde_json::to_string(&decision).unwrap();
+        assert_eq!(
+            json,
+            r#"{"record":7,"at_ms":1500,"stage":"activation","outcome":"pass","rule":{"name":"theta_act, the activation gate","source":"design rule 3.7; paper equation 10, section 5.2, stage 5"},"reasons":[{"code":"gate-passed","dimension":"gate","in_favour":true,"text":"passed","evidence":0.1,"limit":null,"rule":{"name":"theta_act","source":"design rule 3.7; paper equation 10"},"measured":null},{"code":"","dimension":"","in_favour":false,"text":"passed","evidence":0.1,"limit":null,"rule":{"name":"theta_act","source":"design rule 3.7; paper equation 10"},"measured":null}],"change":[],"then":[]}"#
+        );
+        assert_eq!(serde_json::from_str::<Explained>(&json).unwrap(), decision);
+    }
+
+    /// Every word of every decider comes back as what it was, also one that this build does not know.
+    #[test]
+    fn rulings_round_trip() {
+        let stages = StageOutcome::ALL.map(Word::Known).into_iter().chain([Word::Unknown("later".into())]);
+        let mut rulings: Vec<Ruling> = stages.map(Ruling::Shadow).collect();
+        rulings.extend(MonitorOutcome::ALL.map(|word| Ruling::Monitor(word.into())));
+        rulings.extend(PostStatus::ALL.map(|word| Ruling::Rollback(word.into())));
+        rulings.extend(Answer::ALL.map(|word| Ruling::People(PeopleSaid::Answered(word))));
+        rulings.extend(State::ALL.map(|word| Ruling::People(PeopleSaid::Moved(word))));
+        for ruling in rulings {
+            let json = serde_json::to_value(&ruling).unwrap();
+            assert_eq!(json["stage"], ruling.stage());
+            assert_eq!(json["outcome"], ruling.outcome());
+            assert_eq!(serde_json::from_value::<Ruling>(json).unwrap(), ruling);
+        }
+    }
+
+    #[test]
+    fn rules_have_a_name_each() {
+        let names: std::collections::BTreeSet<&str> = Rule::ALL.iter().map(|rule| rule.name()).collect();
+        assert_eq!(names.len(), Rule::ALL.len());
+    }
+}

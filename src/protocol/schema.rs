@@ -1,0 +1,45 @@
+//! What goes over the socket, as JSON schemas: for whoever writes a client in another language.
+
+use schemars::{Schema, schema_for};
+
+use super::command::{Command, Reply, Request};
+use super::event::Event;
+use super::picture::Picture;
+use super::snapshot::Snapshot;
+use super::wire::{Answer, Call};
+
+/// The documents with their schemas, by name.
+#[must_use]
+pub fn documents() -> Vec<(&'static str, Schema)> {
+    vec![
+        ("call", schema_for!(Call)),
+        ("answer", schema_for!(Answer)),
+        ("request", schema_for!(Request)),
+        ("command", schema_for!(Command)),
+        ("reply", schema_for!(Reply)),
+        ("event", schema_for!(Event)),
+        ("snapshot", schema_for!(Snapshot)),
+        ("detail", schema_for!(super::detail::Detail)),
+        ("picture", schema_for!(Picture)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A closed set is listed word by word, so that a client can know it.
+    #[test]
+    fn closed_sets_are_in_the_schemas() {
+        let documents = documents();
+        let text = |name: &str| {
+            let (_, schema) = documents.iter().find(|(known, _)| *known == name).unwrap();
+            serde_json::to_string(schema).unwrap()
+        };
+        for word in ["\"doubt-remains\"", "\"rolled-back\"", "\"unacknowledged\"", "\"sensor_noise\""] {
+            assert!(text("event").contains(word), "{word}");
+        }
+        assert!(text("call").contains("\"acknowledge-alarm\""));
+        assert!(text("answer").contains("\"lagged\""));
+    }
+}
