@@ -282,7 +282,7 @@ mod tests {
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"activ\", timeout_s = 1 }", "activ"),
             (
                 "profile = \"sim\"\n[[step]]\nexpect = { state = \"active\", stage = \"gate\" }",
-                "validation, sandbox, shadow, activation",
+                "`validation`, `sandbox`, `shadow`, `activation`, `monitor`",
             ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),

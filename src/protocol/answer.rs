@@ -20,7 +20,7 @@ impl PromptView {
     ) -> Result<Command, ApprovalError> {
         let signed = who.sign(Approval {
             who: who.info().name.clone(),
-            role: who.info().role.clone(),
+            role: who.info().role,
             decision,
             reason: reason.to_owned(),
             version: self.version.clone(),

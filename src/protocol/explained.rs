@@ -169,6 +169,7 @@ pub(crate) mod blank {
     use serde::de::value::StringDeserializer;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+    #[allow(clippy::ref_option, reason = "the form that serde asks for")]
     pub(crate) fn serialize<T: Serialize, S: Serializer>(
         word: &Option<T>,
         serializer: S,

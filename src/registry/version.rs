@@ -115,7 +115,7 @@ impl Applier<'_> {
         }
         let name = version.to_string();
         let first = state == State::Registered && to == State::Active && self.is_baseline(version)?;
-        if !first && !State::from(state).may_become(to.into()) {
+        if !first && !state.may_become(to) {
             return Err(StoreError::Invariant(format!("{name} cannot go from {state} to {to}")));
         }
         let terminal = matches!(to, State::Rejected | State::RolledBack);

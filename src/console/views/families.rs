@@ -34,7 +34,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     }
     if let Some(drift) = &snapshot.live.drift {
         let glyph = pen.look.glyph(crate::look::Glyph::Warning);
-        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {}", drift)));
+        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {drift}")));
     }
     rows
 }
