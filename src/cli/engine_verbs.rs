@@ -10,9 +10,9 @@ use super::{
 };
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use holdpoint_engine::embedded;
+use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
-use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
+use holdpoint_runtime::capability::shown;
 
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
@@ -69,9 +69,8 @@ impl EngineVerbs for RealEngine {
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
-        let package = embedded::read(&args.folder).map_err(CliError::usage)?;
-        let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
-        Capability::load(&name, package.clone()).map_err(CliError::usage)?;
+        let candidate = embedded::read(&args.folder).map_err(CliError::usage)?;
+        let (package, name) = (Package::clone(&candidate.package), shown(&args.folder));
         let mut side = Side::open(context)?;
         let exit = side.carry_out(Command::Register { package, name }, out)?;
         if side.is_own() && !out.is_json() {

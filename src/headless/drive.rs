@@ -18,6 +18,7 @@ use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::Package;
 use holdpoint_lab::approver;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
@@ -165,12 +166,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     driver.take_events()?;
     let known: Vec<CapabilityId> =
         driver.pump.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
-    let is_open = |name: &&str| {
-        let loaded = embedded::package(name)
-            .and_then(|package| holdpoint_runtime::capability::Capability::load(name, package).ok());
-        loaded.is_some_and(|capability| !known.contains(&capability.id()))
-    };
-    let Some(name) = embedded::names().find(is_open) else {
+    let Some(name) = embedded::names_beside(&known).next() else {
         driver
             .note("every demonstration candidate is registered; see `holdpoint candidate register <dir>`")?;
         return driver.finish();
@@ -347,12 +343,11 @@ impl<'a> Driver<'a> {
     }
 
     fn register(&mut self, folder: &str) -> Result<Step, CliError> {
-        let package = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
-        let command = Command::Register { package: package.clone(), name: folder.to_owned() };
+        let candidate = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
+        let package = Package::clone(&candidate.package);
+        let command = Command::Register { package, name: folder.to_owned() };
         // The id is known before the events are read, so that none of them is missed.
-        let capability =
-            holdpoint_runtime::capability::Capability::load(folder, package).map_err(CliError::usage)?;
-        self.candidate = Some(capability.id());
+        self.candidate = Some(candidate.id());
         self.given.clear();
         self.confirmed = false;
         self.rolled_back = false;
