@@ -4,10 +4,7 @@
 //! anything itself.
 
 use super::side::Side;
-use super::{
-    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
-    status_verb,
-};
+use super::{CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use holdpoint_engine::embedded;
 use holdpoint_governance::submission::Package;
@@ -85,7 +82,7 @@ impl EngineVerbs for RealEngine {
         args: &status::StatusArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        status_verb::run(context, args, out)
+        status::run(context, args, out)
     }
 
     fn decide(
@@ -94,7 +91,7 @@ impl EngineVerbs for RealEngine {
         asked: &decide::Asked,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        decide_verb::run(context, asked, out)
+        decide::run(context, asked, out)
     }
 
     fn bench(
