@@ -15,9 +15,10 @@ use holdpoint_console::run::{Cause, Console, ConsoleError};
 use holdpoint_engine::embedded;
 use holdpoint_engine::host::HostConfig;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
-use holdpoint_runtime::capability::Capability;
-use holdpoint_text::{Problem, Untrusted};
+use holdpoint_runtime::capability::shown;
+use holdpoint_text::Problem;
 
 /// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
 const PACE_DEFAULT: Pace = Pace::Times(1.0);
@@ -107,12 +108,8 @@ impl Candidates {
     }
 
     fn next(&mut self, known: &[CapabilityId]) -> Result<Command, Problem> {
-        let is_open = |name: &&'static str| {
-            let loaded = embedded::package(name).and_then(|package| Capability::load(name, package).ok());
-            let is_new = loaded.is_some_and(|capability| !known.contains(&capability.id()));
-            is_new && !self.submitted.contains(name)
-        };
-        let Some(name) = embedded::names().find(is_open) else {
+        let mut open = embedded::names_beside(known).filter(|name| !self.submitted.contains(name));
+        let Some(name) = open.next() else {
             let problem = Problem::new("every demonstration candidate is registered");
             return Err(problem.with_hint("`:register DIR` takes others"));
         };
@@ -123,14 +120,14 @@ impl Candidates {
 
 /// What is wrong with a folder is said before the engine is asked.
 fn register(folder: &str) -> Result<Command, Problem> {
-    let package = embedded::read(Path::new(folder)).map_err(|error| Problem::of(&error))?;
-    let name = Untrusted::new(folder).line().into_string();
-    Capability::load(&name, package.clone()).map_err(|error| Problem::of(&error))?;
-    Ok(Command::Register { package, name })
+    let folder = Path::new(folder);
+    let candidate = embedded::read(folder).map_err(|error| Problem::of(&error))?;
+    Ok(Command::Register { package: Package::clone(&candidate.package), name: shown(folder) })
 }
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_runtime::capability::Capability;
     use holdpoint_text::Hint as _;
 
     use super::*;

@@ -1,10 +1,21 @@
-//! `holdpoint approve | reject | rollback | demote | pause | resume`: arguments.
+//! `holdpoint approve | reject | rollback | demote | pause | resume`.
 //!
-//! The engine re-validates every one of these and may refuse it; nothing here confers a right.
+//! Approvals and refusals of what waits are signed with the identity's key; the verbs that stop something name who
+//! asked and need no key, because stopping must never be harder than going on. The engine re-validates every one of
+//! these and may refuse it; nothing here confers a right.
 
 use clap::Args;
 
+use super::side::{Side, running};
+use super::{CliError, Context, Exit, Output, audit};
+use holdpoint_approvals::Identity;
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::snapshot::{PromptView, Snapshot};
+use holdpoint_registry::{Layout, Views};
 use holdpoint_text::Untrusted;
 
 /// The longest reason, in bytes.
@@ -130,4 +141,205 @@ fn parse_short_digest(text: &str) -> Result<String, String> {
     } else {
         Err("eight hexadecimal digits (0-9, a-f) are needed".to_owned())
     }
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`]; nothing has changed then.
+pub(super) fn run(context: &Context, asked: &Asked, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    // What does not exist is said before an engine is opened, so that the store stays as it was.
+    let views = audit::open(&context.data)?;
+    match asked {
+        Asked::Approve(args) => approve(context, &views, args, out),
+        Asked::Reject(args) => reject(context, &views, args, out),
+        Asked::Rollback(args) => rollback(context, &views, args, out),
+        Asked::Demote(args) => {
+            known_version(&views, &args.version)?;
+            let operation = operation(&args.version, &args.signature);
+            Side::open(context)?.carry_out(Command::Demote { operation, profiles: Vec::new() }, out)
+        }
+        Asked::Pause(args) => pause(context, &views, args, Pausing::Pause, out),
+        Asked::Resume(args) => {
+            // Going on needs somebody who can be named for it.
+            identity(context, &args.signature)?;
+            pause(context, &views, args, Pausing::Resume, out)
+        }
+    }
+}
+
+fn approve(
+    context: &Context,
+    views: &Views,
+    args: &ApproveArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let Some(client) = running(context)? else {
+        let text = "held: no engine is running on this store, so nothing waits for an approval";
+        return Err(CliError::held(text)
+            .with_hint("start one with `holdpoint run`; it asks again on the evidence as stored"));
+    };
+    let mut side = Side::Running(client);
+    let snapshot = side.snapshot()?;
+    let Some(prompt) = open_prompt(&snapshot, &args.version) else {
+        let text = format!("held: nothing waits for a decision on {}", args.version);
+        return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
+    };
+    check_digest(args.digest.as_deref(), prompt)?;
+    sign(&mut side, &who, prompt, Answer::Approve, &args.signature, out)?;
+    // An approval that is not enough, or does not count, leaves the version held.
+    let open = open_prompt(&side.snapshot()?, &args.version).is_some();
+    Ok(if open { Exit::Held } else { Exit::Confirmed })
+}
+
+/// The approval is bound to the evidence that was read, where it was named; a profile with people nearby asks for it.
+fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError> {
+    let waits = prompt.evidence.short();
+    match given {
+        Some(given) if given == waits => Ok(()),
+        Some(given) => {
+            let text = format!("held: {} waits with the evidence {waits}, not {given}", prompt.version);
+            Err(CliError::held(text).with_hint("read it again, then approve that"))
+        }
+        None if prompt.profile == ProfileName::Human => {
+            let text =
+                format!("the profile {:?} needs --digest with the evidence that was read", prompt.profile);
+            Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))
+        }
+        None => Ok(()),
+    }
+}
+
+fn reject(
+    context: &Context,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let mut side = Side::open(context)?;
+    let snapshot = side.snapshot()?;
+    let who = identity(context, &args.signature).ok();
+    if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
+        return sign(&mut side, &who, prompt, Answer::Reject, &args.signature, out);
+    }
+    side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
+}
+
+fn rollback(
+    context: &Context,
+    views: &Views,
+    args: &FamilyArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    known_family(views, &args.family)?;
+    let mut side = Side::open(context)?;
+    let snapshot = side.snapshot()?;
+    let family = snapshot.families.iter().find(|view| view.family == args.family);
+    let Some(active) = family.and_then(|view| view.active.clone()) else {
+        return Err(CliError::held(format!("held: {} is safe-stopped, no version is active", args.family)));
+    };
+    let exit = side.carry_out(Command::Rollback(operation(&active, &args.signature)), out)?;
+    let family = side.snapshot()?.families.into_iter().find(|view| view.family == args.family);
+    if family.is_none_or(|view| view.active.is_none()) {
+        // Taken off, and nobody took over: that is a stop, not a rollback.
+        return Err(CliError::held(format!("held: safe-stopped, no version of {} is active", args.family)));
+    }
+    Ok(exit)
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pausing {
+    Pause,
+    Resume,
+}
+
+/// Pauses what is on its way, or resumes what is paused: of one family, or of all.
+fn pause(
+    context: &Context,
+    views: &Views,
+    args: &PauseArgs,
+    pausing: Pausing,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    if let Some(family) = &args.family {
+        known_family(views, family)?;
+    }
+    let mut side = Side::open(context)?;
+    let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
+        let on_its_way = match view.state {
+            State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => {
+                true
+            }
+            State::Active => view.flags.provisional || view.flags.paused,
+            State::Rejected | State::RolledBack | State::Superseded => false,
+        };
+        let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
+        on_its_way && of_family && view.flags.paused == (pausing == Pausing::Resume)
+    };
+    let versions: Vec<CapabilityId> =
+        side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
+    if versions.is_empty() {
+        let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
+        return Err(CliError::held(match pausing {
+            Pausing::Pause => format!("nothing was paused: no version{of} is on its way"),
+            Pausing::Resume => format!("nothing was resumed: no version{of} is paused"),
+        }));
+    }
+    for version in versions {
+        let operation = operation(&version, &args.signature);
+        let command = match pausing {
+            Pausing::Pause => Command::Pause(operation),
+            Pausing::Resume => Command::Resume(operation),
+        };
+        side.carry_out(command, out)?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn sign(
+    side: &mut Side,
+    who: &Identity,
+    prompt: &PromptView,
+    decision: Answer,
+    signature: &Signature,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let command = prompt.answer(who, decision, signature.reason.raw(), None);
+    side.carry_out(command.map_err(CliError::internal)?, out)
+}
+
+fn identity(context: &Context, signature: &Signature) -> Result<Identity, CliError> {
+    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)
+}
+
+fn operation(version: &CapabilityId, signature: &Signature) -> Operation {
+    Operation {
+        version: version.clone(),
+        by: signature.identity.clone(),
+        reason: signature.reason.raw().to_owned(),
+    }
+}
+
+fn open_prompt<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'a PromptView> {
+    snapshot.prompts.iter().find(|prompt| prompt.version == *version)
+}
+
+pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(), CliError> {
+    if views.version(version).map_err(CliError::usage)?.is_some() {
+        return Ok(());
+    }
+    let text = format!("there is no version {:?} in the store", version.to_string());
+    Err(CliError::usage(text).with_hint("`holdpoint registry list` names all"))
+}
+
+pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {
+    let families = views.families().map_err(CliError::usage)?;
+    if families.iter().any(|known| known.name == family.as_str()) {
+        return Ok(());
+    }
+    let names: Vec<&str> = families.iter().map(|known| known.name.as_str()).collect();
+    Err(CliError::usage(format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "))))
 }

@@ -4,15 +4,12 @@
 //! anything itself.
 
 use super::side::Side;
-use super::{
-    CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, decide_verb, run, status,
-    status_verb,
-};
+use super::{CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use holdpoint_engine::embedded;
+use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
-use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
+use holdpoint_runtime::capability::shown;
 
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
@@ -69,9 +66,8 @@ impl EngineVerbs for RealEngine {
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
-        let package = embedded::read(&args.folder).map_err(CliError::usage)?;
-        let name = Untrusted::new(args.folder.display().to_string()).line().into_string();
-        Capability::load(&name, package.clone()).map_err(CliError::usage)?;
+        let candidate = embedded::read(&args.folder).map_err(CliError::usage)?;
+        let (package, name) = (Package::clone(&candidate.package), shown(&args.folder));
         let mut side = Side::open(context)?;
         let exit = side.carry_out(Command::Register { package, name }, out)?;
         if side.is_own() && !out.is_json() {
@@ -86,7 +82,7 @@ impl EngineVerbs for RealEngine {
         args: &status::StatusArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        status_verb::run(context, args, out)
+        status::run(context, args, out)
     }
 
     fn decide(
@@ -95,7 +91,7 @@ impl EngineVerbs for RealEngine {
         asked: &decide::Asked,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        decide_verb::run(context, asked, out)
+        decide::run(context, asked, out)
     }
 
     fn bench(

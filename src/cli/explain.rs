@@ -12,7 +12,7 @@ use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::explained::{Explained, Explanation};
-use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::capability::PackageError;
 
 /// The arguments of `explain`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -46,14 +46,17 @@ fn version(subject: &str) -> Result<CapabilityId, CliError> {
     if let Ok(id) = subject.parse() {
         return Ok(id);
     }
-    let known = |path: &Path| embedded::read(path).ok();
-    let package =
-        known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
-    let Some(package) = package else {
+    // What cannot be read is no candidate's folder; what is wrong in one that can is said.
+    let known = |path: &Path| match embedded::read(path) {
+        Err(PackageError::Folder { .. } | PackageError::Read { .. } | PackageError::NotText { .. }) => None,
+        read => Some(read),
+    };
+    let read = known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
+    let Some(read) = read else {
         let text = format!("{subject:?} is neither a version nor a candidate's folder");
         return Err(CliError::usage(text).with_hint("a version is <family>@<version>, such as align@1.1.0"));
     };
-    Capability::load(subject, package).map(|capability| capability.id()).map_err(CliError::usage)
+    read.map(|candidate| candidate.id()).map_err(CliError::usage)
 }
 
 fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError> {

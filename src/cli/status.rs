@@ -1,11 +1,28 @@
-//! `holdpoint status`: arguments.
+//! `holdpoint status`: shows, watches, and waits for a state.
+
+mod report;
+
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 
+use self::report::{StatusReport, VersionRow};
+use super::decide::{known_family, known_version};
+use super::side::running;
+use super::{CliError, Context, Exit, Output, audit};
+use holdpoint_engine::door::{DoorError, Subscription};
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::Views;
 
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
+
+/// How often the store is read where nothing tells of a change.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
 
 /// The arguments of `status`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -97,5 +114,250 @@ fn parse_subject(text: &str) -> Result<Subject, String> {
             .map_err(|error: holdpoint_governance::ids::CapabilityIdError| error.to_string())
     } else {
         Family::new(text).map(Subject::Family).map_err(|error| error.to_string())
+    }
+}
+
+/// Does what was asked for.
+///
+/// # Errors
+/// [`CliError`].
+pub(super) fn run(context: &Context, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = audit::open(&context.data)?;
+    match &args.subject {
+        None => {}
+        Some(Subject::Family(family)) => known_family(&views, family)?,
+        Some(Subject::Version(version)) => known_version(&views, version)?,
+    }
+    let mut source = Source { context, subject: args.subject.as_ref(), views, events: None };
+    match &args.until {
+        None if !args.watch => {
+            let report = source.read()?;
+            print(&report, &mut BTreeSet::new(), out)?;
+            Ok(Exit::Confirmed)
+        }
+        None => watch(&mut source, out),
+        Some(until) => {
+            let target = target(&source.views, args.subject.as_ref())?;
+            wait(&mut source, args, &target, *until, out)
+        }
+    }
+}
+
+/// The version that is waited for: the one named, else the family's newest.
+fn target(views: &Views, subject: Option<&Subject>) -> Result<CapabilityId, CliError> {
+    match subject {
+        Some(Subject::Version(version)) => Ok(version.clone()),
+        Some(Subject::Family(family)) => {
+            let newest = views.family_in_order(family).map_err(CliError::usage)?.pop();
+            newest.ok_or_else(|| CliError::usage(format!("the family {:?} has no version", family.as_str())))
+        }
+        None => Err(CliError::usage("--until needs a version or a family to wait for")),
+    }
+}
+
+/// Prints what changes until the reader goes away.
+fn watch(source: &mut Source<'_>, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let mut last = None;
+    let mut printed = BTreeSet::new();
+    loop {
+        let report = source.read()?;
+        if last.as_ref() != Some(&report) {
+            print(&report, &mut printed, out)?;
+            last = Some(report);
+        }
+        source.pause();
+    }
+}
+
+fn wait(
+    source: &mut Source<'_>,
+    args: &StatusArgs,
+    target: &CapabilityId,
+    until: Until,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let deadline = Instant::now() + Duration::from_secs(u64::from(args.timeout));
+    let mut last = None;
+    let mut printed = BTreeSet::new();
+    loop {
+        let report = source.read()?;
+        let row = report.versions.iter().find(|row| row.version == *target);
+        let Some(row) = row else {
+            return Err(CliError::internal(format!("{target} is no longer in the store")));
+        };
+        let ended = end(until, row);
+        let state = row.state;
+        let late = Instant::now() >= deadline;
+        if last.as_ref() != Some(&report) && (args.watch || ended.is_some() || late) {
+            print(&report, &mut printed, out)?;
+            last = Some(report);
+        }
+        match ended {
+            Some(exit) => return Ok(exit),
+            None if late => {
+                return Err(CliError::held(format!(
+                    "held: {target} is {state} after {} s, and not yet {}",
+                    args.timeout,
+                    until.name()
+                )));
+            }
+            None => source.pause(),
+        }
+    }
+}
+
+/// How waiting ended, if it did.
+fn end(until: Until, row: &VersionRow) -> Option<Exit> {
+    if is_reached(until, row) {
+        return Some(Exit::Confirmed);
+    }
+    match row.state {
+        State::Rejected => Some(Exit::Rejected),
+        State::RolledBack => Some(Exit::RolledBack),
+        State::Registered
+        | State::Validated
+        | State::Sandboxed
+        | State::Shadowed
+        | State::Active
+        | State::Demoted
+        | State::Superseded => None,
+    }
+}
+
+/// Whether a state is reached, or was passed on the way up.
+fn is_reached(until: Until, row: &VersionRow) -> bool {
+    use State as S;
+    let up = |least: u8| {
+        let height = match row.state {
+            S::Validated => 1,
+            S::Sandboxed => 2,
+            S::Shadowed => 3,
+            S::Active | S::Superseded => 4,
+            S::Registered | S::Demoted | S::Rejected | S::RolledBack => 0,
+        };
+        height >= least
+    };
+    match until {
+        Until::Validated => up(1),
+        Until::Sandboxed => up(2),
+        Until::Shadowed => up(3),
+        Until::AwaitingApproval => row.awaiting_approval || up(4),
+        Until::Active => up(4),
+        Until::Confirmed => row.state == S::Active && !row.provisional && !row.rollback_pending,
+        Until::Demoted => row.state == S::Demoted,
+        Until::Rejected => row.state == S::Rejected,
+        Until::RolledBack => row.state == S::RolledBack,
+        Until::Superseded => row.state == S::Superseded,
+    }
+}
+
+/// Prints a report: all of it as JSON, or the lines that were not printed in the report before.
+fn print(
+    report: &StatusReport,
+    printed: &mut BTreeSet<String>,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let lines = report.lines();
+    out.answer(report, |out| {
+        lines.iter().filter(|line| !printed.contains(*line)).try_for_each(|line| out.line(line))
+    })?;
+    *printed = lines.into_iter().collect();
+    out.flush()
+}
+
+/// Where reports come from: the store, and the engine that runs on it while one does.
+struct Source<'a> {
+    context: &'a Context,
+    subject: Option<&'a Subject>,
+    views: Views,
+    events: Option<Subscription>,
+}
+
+impl Source<'_> {
+    fn read(&mut self) -> Result<StatusReport, CliError> {
+        let snapshot = self.snapshot()?;
+        StatusReport::new(&self.views, snapshot.as_ref(), self.subject)
+    }
+
+    /// The engine's picture. An engine that comes, goes, or is too busy to answer leaves what the store says.
+    fn snapshot(&mut self) -> Result<Option<Snapshot>, CliError> {
+        let Some(mut client) = running(self.context)? else {
+            self.events = None;
+            return Ok(None);
+        };
+        match client.ask(Command::Snapshot) {
+            Ok(Reply::Snapshot { snapshot }) => {
+                if self.events.is_none() {
+                    self.events = client.subscribe().ok();
+                }
+                Ok(Some(*snapshot))
+            }
+            Ok(
+                Reply::Accepted { .. }
+                | Reply::Refused { .. }
+                | Reply::Detail { .. }
+                | Reply::Registry { .. }
+                | Reply::Audit { .. }
+                | Reply::Verified { .. },
+            )
+            | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),
+            Err(error) => Err(super::side::door_error(error)),
+        }
+    }
+
+    /// Until the engine tells of something, or for a while.
+    fn pause(&mut self) {
+        match self.events.as_mut().map(|events| events.next(LOOK_EVERY)) {
+            // Nothing was told, or something that a look at the store will show.
+            Some(Ok(_)) => {}
+            Some(Err(_)) => self.events = None,
+            None => std::thread::sleep(LOOK_EVERY),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(state: State, provisional: bool) -> VersionRow {
+        VersionRow {
+            version: "grasp@1.1.0".parse().unwrap(),
+            state,
+            running: None,
+            paused: false,
+            awaiting_approval: false,
+            provisional,
+            restricted: false,
+            rollback_pending: false,
+            kappas: [None; 4],
+            progress: None,
+            reason: None,
+        }
+    }
+
+    #[test]
+    fn waiting_ends_by_the_state() {
+        use State as S;
+        for (until, state, provisional, expected) in [
+            (Until::Validated, S::Registered, false, None),
+            (Until::Validated, S::Validated, false, Some(Exit::Confirmed)),
+            (Until::Validated, S::Shadowed, false, Some(Exit::Confirmed)),
+            (Until::Sandboxed, S::Demoted, false, None),
+            (Until::Active, S::Active, true, Some(Exit::Confirmed)),
+            (Until::Active, S::Rejected, false, Some(Exit::Rejected)),
+            (Until::Active, S::RolledBack, false, Some(Exit::RolledBack)),
+            (Until::Confirmed, S::Active, true, None),
+            (Until::Confirmed, S::Active, false, Some(Exit::Confirmed)),
+            (Until::Confirmed, S::Superseded, false, None),
+            (Until::Rejected, S::Rejected, false, Some(Exit::Confirmed)),
+            (Until::RolledBack, S::RolledBack, false, Some(Exit::Confirmed)),
+            (Until::RolledBack, S::Rejected, false, Some(Exit::Rejected)),
+        ] {
+            assert_eq!(end(until, &row(state, provisional)), expected, "{until:?} {state:?}");
+        }
+        let asked = VersionRow { awaiting_approval: true, ..row(S::Shadowed, false) };
+        assert_eq!(end(Until::AwaitingApproval, &asked), Some(Exit::Confirmed));
+        assert_eq!(end(Until::AwaitingApproval, &row(S::Shadowed, false)), None);
     }
 }

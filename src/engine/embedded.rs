@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
-use holdpoint_runtime::capability::{self, PackageError};
+use holdpoint_runtime::capability::{Capability, PackageError, shown};
 
 macro_rules! candidates {
     ($($name:literal),* $(,)?) => {
@@ -35,6 +36,14 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     CANDIDATES.iter().map(|(name, _)| *name)
 }
 
+/// Names of the embedded candidates whose versions are none of these.
+pub fn names_beside(known: &[CapabilityId]) -> impl Iterator<Item = &'static str> {
+    names().filter(|name| {
+        let loaded = package(name).and_then(|package| Capability::load(name, package).ok());
+        loaded.is_some_and(|capability| !known.contains(&capability.id()))
+    })
+}
+
 /// An embedded candidate.
 #[must_use]
 pub fn package(name: &str) -> Option<Package> {
@@ -49,11 +58,11 @@ pub fn package(name: &str) -> Option<Package> {
 /// A candidate's folder, or the embedded one of that name where there is no such folder.
 ///
 /// # Errors
-/// Where there is neither, or the folder is not a candidate.
-pub fn read(path: &Path) -> Result<Package, PackageError> {
+/// Where there is neither, or what there is does not load.
+pub fn read(path: &Path) -> Result<Capability, PackageError> {
     let name = path.file_name().and_then(|name| name.to_str());
     match name.and_then(package) {
-        Some(package) if !path.exists() => Ok(package),
-        _ => capability::read(path),
+        Some(package) if !path.exists() => Capability::load(&shown(path), package),
+        _ => Capability::read(path),
     }
 }

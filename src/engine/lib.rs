@@ -8,6 +8,7 @@ mod alarms;
 mod beside;
 mod binding;
 pub mod cell;
+pub mod check;
 mod commands;
 pub mod context;
 pub mod door;

@@ -1,41 +1,43 @@
-//! A registered version as the pipeline works with it: manifest, submission and loaded bundle.
+//! A version as the pipeline works with it: manifest, submission and loaded bundle.
+//!
+//! Owns the one reader of candidates' folders: files are opened beneath the folder and never through a link that leads
+//! out of it, each up to its own limit. Every text is parsed once and its value handed on.
 
 use std::borrow::Cow;
+use std::io::{self, Read as _};
 use std::path::Path;
 use std::sync::Arc;
 
 use cap_std::ambient_authority;
 use cap_std::fs::Dir;
-use std::io::Read as _;
+use serde_json::Value;
 
 use crate::skill::SkillBundle;
-use crate::skill::native::{Controller, NativeBundle, NativeError};
+use crate::skill::native::{Controller, NativeBundle, NativeError, PARAMS_BYTES_MAX};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
-use holdpoint_governance::submission::{Package, Submission};
-use holdpoint_governance::text_error::TextError;
+use holdpoint_governance::submission::{Package, SUBMISSION_BYTES_MAX, Submission};
+use holdpoint_governance::text_error::{TextError, check_size};
 use holdpoint_text::{Hint, Untrusted};
 
 /// Why a version could not be taken in.
 #[derive(Debug, thiserror::Error)]
 pub enum PackageError {
+    /// The folder cannot be opened.
+    #[error("cannot read {folder}: {source}")]
+    Folder {
+        /// Which folder, already made safe to print.
+        folder: String,
+        /// Why.
+        source: io::Error,
+    },
     /// A file of the package cannot be read.
     #[error("cannot read {file}: {source}")]
     Read {
         /// Which file, already made safe to print.
         file: String,
         /// Why.
-        source: std::io::Error,
-    },
-    /// A file is larger than it may be.
-    #[error("{file} has {bytes} bytes; at most {allowed} are allowed")]
-    TooLarge {
-        /// Which file.
-        file: String,
-        /// How large it is, or more.
-        bytes: u64,
-        /// How large it may be.
-        allowed: u64,
+        source: io::Error,
     },
     /// A file is not UTF-8.
     #[error("{file} is not UTF-8 text")]
@@ -43,9 +45,25 @@ pub enum PackageError {
         /// Which file.
         file: String,
     },
-    /// A file's content is not allowed.
+    /// A file is too large, or its content is not allowed.
     #[error(transparent)]
     Content(#[from] TextError),
+    /// The parameter file is not TOML.
+    #[error("{file}: {message}")]
+    Params {
+        /// Which file.
+        file: String,
+        /// What the parser says.
+        message: String,
+    },
+    /// A parameter is infinite or not a number. JSON has no form for it: it would look like a missing value.
+    #[error("{file}: the field {field:?} is no finite number")]
+    NotFinite {
+        /// Which file.
+        file: String,
+        /// The field's path.
+        field: String,
+    },
     /// The bundle cannot be loaded.
     #[error(transparent)]
     Native(#[from] NativeError),
@@ -76,7 +94,7 @@ pub enum PackageError {
 impl Hint for PackageError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Read { .. } => Some(
+            Self::Folder { .. } | Self::Read { .. } => Some(
                 "a candidate is a folder with manifest.toml, submission.toml and the files they name".into(),
             ),
             Self::Content(error) => error.hint(),
@@ -85,7 +103,9 @@ impl Hint for PackageError {
             Self::NoParams { .. } => {
                 Some("a native bundle needs a parameter file, e.g. params = \"params.toml\"".into())
             }
-            Self::TooLarge { .. } | Self::NotText { .. } | Self::Canonical { .. } => None,
+            Self::NotText { .. } | Self::Params { .. } | Self::NotFinite { .. } | Self::Canonical { .. } => {
+                None
+            }
         }
     }
 }
@@ -114,55 +134,179 @@ impl std::fmt::Debug for Capability {
     }
 }
 
-/// Reads a candidate's folder. Nothing outside the folder is opened, links included.
-///
-/// # Errors
-/// Where a file is missing, too large, no text, or outside the folder.
-pub fn read(folder: &Path) -> Result<Package, PackageError> {
-    let shown = Untrusted::new(folder.display().to_string()).line().into_string();
-    let dir = Dir::open_ambient_dir(folder, ambient_authority())
-        .map_err(|source| PackageError::Read { file: shown.clone(), source })?;
-    let manifest_file = format!("{shown}/manifest.toml");
-    let manifest = read_text(&dir, "manifest.toml", &manifest_file, MANIFEST_BYTES_MAX)?;
-    let submission =
-        read_text(&dir, "submission.toml", &format!("{shown}/submission.toml"), MANIFEST_BYTES_MAX)?;
-    let parsed = Manifest::parse(&manifest_file, &manifest)?;
-    let params = match &parsed.deployment.params {
-        None => String::new(),
-        Some(path) => {
-            read_text(&dir, path.as_str(), &format!("{shown}/{}", path.as_str()), MANIFEST_BYTES_MAX)?
-        }
-    };
-    Ok(Package { manifest, submission, params })
+/// A version's texts and what they say. Well formed, and nothing more is known of it: its bundle is not loaded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parsed {
+    /// The eight fields.
+    pub manifest: Manifest,
+    /// Who made it and how.
+    pub submission: Submission,
+    /// The texts.
+    pub package: Package,
 }
 
-fn read_text(dir: &Dir, path: &str, shown: &str, bytes_max: usize) -> Result<String, PackageError> {
-    let read = |source| PackageError::Read { file: shown.to_owned(), source };
-    let file = dir.open(path).map_err(read)?;
-    let limit = bytes_max as u64;
-    let mut bytes = Vec::new();
-    file.take(limit + 1).read_to_end(&mut bytes).map_err(read)?;
-    if bytes.len() as u64 > limit {
-        return Err(PackageError::TooLarge { file: shown.to_owned(), bytes: limit + 1, allowed: limit });
+impl Parsed {
+    /// Reads and parses a candidate's folder. Nothing outside the folder is opened, links included. In errors `name`
+    /// stands before the files' names; where it is empty they are named as they are in the folder.
+    ///
+    /// # Errors
+    /// Where a file is missing, too large, no text, not allowed, or outside the folder.
+    pub fn read(name: &str, folder: &Path) -> Result<Self, PackageError> {
+        let files = Files::open(name, folder)?;
+        let text = files.text("manifest.toml", MANIFEST_BYTES_MAX)?;
+        let manifest = Manifest::parse(&named(name, "manifest.toml"), &text)?;
+        let mut package = Package { manifest: text, submission: String::new(), params: String::new() };
+        package.submission = files.text("submission.toml", SUBMISSION_BYTES_MAX)?;
+        let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
+        if let Bundle::Wasm(file) = &manifest.deployment.bundle {
+            files.has(file.as_str())?;
+        }
+        if let Some(file) = &manifest.deployment.params {
+            package.params = files.text(file.as_str(), PARAMS_BYTES_MAX)?;
+        }
+        Ok(Self { manifest, submission, package })
     }
-    String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: shown.to_owned() })
+
+    /// Parses the texts of a package; `name` stands for the folder in errors.
+    ///
+    /// # Errors
+    /// [`PackageError::Content`].
+    pub fn parse(name: &str, package: Package) -> Result<Self, PackageError> {
+        let manifest = Manifest::parse(&named(name, "manifest.toml"), &package.manifest)?;
+        let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
+        Ok(Self { manifest, submission, package })
+    }
+
+    /// The parameters as they stand in their file, whatever its fields are; only the controller knows those. Null
+    /// where the manifest names no file.
+    ///
+    /// # Errors
+    /// Where the file is not TOML, or holds a number that is not finite.
+    pub fn params(&self) -> Result<Value, PackageError> {
+        match &self.manifest.deployment.params {
+            None => Ok(Value::Null),
+            Some(file) => params(file.as_str(), &self.package.params),
+        }
+    }
+}
+
+fn params(file: &str, text: &str) -> Result<Value, PackageError> {
+    let file = file.to_owned();
+    let table: toml::Table = match toml::from_str(text) {
+        Ok(table) => table,
+        Err(error) => return Err(PackageError::Params { file, message: error.message().to_owned() }),
+    };
+    if let Some(field) = not_finite("", &table) {
+        return Err(PackageError::NotFinite { file, field });
+    }
+    serde_json::to_value(&table).map_err(|source| PackageError::Canonical { file, source })
+}
+
+/// The path of the first number that is not finite.
+fn not_finite(path: &str, table: &toml::Table) -> Option<String> {
+    fn within(path: &str, value: &toml::Value) -> Option<String> {
+        match value {
+            toml::Value::Float(number) => (!number.is_finite()).then(|| path.to_owned()),
+            toml::Value::Array(values) => values.iter().find_map(|value| within(path, value)),
+            toml::Value::Table(table) => not_finite(path, table),
+            toml::Value::String(_)
+            | toml::Value::Integer(_)
+            | toml::Value::Boolean(_)
+            | toml::Value::Datetime(_) => None,
+        }
+    }
+    table.iter().find_map(|(key, value)| {
+        within(&if path.is_empty() { key.clone() } else { format!("{path}.{key}") }, value)
+    })
+}
+
+/// The files of a folder, opened beneath it.
+struct Files<'a> {
+    name: &'a str,
+    dir: Dir,
+}
+
+impl<'a> Files<'a> {
+    fn open(name: &'a str, folder: &Path) -> Result<Self, PackageError> {
+        let dir = Dir::open_ambient_dir(folder, ambient_authority())
+            .map_err(|source| PackageError::Folder { folder: shown(folder), source })?;
+        Ok(Self { name, dir })
+    }
+
+    /// A text of at most so many bytes; of a larger one no more is read than tells that it is.
+    fn text(&self, path: &str, bytes_max: usize) -> Result<String, PackageError> {
+        let file = named(self.name, path);
+        let mut bytes = Vec::new();
+        self.dir
+            .open(path)
+            .and_then(|opened| opened.take(bytes_max as u64 + 1).read_to_end(&mut bytes))
+            .map_err(|source| PackageError::Read { file: file.clone(), source })?;
+        let text = String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: file.clone() })?;
+        check_size(&file, &text, bytes_max)?;
+        Ok(text)
+    }
+
+    /// Whether there is such a file; its content is not looked at.
+    fn has(&self, path: &str) -> Result<(), PackageError> {
+        let read = |source| PackageError::Read { file: named(self.name, path), source };
+        if self.dir.metadata(path).map_err(read)?.is_file() {
+            Ok(())
+        } else {
+            Err(read(io::Error::other("it is not a file")))
+        }
+    }
+}
+
+/// How a file of a version is named in errors.
+fn named(name: &str, file: &str) -> String {
+    if name.is_empty() { file.to_owned() } else { format!("{name}/{file}") }
+}
+
+/// A folder's path, safe to print.
+#[must_use]
+pub fn shown(folder: &Path) -> String {
+    Untrusted::new(folder.display().to_string()).line().into_string()
+}
+
+/// The texts of a candidate's folder, as an engine is given them.
+///
+/// # Errors
+/// As [`Parsed::read`].
+pub fn read(folder: &Path) -> Result<Package, PackageError> {
+    Ok(Parsed::read(&shown(folder), folder)?.package)
 }
 
 impl Capability {
+    /// Reads a candidate's folder and loads its bundle.
+    ///
+    /// # Errors
+    /// As [`Parsed::read`] and [`Capability::of`].
+    pub fn read(folder: &Path) -> Result<Self, PackageError> {
+        let name = shown(folder);
+        Self::of(&name, Parsed::read(&name, folder)?)
+    }
+
     /// Parses a package and loads its bundle; `name` stands for the folder in errors.
     ///
     /// # Errors
     /// Where a text is not allowed or the bundle cannot be loaded.
     pub fn load(name: &str, package: Package) -> Result<Self, PackageError> {
-        let manifest_file = format!("{name}/manifest.toml");
-        let manifest = Manifest::parse(&manifest_file, &package.manifest)?;
-        let submission = Submission::parse(&format!("{name}/submission.toml"), &package.submission)?;
+        Self::of(name, Parsed::parse(name, package)?)
+    }
+
+    /// Loads the bundle of what was parsed; `name` stands for the folder in errors.
+    ///
+    /// # Errors
+    /// Where the bundle cannot be loaded.
+    pub fn of(name: &str, parsed: Parsed) -> Result<Self, PackageError> {
+        let Parsed { manifest, submission, package } = parsed;
+        let manifest_file = named(name, "manifest.toml");
         let bundle = match &manifest.deployment.bundle {
             Bundle::Native(controller) => {
                 let Some(params) = &manifest.deployment.params else {
                     return Err(PackageError::NoParams { file: manifest_file });
                 };
-                let file = format!("{name}/{}", params.as_str());
+                let file = named(name, params.as_str());
                 let controller = Controller::parse(controller, &file, &package.params)?;
                 NativeBundle::new(controller)
                     .map_err(|source| PackageError::Canonical { file: file.clone(), source })?
@@ -209,5 +353,72 @@ impl Capability {
     pub fn abort_secs(&self) -> f64 {
         let declared = self.manifest.recovery.safe_abort.as_ref();
         declared.map_or(0.0, |abort| f64::from(abort.stop_time_max_ms) / 1000.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_must_be_finite() {
+        for (text, expected) in [
+            ("a = nan", "\"a\" is no finite number"),
+            ("[b]\nc = [1.0, inf]", "\"b.c\" is no finite number"),
+            ("a = ", "params.toml: "),
+        ] {
+            let error = params("params.toml", text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        assert_eq!(params("params.toml", "a = 1.5").unwrap(), serde_json::json!({"a": 1.5}));
+    }
+
+    #[test]
+    fn folders_are_read_beneath_and_bounded() {
+        let root = tempfile::tempdir().unwrap();
+        let error = |path: &Path| Parsed::read("", path).unwrap_err();
+        assert!(matches!(error(&root.path().join("none")), PackageError::Folder { .. }));
+        let candidate = root.path().join("candidate");
+        std::fs::create_dir(&candidate).unwrap();
+        let manifest = candidate.join("manifest.toml");
+        assert!(error(&candidate).to_string().starts_with("cannot read manifest.toml: "));
+        // A link that leads out of the folder is not followed.
+        std::fs::write(root.path().join("outside.toml"), "").unwrap();
+        std::os::unix::fs::symlink("../outside.toml", &manifest).unwrap();
+        assert!(matches!(error(&candidate), PackageError::Read { .. }), "{}", error(&candidate));
+        std::fs::remove_file(&manifest).unwrap();
+        std::fs::write(&manifest, "#".repeat(MANIFEST_BYTES_MAX + 1)).unwrap();
+        assert!(error(&candidate).to_string().contains("too many"), "{}", error(&candidate));
+        std::fs::write(&manifest, b"name = \"\xff\xfe\"").unwrap();
+        assert!(matches!(error(&candidate), PackageError::NotText { .. }), "{}", error(&candidate));
+        std::fs::write(&manifest, "name = \"grasp\"\nsurprise = 1\n").unwrap();
+        assert!(error(&candidate).to_string().starts_with("manifest.toml:2"), "{}", error(&candidate));
+        let named = Parsed::read("there", &candidate).unwrap_err().to_string();
+        assert!(named.starts_with("there/manifest.toml:2"), "{named}");
+    }
+
+    #[test]
+    fn each_file_has_its_own_limit() {
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/grasp/1.0.0");
+        for (file, bytes_max) in [
+            ("manifest.toml", MANIFEST_BYTES_MAX),
+            ("submission.toml", SUBMISSION_BYTES_MAX),
+            ("params.toml", PARAMS_BYTES_MAX),
+        ] {
+            let candidate = tempfile::tempdir().unwrap();
+            for name in ["manifest.toml", "submission.toml", "params.toml"] {
+                std::fs::copy(shipped.join(name), candidate.path().join(name)).unwrap();
+            }
+            let path = candidate.path().join(file);
+            let fill = |bytes: usize| {
+                let text = std::fs::read_to_string(shipped.join(file)).unwrap() + "#";
+                let rest = "x".repeat(bytes - text.len());
+                std::fs::write(&path, text + &rest).unwrap();
+                Capability::read(candidate.path())
+            };
+            assert!(fill(bytes_max).is_ok(), "{file}");
+            let error = fill(bytes_max + 1).unwrap_err().to_string();
+            assert!(error.contains(file) && error.contains(&bytes_max.to_string()), "{error}");
+        }
     }
 }

@@ -7,16 +7,16 @@ use holdpoint_body::FailureSignal;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::interface::Registered;
 use holdpoint_governance::lifecycle::{Event, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
-use holdpoint_governance::policy::{self, PolicyInput};
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
 use super::closing::{decided, first_reason, rejected, stage_note};
 use crate::binding::made_under;
+use crate::check;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -58,27 +58,7 @@ pub fn run(
 pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kappas {
     let entry = ledger.family(&candidate.id().family).ok();
     let active = entry.and_then(|entry| entry.active()).map(|member| &member.capability);
-    let exports = candidate.bundle.interface();
-    let registered = registered(ledger);
-    let interface = interface::assess(
-        &InterfaceInput {
-            candidate: &candidate.manifest,
-            exports: Some(&exports),
-            active: active.map(|active| &*active.manifest),
-            registered: &registered,
-        },
-        &context.profile.thresholds,
-    );
-    let policy = policy::assess(
-        &PolicyInput {
-            permissions: &candidate.manifest.permissions,
-            environments: &candidate.manifest.deployment.environments,
-            exports: Some(&exports),
-            active: active.map(|active| &active.manifest.permissions),
-        },
-        &context.table,
-        &context.profile,
-    );
+    let found = check::judge(candidate, active, &registered(ledger), &context.profile, &context.table);
     let declared = candidate.submission.declared_traces.as_ref();
     let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
     let behavior = match (declared, parent) {
@@ -88,6 +68,7 @@ pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kap
     let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
     // The active version was loaded from the store, its digest compared with the recorded one.
     let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let exports = candidate.bundle.interface();
     let recovery = recovery::static_part(&StaticInput {
         manifest: &candidate.manifest,
         exports: Some(&exports),
@@ -97,12 +78,7 @@ pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kap
             .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
         watcher_knows: &watched,
     });
-    Kappas {
-        interface: interface.assessment,
-        policy: policy.assessment,
-        behavior: behavior.assessment,
-        recovery,
-    }
+    Kappas { interface: found.interface, policy: found.policy, behavior: behavior.assessment, recovery }
 }
 
 /// Versions a dependency may resolve to: neither rejected nor rolled back.
@@ -113,11 +89,7 @@ fn registered(ledger: &Ledger) -> Vec<Registered> {
             if version.state.is_terminal() {
                 continue;
             }
-            known.push(Registered {
-                id: member.capability.id(),
-                active: version.state == State::Active,
-                dependencies: member.capability.manifest.deployment.dependencies.clone(),
-            });
+            known.push(check::entry(&member.capability, version.state == State::Active));
         }
     }
     known

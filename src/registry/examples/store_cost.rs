@@ -13,8 +13,8 @@ mod store;
 
 use std::time::{Duration, Instant};
 
-use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_registry::{Store, StoreError, VersionFilter, check_invariants, verify};
 use store::{commit, new_version};
 

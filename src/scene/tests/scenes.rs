@@ -13,10 +13,10 @@ mod support;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::submission::{Provenance, Risk};
-use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::clock::tick_of;
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::picture::{Block, Contact, Picture, Twin};

@@ -7,9 +7,7 @@ use std::path::Path;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{
-    AuditFilter, Change, Store, VerifyError, VersionFilter, Views, verify,
-};
+use holdpoint_registry::{AuditFilter, Change, Store, VerifyError, VersionFilter, Views, verify};
 use rusqlite::{Connection, params};
 
 use crate::support::*;

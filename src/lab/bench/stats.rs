@@ -62,14 +62,14 @@ pub(super) struct Recorded {
 impl Recorded {
     fn read() -> Result<Self, tables::TableError> {
         let sandbox = [
-            ("align-improved", include_str!("../data/align-improved-sandbox.txt")),
-            ("align-robust", include_str!("../data/align-robust-sandbox.txt")),
-            ("place-robust", include_str!("../data/place-robust-sandbox.txt")),
+            ("align-improved", include_str!("data/align-improved-sandbox.txt")),
+            ("align-robust", include_str!("data/align-robust-sandbox.txt")),
+            ("place-robust", include_str!("data/place-robust-sandbox.txt")),
         ];
         let live = [
-            ("align-improved", include_str!("../data/align-improved-live.txt")),
-            ("align-robust", include_str!("../data/align-robust-live.txt")),
-            ("place-robust", include_str!("../data/place-robust-live.txt")),
+            ("align-improved", include_str!("data/align-improved-live.txt")),
+            ("align-robust", include_str!("data/align-robust-live.txt")),
+            ("place-robust", include_str!("data/place-robust-live.txt")),
         ];
         let read = |list: [(&'static str, &str); 3]| {
             list.into_iter().map(|(name, text)| tables::read(name, text)).collect::<Result<Vec<_>, _>>()

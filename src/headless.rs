@@ -4,6 +4,8 @@
 
 pub mod script;
 
-mod drive;
+mod driver;
+mod printer;
+mod runs;
 
-pub use drive::{RunPlain, RunScript, run_plain, run_script};
+pub use runs::{RunPlain, RunScript, run_plain, run_script};

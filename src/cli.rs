@@ -12,7 +12,6 @@ pub mod completions;
 mod console;
 pub mod data;
 pub mod decide;
-mod decide_verb;
 pub mod doctor;
 mod engine_verbs;
 pub mod experiment;
@@ -36,8 +35,6 @@ pub mod run;
 mod settings;
 mod side;
 pub mod status;
-mod status_report;
-mod status_verb;
 #[cfg(feature = "console")]
 pub mod theme;
 

@@ -1,0 +1,105 @@
+//! What can be said of a version without running it: interface and policy, judged by the rules.
+//!
+//! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against the versions a cell is commissioned
+//! with. Only reads; what follows from the assessments is not decided here.
+
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
+use holdpoint_governance::policy::{self, PolicyError, PolicyInput, PolicyTable};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::text_error::TextError;
+use holdpoint_runtime::capability::{Capability, PackageError};
+
+use crate::baselines;
+
+/// Why a version could not be checked: something that comes with the program does not load.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckError {
+    /// A profile does not parse.
+    #[error(transparent)]
+    Profile(#[from] TextError),
+    /// The policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// A baseline does not load.
+    #[error(transparent)]
+    Baseline(#[from] PackageError),
+}
+
+/// Interface and policy of a version under one profile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Static {
+    /// Whether calls that were valid stay valid, and what they need is there.
+    pub interface: Assessment<InterfaceOutcome>,
+    /// Whether what it asks for is allowed.
+    pub policy: Assessment<PolicyOutcome>,
+}
+
+impl Static {
+    /// Whether neither of both keeps the version out.
+    #[must_use]
+    pub fn admits(&self) -> bool {
+        self.interface.outcome != InterfaceOutcome::Incompatible
+            && self.policy.outcome != PolicyOutcome::Incompatible
+    }
+
+    /// What was found, of the interface first.
+    pub fn reasons(&self) -> impl Iterator<Item = &Reason> {
+        self.interface.reasons.iter().chain(&self.policy.reasons)
+    }
+}
+
+/// Judges a version against the active one it would replace, among the versions its dependencies may resolve to.
+#[must_use]
+pub fn judge(
+    candidate: &Capability,
+    active: Option<&Capability>,
+    registered: &[Registered],
+    profile: &Profile,
+    table: &PolicyTable,
+) -> Static {
+    let exports = candidate.bundle.interface();
+    let interface = interface::assess(
+        &InterfaceInput {
+            candidate: &candidate.manifest,
+            exports: Some(&exports),
+            active: active.map(|active| &*active.manifest),
+            registered,
+        },
+        &profile.thresholds,
+    );
+    let policy = policy::assess(
+        &PolicyInput {
+            permissions: &candidate.manifest.permissions,
+            environments: &candidate.manifest.deployment.environments,
+            exports: Some(&exports),
+            active: active.map(|active| &active.manifest.permissions),
+        },
+        table,
+        profile,
+    );
+    Static { interface: interface.assessment, policy: policy.assessment }
+}
+
+/// Judges a version against the embedded baseline of its family, profile by profile.
+///
+/// # Errors
+/// [`CheckError`].
+pub fn against_baseline(candidate: &Capability) -> Result<Vec<(ProfileName, Static)>, CheckError> {
+    let baselines = baselines()?;
+    let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
+    let registered: Vec<Registered> = baselines.iter().map(|baseline| entry(baseline, true)).collect();
+    let judged = ProfileName::ALL.into_iter().map(|name| {
+        let profile = Profile::builtin(name)?;
+        let table = PolicyTable::builtin(&profile)?;
+        Ok((name, judge(candidate, active, &registered, &profile, &table)))
+    });
+    judged.collect()
+}
+
+/// A version as others may depend on it.
+#[must_use]
+pub fn entry(version: &Capability, active: bool) -> Registered {
+    Registered { id: version.id(), active, dependencies: version.manifest.deployment.dependencies.clone() }
+}

@@ -1,0 +1,306 @@
+//! Drives an engine step by step: gives commands, waits, and keeps what was said of the last candidate.
+//!
+//! Owns when a step has ended and what became of the candidate; must not judge it.
+
+use std::path::Path;
+
+use super::printer::Printer;
+use super::script::{Decider, DriftStep, Expect, Say, Stands, Step, Wait};
+use crate::error::{CliError, Exit};
+use holdpoint_engine::embedded;
+use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pump::Pump;
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::submission::Package;
+use holdpoint_lab::approver;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_text::Problem;
+
+/// How a step ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ended {
+    Done,
+    TimedOut,
+}
+
+/// A reason that was given for the candidate: at which stage, about what.
+#[derive(Clone, Copy)]
+struct Given {
+    stage: Decider,
+    dimension: Dimension,
+    code: ReasonCode,
+}
+
+/// An engine, and what is known of the candidate that was registered last.
+pub(super) struct Driver<'a> {
+    pub(super) pump: Pump,
+    printer: Printer<'a>,
+    requests: u64,
+    candidate: Option<CapabilityId>,
+    given: Vec<Given>,
+    confirmed: bool,
+    rolled_back: bool,
+}
+
+impl<'a> Driver<'a> {
+    pub(super) fn new(pump: Pump, printer: Printer<'a>) -> Self {
+        Self {
+            pump,
+            printer,
+            requests: 0,
+            candidate: None,
+            given: Vec::new(),
+            confirmed: false,
+            rolled_back: false,
+        }
+    }
+
+    pub(super) fn note(&mut self, text: &str) -> Result<(), CliError> {
+        self.printer.note(text)
+    }
+
+    /// Nobody reads what is told, or the engine has ended.
+    pub(super) const fn is_over(&self) -> bool {
+        self.printer.is_gone() || self.pump.engine.has_ended()
+    }
+
+    /// Carries out a step of a scenario; `index` names it in errors.
+    pub(super) fn step(&mut self, step: &Step, index: usize) -> Result<Ended, CliError> {
+        if let Some(folder) = &step.register {
+            self.register(folder)
+        } else if let Some(wait) = &step.wait {
+            self.wait(wait)
+        } else if let Some(say) = &step.approve {
+            self.say(say, Answer::Approve)
+        } else if let Some(say) = &step.reject {
+            self.say(say, Answer::Reject)
+        } else if let Some(drift) = &step.drift {
+            self.drift(drift)
+        } else if let Some(fault) = &step.fault {
+            self.accept(Command::LiveFault { fault: Some(fault.kind) })
+        } else if let Some(expect) = &step.expect {
+            self.expect(expect, index)
+        } else {
+            Ok(Ended::Done)
+        }
+    }
+
+    /// Takes and prints what the engine tells.
+    pub(super) fn take_events(&mut self) -> Result<(), CliError> {
+        let events = self.pump.tell();
+        self.tell(&events)
+    }
+
+    /// Prints events, and holds where the engine does.
+    pub(super) fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
+        for event in events {
+            self.learn(&event.kind);
+            self.printer.event(event)?;
+        }
+        match self.pump.engine.holding() {
+            None => Ok(()),
+            Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
+        }
+    }
+
+    fn learn(&mut self, kind: &EventKind) {
+        let is_ours = |version: &CapabilityId| self.candidate.as_ref() == Some(version);
+        let (stage, reasons) = match kind {
+            EventKind::Decided { version, stage, reasons, .. } if is_ours(version) => {
+                (Decider::from(*stage), reasons)
+            }
+            EventKind::Monitor { version, reasons, .. } if is_ours(version) => (Decider::Monitor, reasons),
+            EventKind::Confirmed { version, .. } if is_ours(version) => {
+                self.confirmed = true;
+                return;
+            }
+            EventKind::RolledBack { version, .. } if is_ours(version) => {
+                self.rolled_back = true;
+                return;
+            }
+            _ => return,
+        };
+        let given =
+            reasons.iter().map(|reason| Given { stage, dimension: reason.dimension, code: reason.code });
+        self.given.extend(given);
+    }
+
+    fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
+        self.requests += 1;
+        let request = Request { id: format!("script-{}", self.requests), command };
+        let reply = self.pump.engine.submit(request);
+        self.take_events()?;
+        Ok(reply)
+    }
+
+    fn accept(&mut self, command: Command) -> Result<Ended, CliError> {
+        match self.submit(command)? {
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => Ok(Ended::Done),
+            Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
+        }
+    }
+
+    pub(super) fn register(&mut self, folder: &str) -> Result<Ended, CliError> {
+        let candidate = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
+        let package = Package::clone(&candidate.package);
+        let command = Command::Register { package, name: folder.to_owned() };
+        // The id is known before the events are read, so that none of them is missed.
+        self.candidate = Some(candidate.id());
+        self.given.clear();
+        self.confirmed = false;
+        self.rolled_back = false;
+        self.accept(command)
+    }
+
+    pub(super) fn view(&self) -> Option<CandidateView> {
+        let candidate = self.candidate.as_ref()?;
+        self.pump.engine.snapshot().candidates.into_iter().find(|view| view.version == *candidate)
+    }
+
+    /// Works until what is waited for is so, or the time is over.
+    fn wait(&mut self, wait: &Wait) -> Result<Ended, CliError> {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
+        let deadline_ms = self.pump.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
+        loop {
+            if self.printer.is_gone() {
+                return Ok(Ended::TimedOut);
+            }
+            if self.waited_for(wait, false) {
+                return Ok(Ended::Done);
+            }
+            if self.pump.engine.now_ms() >= deadline_ms {
+                return Ok(Ended::TimedOut);
+            }
+            let progress = self.pump.engine.advance();
+            self.take_events()?;
+            if let Progress::Idle { next_ms } = progress {
+                if self.waited_for(wait, true) {
+                    return Ok(Ended::Done);
+                }
+                let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);
+                if !self.pump.engine.jump_to(next_ms) {
+                    return Ok(Ended::TimedOut);
+                }
+            }
+        }
+    }
+
+    fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
+        if let Some(prompt) = &wait.prompt {
+            let prompts = self.pump.engine.snapshot().prompts;
+            return prompts.iter().any(|open| prompt == "any" || open.version.to_string() == *prompt);
+        }
+        let Some(view) = self.view() else { return false };
+        match wait.state {
+            Some(Stands::Confirmed) => self.confirmed,
+            Some(Stands::Settled) => self.is_settled(&view, idle),
+            Some(Stands::In(state)) => view.state == state,
+            None => false,
+        }
+    }
+
+    /// Nothing more happens to the candidate by itself.
+    pub(super) fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
+        let ended = view.state.is_terminal() || self.confirmed;
+        ended || (idle && self.pump.engine.snapshot().prompts.is_empty() && !view.flags.provisional)
+    }
+
+    /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
+    fn say(&mut self, say: &Say, decision: Answer) -> Result<Ended, CliError> {
+        let snapshot = self.pump.engine.snapshot();
+        let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
+        let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
+            return Err(CliError::usage("nothing waits for a decision"));
+        };
+        let command = approver::answer(&self.pump.engine, &prompt, &say.who, decision, &say.reason)
+            .map_err(CliError::usage)?;
+        self.accept(command)
+    }
+
+    fn drift(&mut self, drift: &DriftStep) -> Result<Ended, CliError> {
+        self.accept(Command::Drift { kind: Some(drift.kind), magnitude: Some(drift.magnitude) })
+    }
+
+    fn expect(&mut self, expect: &Expect, index: usize) -> Result<Ended, CliError> {
+        let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
+        let Some(view) = self.view() else { return fail("nothing was registered".to_owned()) };
+        let confirmed = self.confirmed && view.state == State::Active;
+        let fits = match expect.state {
+            Stands::In(state) => view.state == state,
+            Stands::Confirmed => confirmed,
+            Stands::Settled => false,
+        };
+        if !fits {
+            let state = if confirmed { Stands::Confirmed } else { Stands::In(view.state) };
+            let expected = expect.state.name();
+            return fail(format!("{} is {}, {expected} was expected", view.version, state.name()));
+        }
+        let Some(code) = expect.reason else { return Ok(Ended::Done) };
+        let fits = |given: &Given| {
+            given.code == code
+                && expect.stage.is_none_or(|stage| stage == given.stage)
+                && expect.dimension.is_none_or(|dimension| dimension == given.dimension)
+        };
+        // What people said is no stage's decision; it stands with the candidate.
+        let said = view.reasons.iter().filter(|reason| reason.code.is_of_people());
+        let stage = expect.stage.unwrap_or(Decider::Activation);
+        let standing: Vec<Given> =
+            said.map(|reason| Given { stage, dimension: reason.dimension, code: reason.code }).collect();
+        if self.given.iter().chain(&standing).any(fits) {
+            return Ok(Ended::Done);
+        }
+        let known: Vec<String> =
+            self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
+        fail(format!("the reason {:?} was not given; given were {}", code.as_str(), known.join(", ")))
+    }
+
+    /// The exit code by what became of the last candidate.
+    pub(super) fn finish(mut self) -> Result<Exit, CliError> {
+        let exit = match self.view() {
+            None => Exit::Confirmed,
+            Some(view) => match view.state {
+                State::Active if self.confirmed => Exit::Confirmed,
+                State::Rejected => Exit::Rejected,
+                State::RolledBack => Exit::RolledBack,
+                State::Demoted if self.rolled_back => Exit::RolledBack,
+                State::Registered
+                | State::Validated
+                | State::Sandboxed
+                | State::Shadowed
+                | State::Active
+                | State::Demoted
+                | State::Superseded => Exit::Held,
+            },
+        };
+        self.requests += 1;
+        let id = format!("script-{}", self.requests);
+        self.pump.engine.submit(Request { id, command: Command::Shutdown });
+        self.take_events()?;
+        // Here and not before: a script's records are then in the same places whatever the sink's thread does.
+        let events = self.pump.finish();
+        self.tell(&events)?;
+        self.note(&format!("outcome: {}", outcome(exit)))?;
+        Ok(exit)
+    }
+}
+
+const fn outcome(exit: Exit) -> &'static str {
+    match exit {
+        Exit::Confirmed => "confirmed",
+        Exit::Rejected => "rejected",
+        Exit::Usage => "usage",
+        Exit::Held => "held",
+        Exit::RolledBack => "rolled back",
+        Exit::Internal => "internal error",
+    }
+}
