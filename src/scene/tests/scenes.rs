@@ -195,7 +195,7 @@ fn same(read: &Picture, wrote: &Picture) {
             picture.sequence,
             picture.at_ms,
             picture.at_secs,
-            picture.task.clone(),
+            picture.task,
             picture.version.clone(),
             (picture.speed_m_s, picture.force_n, picture.contact_n),
             picture.envelope,
