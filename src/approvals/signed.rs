@@ -243,8 +243,8 @@ impl SignedApproval {
         if self.approval.role != identity.role {
             return Err(ApprovalError::Role {
                 who: identity.name.clone(),
-                signed: self.approval.role.clone(),
-                is: identity.role.clone(),
+                signed: self.approval.role,
+                is: identity.role,
             });
         }
         self.verify_signature()

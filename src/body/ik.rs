@@ -237,6 +237,7 @@ impl Chain {
 
 /// Joint speeds for a tool velocity (linear, angular): damped least squares with a null-space pull.
 /// None where the Jacobian is not finite.
+#[must_use]
 pub fn rate_step(
     jacobian: &Jacobian,
     twist: &Vector6<f64>,

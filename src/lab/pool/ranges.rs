@@ -14,7 +14,7 @@ use holdpoint_governance::text_error::{self, TextError};
 const TEXT: &str = include_str!("recipes.toml");
 
 /// Its name in errors.
-const FILE: &str = "src/pool/recipes.toml";
+const FILE: &str = "src/lab/pool/recipes.toml";
 
 /// What a recipe makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
