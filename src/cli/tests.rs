@@ -228,7 +228,7 @@ fn sources() -> Vec<std::path::PathBuf> {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             let is_code = path.extension().is_some_and(|is| is == "rs") && !path.ends_with("tests.rs");
-            if path.is_dir() {
+            if path.is_dir() && !path.ends_with("tests") {
                 folders.push(path);
             } else if is_code {
                 files.push(path);
