@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::output::Table;
 use super::{CliError, Context, EngineVerbs, Exit, Output};
-use holdpoint_engine::check::{self, Static};
+use holdpoint_engine::check::{self, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
@@ -159,7 +159,7 @@ fn show(parsed: &Parsed, out: &mut Output<'_>) -> Result<(), CliError> {
 }
 
 impl Verdict {
-    fn new(profile: ProfileName, found: &Static) -> Self {
+    fn new(profile: ProfileName, found: &StaticFindings) -> Self {
         Self {
             profile: profile.name(),
             admitted: found.admits(),

@@ -29,14 +29,14 @@ pub enum CheckError {
 
 /// Interface and policy of a version under one profile.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Static {
+pub struct StaticFindings {
     /// Whether calls that were valid stay valid, and what they need is there.
     pub interface: Assessment<InterfaceOutcome>,
     /// Whether what it asks for is allowed.
     pub policy: Assessment<PolicyOutcome>,
 }
 
-impl Static {
+impl StaticFindings {
     /// Whether neither of both keeps the version out.
     #[must_use]
     pub fn admits(&self) -> bool {
@@ -58,7 +58,7 @@ pub fn judge(
     registered: &[Registered],
     profile: &Profile,
     table: &PolicyTable,
-) -> Static {
+) -> StaticFindings {
     let exports = candidate.bundle.interface();
     let interface = interface::assess(
         &InterfaceInput {
@@ -79,14 +79,14 @@ pub fn judge(
         table,
         profile,
     );
-    Static { interface: interface.assessment, policy: policy.assessment }
+    StaticFindings { interface: interface.assessment, policy: policy.assessment }
 }
 
 /// Judges a version against the embedded baseline of its family, profile by profile.
 ///
 /// # Errors
 /// [`CheckError`].
-pub fn against_baseline(candidate: &Capability) -> Result<Vec<(ProfileName, Static)>, CheckError> {
+pub fn against_baseline(candidate: &Capability) -> Result<Vec<(ProfileName, StaticFindings)>, CheckError> {
     let baselines = baselines()?;
     let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
     let registered: Vec<Registered> = baselines.iter().map(|baseline| entry(baseline, true)).collect();
