@@ -31,6 +31,7 @@ pub mod registry;
 #[cfg(feature = "console")]
 pub mod replay;
 pub mod run;
+pub mod schema;
 #[cfg(feature = "console")]
 mod settings;
 mod side;
@@ -131,6 +132,8 @@ pub enum Verb {
     Completions(completions::CompletionsArgs),
     /// Prints the manual page, or writes one for each verb.
     Man(man::ManArgs),
+    /// Prints the JSON schemas of what goes over the socket.
+    Schema(schema::SchemaArgs),
 }
 
 /// What every verb is given beside its own arguments.
@@ -255,6 +258,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Theme(args)) => theme::run(args, out),
         Some(Verb::Completions(args)) => completions::run(cli.data.as_deref(), args, out),
         Some(Verb::Man(args)) => man::run(args, out),
+        Some(Verb::Schema(args)) => schema::run(args, out),
     }
 }
 

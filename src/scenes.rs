@@ -32,7 +32,7 @@ impl SceneOptions {
         if !self.record && self.view.is_none() {
             return Ok(Vec::new());
         }
-        Ok(self.makers())
+        Ok(Self::makers(self))
     }
 
     #[cfg(feature = "rerun")]
@@ -52,7 +52,7 @@ impl SceneOptions {
     }
 
     #[cfg(not(feature = "rerun"))]
-    const fn makers(self) -> Vec<MakeSink> {
+    const fn makers(_: Self) -> Vec<MakeSink> {
         Vec::new()
     }
 }

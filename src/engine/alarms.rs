@@ -151,7 +151,9 @@ impl Record {
             changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));
         if written.is_ok() || raised {
             self.alarms.absorb(changes);
-            told.into_iter().for_each(|event| self.tell(event));
+            for event in told {
+                self.tell(event);
+            }
         }
         written
     }

@@ -282,8 +282,8 @@ impl Ledger {
             first.push(Change::SetState {
                 version: id.clone(),
                 expected_row_version: 1,
-                from: State::Registered.into(),
-                to: State::Active.into(),
+                from: State::Registered,
+                to: State::Active,
                 reason: note.reason.clone(),
             });
         }
@@ -331,8 +331,8 @@ impl Ledger {
                     changes.push(Change::SetState {
                         version: id.clone(),
                         expected_row_version: expected,
-                        from: from.into(),
-                        to: to.into(),
+                        from,
+                        to,
                         reason: note.reason.clone(),
                     });
                     moved.push(Moved { id, from, to });

@@ -8,10 +8,14 @@ use super::picture::Picture;
 use super::snapshot::Snapshot;
 use super::wire::{Answer, Call};
 
-/// The documents with their schemas, by name.
+/// The documents' names.
+pub const NAMES: [&str; 9] =
+    ["call", "answer", "request", "command", "reply", "event", "snapshot", "detail", "picture"];
+
+/// The documents of [`NAMES`] with their schemas.
 #[must_use]
-pub fn documents() -> Vec<(&'static str, Schema)> {
-    vec![
+pub fn documents() -> [(&'static str, Schema); NAMES.len()] {
+    [
         ("call", schema_for!(Call)),
         ("answer", schema_for!(Answer)),
         ("request", schema_for!(Request)),
@@ -27,6 +31,11 @@ pub fn documents() -> Vec<(&'static str, Schema)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_documents_have_the_names() {
+        assert_eq!(documents().map(|(name, _)| name), NAMES);
+    }
 
     /// A closed set is listed word by word, so that a client can know it.
     #[test]

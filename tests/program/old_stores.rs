@@ -18,7 +18,7 @@ const OPEN_ROLES: &str = "store-4831bf5";
 
 /// What is said about somebody whose role does not exist.
 const NO_ROLE: &str = "error: the identity \"mara\" cannot decide anything: \"safety-officer\" is not a role; \
-    allowed: operator, engineer, safety.\nHint: make another identity with one of these\n";
+    allowed: operator, engineer, safety\nHint: make another identity with one of these\n";
 
 /// When its one recording was written: 2026-11-22 07:36 UTC.
 const WRITTEN_SECS: u64 = 1_795_332_990;

@@ -269,7 +269,7 @@ mod tests {
         let svg = svg(&report()).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         for kind in DriftKind::ALL {
-            assert!(svg.contains(&kind.name()), "{kind:?}");
+            assert!(svg.contains(kind.name()), "{kind:?}");
         }
     }
 }

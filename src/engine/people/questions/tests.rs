@@ -137,7 +137,7 @@ fn a_question_is_told_while_its_sequence_still_runs() {
     // A watch that was never read is silent from the start, so its first task raises the question.
     pipeline.pace_live_world(Some(1.0), std::sync::Arc::new(|_| {}));
     let until = std::time::Instant::now() + std::time::Duration::from_mins(1);
-    while pipeline.monitors.questions().is_empty() && !pipeline.monitors.iter().next().is_none() {
+    while pipeline.monitors.questions().is_empty() && pipeline.monitors.iter().next().is_some() {
         assert!(std::time::Instant::now() < until, "nobody asks");
         pipeline.advance();
         std::thread::yield_now();

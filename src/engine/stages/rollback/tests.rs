@@ -392,7 +392,7 @@ fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
     pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
     // Nothing is worked: only time passes, from one deadline to the next.
     let mut steps = 0;
-    while !pipeline.monitors.iter().next().is_none() {
+    while pipeline.monitors.iter().next().is_some() {
         let next_ms = pipeline.next_deadline_ms().expect("silence has a deadline");
         pipeline.jump_to(next_ms);
         assert!(pipeline.live().look_at_monitors().unwrap(), "due at {next_ms}");

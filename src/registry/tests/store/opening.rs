@@ -171,7 +171,7 @@ fn broken_registries_and_keys_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         made(folder.path());
         make(folder.path());
-        let error = Store::open(folder.path()).expect_err(name).to_string();
+        let error = Store::open(folder.path()).expect_err(name).sentence();
         assert!(error.contains(message), "{name}: {error}");
     }
 }
