@@ -26,6 +26,7 @@ use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint::text::Hint as _;
 use serde_json::{Value, json};
 
 /// Longer than anything here takes.
@@ -344,8 +345,8 @@ fn a_path_that_does_not_fit_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let deep = folder.path().join("d".repeat(120));
     std::fs::create_dir(&deep).unwrap();
-    let error = door(&deep).err().unwrap().to_string();
-    assert!(error.contains("at most 107") && error.contains("--data"), "{error}");
+    let error = door(&deep).err().unwrap();
+    assert!(error.to_string().contains("at most 107") && error.sentence().contains("--data"), "{error}");
     assert!(Client::connect(&Layout::new(&deep)).unwrap().is_none());
 }
 

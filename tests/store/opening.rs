@@ -171,8 +171,8 @@ fn broken_registries_and_keys_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         made(folder.path());
         make(folder.path());
-        let error = Store::open(folder.path()).expect_err(name).to_string();
-        assert!(error.contains(message), "{name}: {error}");
+        let error = Store::open(folder.path()).expect_err(name);
+        assert!(error.sentence().contains(message), "{name}: {error}");
     }
 }
 
