@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::Hint;
 
@@ -102,6 +103,14 @@ pub enum StoreError {
         /// What is allowed.
         allowed: String,
     },
+    /// The key that signs checkpoints cannot be used.
+    #[error("store key {path:?} is not allowed: {source}")]
+    Key {
+        /// The file with the secret.
+        path: PathBuf,
+        /// Why not.
+        source: KeyError,
+    },
     /// The virtual clock went back.
     #[error(
         "the clock went back: the last record is from {last_ms} ms, this one from {found_ms} ms; holding"
@@ -127,6 +136,7 @@ impl Hint for StoreError {
             Self::Refused { hint, .. } => Some((*hint).into()),
             Self::DiskFull { .. } => Some("free some space and retry".into()),
             Self::Stale { .. } => Some("look at it again and decide again".into()),
+            Self::Key { source, .. } => source.hint(),
             Self::Unknown => Some("restart and retry it".into()),
             Self::Io { .. }
             | Self::Sqlite { .. }

@@ -313,7 +313,7 @@ impl Writer {
 /// The store's signing key; a new one only for a new store.
 fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
     let (secret, public) = (layout.store_key(), layout.store_public_key());
-    let wrong = |error: keyfile::KeyError| StoreError::invalid("store key", secret.display(), error);
+    let wrong = |source| StoreError::Key { path: secret.clone(), source };
     if created && std::fs::symlink_metadata(&secret).is_err() {
         keyfile::write_secret(&secret, &keyfile::generate().map_err(wrong)?).map_err(wrong)?;
     }

@@ -15,6 +15,7 @@ use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ActiveCause, Change};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::Terms;
+use holdpoint_text::Hint;
 
 use super::live::Live;
 use super::resume::Resumption;
@@ -101,7 +102,7 @@ impl Live<'_> {
         match self.record.transition(&id.family, Event::FinishRollback { version, leave }, note) {
             Ok(_) => self.rung(&mut record, Rung::SwapBinding, None, "the predecessor is bound again"),
             Err(Fault::Ledger(LedgerError::Store(error))) => {
-                let text = format!("the swap could not be written: {error}");
+                let text = format!("the swap could not be written: {}", error.sentence());
                 self.rung(&mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
                 return self.safe_stop(id, version, record).map(|()| None);
             }
