@@ -1,6 +1,6 @@
 //! The laboratory: what is measured about the engine and its rules, and what is made to be measured.
 //!
-//! [`bench`] times the engine and counts how often its rules err; [`experiment`] runs whole upgrades that answer a
+//! [`mod@bench`] times the engine and counts how often its rules err; [`experiment`] runs whole upgrades that answer a
 //! question; [`pool`] draws candidates for them; [`refine`] makes a candidate by optimising on nominal success alone.
 //! Nothing that decides names anything of it.
 
