@@ -138,7 +138,7 @@ pub enum Verb {
 
 /// What every verb is given beside its own arguments.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Context {
+pub struct CliContext {
     /// The store's folder; it may not exist yet.
     pub data: PathBuf,
     /// Whether that folder was asked for; a scenario keeps away from the default one.
@@ -153,8 +153,12 @@ pub trait EngineVerbs {
     ///
     /// # Errors
     /// [`CliError`] with the exit code to end with.
-    fn run(&mut self, context: &Context, args: &run::RunArgs, out: &mut Output<'_>)
-    -> Result<Exit, CliError>;
+    fn run(
+        &mut self,
+        context: &CliContext,
+        args: &run::RunArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
 
     /// Registers a candidate's folder.
     ///
@@ -162,7 +166,7 @@ pub trait EngineVerbs {
     /// As [`EngineVerbs::run`].
     fn register(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &candidate::RegisterArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
@@ -173,7 +177,7 @@ pub trait EngineVerbs {
     /// As [`EngineVerbs::run`].
     fn status(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &status::StatusArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
@@ -184,8 +188,8 @@ pub trait EngineVerbs {
     /// As [`EngineVerbs::run`].
     fn decide(
         &mut self,
-        context: &Context,
-        asked: &decide::Asked,
+        context: &CliContext,
+        asked: &decide::AskedDecision,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
 
@@ -195,7 +199,7 @@ pub trait EngineVerbs {
     /// As [`EngineVerbs::run`].
     fn bench(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &bench::BenchArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
@@ -223,10 +227,10 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
 /// # Errors
 /// [`CliError`] with the exit code to end with.
 pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    use decide::Asked;
+    use decide::AskedDecision;
     let context = || {
         let data = data::folder(cli.data.as_deref())?;
-        Ok::<Context, CliError>(Context { data, data_given: cli.data.is_some(), json: cli.json })
+        Ok::<CliContext, CliError>(CliContext { data, data_given: cli.data.is_some(), json: cli.json })
     };
     match &cli.verb {
         None => engine.run(&context()?, &run::RunArgs::default(), out),
@@ -234,12 +238,12 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Registry(args)) => registry::run(&context()?, args, out),
         Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
         Some(Verb::Status(args)) => engine.status(&context()?, args, out),
-        Some(Verb::Approve(args)) => engine.decide(&context()?, &Asked::Approve(args.clone()), out),
-        Some(Verb::Reject(args)) => engine.decide(&context()?, &Asked::Reject(args.clone()), out),
-        Some(Verb::Rollback(args)) => engine.decide(&context()?, &Asked::Rollback(args.clone()), out),
-        Some(Verb::Demote(args)) => engine.decide(&context()?, &Asked::Demote(args.clone()), out),
-        Some(Verb::Pause(args)) => engine.decide(&context()?, &Asked::Pause(args.clone()), out),
-        Some(Verb::Resume(args)) => engine.decide(&context()?, &Asked::Resume(args.clone()), out),
+        Some(Verb::Approve(args)) => engine.decide(&context()?, &AskedDecision::Approve(args.clone()), out),
+        Some(Verb::Reject(args)) => engine.decide(&context()?, &AskedDecision::Reject(args.clone()), out),
+        Some(Verb::Rollback(args)) => engine.decide(&context()?, &AskedDecision::Rollback(args.clone()), out),
+        Some(Verb::Demote(args)) => engine.decide(&context()?, &AskedDecision::Demote(args.clone()), out),
+        Some(Verb::Pause(args)) => engine.decide(&context()?, &AskedDecision::Pause(args.clone()), out),
+        Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),

@@ -12,7 +12,7 @@
 use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::build::{self, Cell};
+use crate::build::{self, CellFixtures};
 use crate::effort::{self, Fidelity, SolverEffort};
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
@@ -21,8 +21,8 @@ use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
-use crate::scene::Table;
-use holdpoint_body::chain::Frame;
+use crate::scene::StaticBox;
+use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{JointVec, Pose, TICK_SECS};
 
@@ -37,13 +37,13 @@ type Key = (u32, [f64; 4], f64);
 
 /// One sampled episode.
 #[derive(Clone, Debug)]
-struct Plan {
+struct EpisodePlan {
     cube: [f64; 3],
     target: [f64; 2],
     keys: [Key; 9],
 }
 
-impl Plan {
+impl EpisodePlan {
     fn new(seed: u64) -> Self {
         let mut r = Stream::from_state(seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let (cx, cy) = (0.40 + 0.20 * r.unit(), -0.15 + 0.30 * r.unit());
@@ -100,7 +100,7 @@ pub struct PeerOutcome {
 /// The comparison's robot, and how hard its solver works.
 pub struct PeerBench {
     robot: RobotModel,
-    table: Table,
+    table: StaticBox,
     fidelity: Fidelity,
 }
 
@@ -116,7 +116,7 @@ impl PeerBench {
             "builtin:peer.toml",
             include_str!("../assets/peer.toml"),
         )?;
-        let table = Table { centre_m: [0.6, 0.0, -0.02], half_m: [0.4, 0.6, 0.02], friction: 1.0 };
+        let table = StaticBox { centre_m: [0.6, 0.0, -0.02], half_m: [0.4, 0.6, 0.02], friction: 1.0 };
         Ok(Self { robot, table, fidelity })
     }
 
@@ -125,11 +125,11 @@ impl PeerBench {
     /// # Errors
     /// [`SimError`] when the cell cannot be built.
     pub fn run(&self, seed: u64) -> Result<PeerOutcome, SimError> {
-        let plan = Plan::new(seed);
+        let plan = EpisodePlan::new(seed);
         let [cx, cy, cyaw] = plan.cube;
         let cube = Pose::from(&upright(cx, cy, CUBE_HALF_M, cyaw));
         let object = ObjectSetup { pose: cube, mass_kg: 0.1, friction: 1.0 };
-        let cell = Cell {
+        let cell = CellFixtures {
             table: &self.table,
             tray: None,
             clutter: Vec::new(),
@@ -150,7 +150,7 @@ impl PeerBench {
         for step in 1..=STEPS {
             let (goal, opening) = plan.goal(step, &mut segment);
             let solved =
-                self.robot.geometry.chain.solve_frame(&Frame::new(&goal), &q, &self.robot.home, &options);
+                self.robot.geometry.chain.solve_frame(&Transform::new(&goal), &q, &self.robot.home, &options);
             ik_iterations += solved.iterations as u64 + 1;
             self.command(&mut physics, &handles, &solved.q, &q, opening);
             q = solved.q;

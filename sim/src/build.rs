@@ -21,10 +21,10 @@ use rapier3d::pipeline::PhysicsWorld;
 use crate::effort::SolverEffort;
 use crate::episode::{EpisodeSetup, ObjectSetup};
 use crate::error::SimError;
-use crate::handles::{Handles, Kind, to_rapier, to_vector};
+use crate::handles::{ColliderKind, Handles, to_rapier, to_vector};
 use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
-use crate::scene::{Clutter, Scene, Table, Tray};
+use crate::scene::{Clutter, Scene, StaticBox, Tray};
 use holdpoint_body::Shape;
 use holdpoint_body::TICK_SECS;
 
@@ -54,8 +54,8 @@ pub fn empty_world() -> PhysicsWorld {
 }
 
 /// What stands in the cell beside the robot.
-pub struct Cell<'a> {
-    pub table: &'a Table,
+pub struct CellFixtures<'a> {
+    pub table: &'a StaticBox,
     /// The tray, its pose, and half the edge of the object it is for.
     pub tray: Option<(&'a Tray, Isometry3<f64>, f64)>,
     /// Clutter with its index in the scene.
@@ -66,7 +66,7 @@ pub struct Cell<'a> {
     pub self_contacts: bool,
 }
 
-impl<'a> Cell<'a> {
+impl<'a> CellFixtures<'a> {
     /// The cell of an episode.
     pub fn new(scene: &'a Scene, setup: &'a EpisodeSetup) -> Self {
         let present = |index: &u8| scene.clutter.get(usize::from(*index)).map(|piece| (*index, piece));
@@ -83,9 +83,9 @@ impl<'a> Cell<'a> {
 
 struct Builder<'a> {
     world: PhysicsWorld,
-    kinds: Vec<Kind>,
+    kinds: Vec<ColliderKind>,
     robot: &'a RobotModel,
-    cell: &'a Cell<'a>,
+    cell: &'a CellFixtures<'a>,
 }
 
 /// Builds a whole cell: the arm at `q`, the fingers `width_m` apart.
@@ -94,7 +94,7 @@ struct Builder<'a> {
 /// [`SimError::File`] when rapier refuses a joint of the robot.
 pub fn assemble(
     robot: &RobotModel,
-    cell: &Cell<'_>,
+    cell: &CellFixtures<'_>,
     q: &[f64],
     width_m: f64,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
@@ -114,7 +114,7 @@ pub fn assemble(
 impl Builder<'_> {
     fn add(
         &mut self,
-        kind: Kind,
+        kind: ColliderKind,
         groups: (Group, Group),
         collider: ColliderBuilder,
         body: Option<RigidBodyHandle>,
@@ -135,18 +135,18 @@ impl Builder<'_> {
         let table = cell.table;
         let slab =
             cuboid(&table.half_m).translation(to_vector(&table.centre_m)).friction(table.friction as f32);
-        self.add(Kind::Table, all, slab, None);
+        self.add(ColliderKind::Table, all, slab, None);
         if let Some((tray, pose, object_half_m)) = &cell.tray {
             for (half, centre) in tray_parts(tray, *object_half_m) {
                 let at = pose * Isometry3::translation(centre[0], centre[1], centre[2]);
                 let part = cuboid(&half).position(to_rapier(&at)).friction(tray.friction as f32);
-                self.add(Kind::Tray, all, part, None);
+                self.add(ColliderKind::Tray, all, part, None);
             }
         }
         for (index, piece) in &cell.clutter {
             let [x, y] = piece.centre_xy_m;
             let piece = cuboid(&piece.half_m).translation(to_vector(&[x, y, piece.half_m[2]])).friction(0.5);
-            self.add(Kind::Clutter(*index), (CLUTTER, MIDDLE | DISTAL | OBJECT), piece, None);
+            self.add(ColliderKind::Clutter(*index), (CLUTTER, MIDDLE | DISTAL | OBJECT), piece, None);
         }
     }
 
@@ -158,7 +158,7 @@ impl Builder<'_> {
             .mass(object.mass_kg as f32)
             .friction(object.friction as f32)
             .friction_combine_rule(CoefficientCombineRule::Min);
-        self.add(Kind::Object, (OBJECT, Group::ALL), cube, Some(body));
+        self.add(ColliderKind::Object, (OBJECT, Group::ALL), cube, Some(body));
         body
     }
 
@@ -186,7 +186,8 @@ impl Builder<'_> {
         for (side, finger) in robot.gripper.fingers.iter().enumerate() {
             let body = self.link_body(&finger.link);
             for shape in &finger.link.shapes {
-                let kind = if shape.pad { Kind::Pad(side as u8) } else { Kind::Finger(side as u8) };
+                let kind =
+                    if shape.pad { ColliderKind::Pad(side as u8) } else { ColliderKind::Finger(side as u8) };
                 let mut collider = collider(shape);
                 if shape.pad {
                     collider = collider
@@ -215,7 +216,7 @@ impl Builder<'_> {
     fn shapes(&mut self, body: RigidBodyHandle, link: &LinkSpec, index: usize) {
         let groups = link_groups(index, self.robot.geometry.joint_count(), self.cell.self_contacts);
         for shape in &link.shapes {
-            self.add(Kind::Link(index as u8), groups, collider(shape), Some(body));
+            self.add(ColliderKind::Link(index as u8), groups, collider(shape), Some(body));
         }
     }
 

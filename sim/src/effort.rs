@@ -6,7 +6,7 @@
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::handles::{Handles, Kind};
+use crate::handles::{ColliderKind, Handles};
 use crate::readout;
 
 /// How much work the solver does.
@@ -81,13 +81,20 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
             return Situation::Contact;
         };
         match (a, b) {
-            (Kind::Pad(_), Kind::Object) | (Kind::Object, Kind::Pad(_)) => gripping = true,
-            (Kind::Object, Kind::Table | Kind::Tray | Kind::Clutter(_))
-            | (Kind::Table | Kind::Tray | Kind::Clutter(_), Kind::Object) => standing = true,
-            (Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_), _)
-            | (_, Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_))
-            | (Kind::Object, Kind::Object)
-            | (Kind::Table | Kind::Tray | Kind::Clutter(_), Kind::Table | Kind::Tray | Kind::Clutter(_)) => {
+            (ColliderKind::Pad(_), ColliderKind::Object) | (ColliderKind::Object, ColliderKind::Pad(_)) => {
+                gripping = true;
+            }
+            (ColliderKind::Object, ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_))
+            | (ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_), ColliderKind::Object) => {
+                standing = true;
+            }
+            (ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_), _)
+            | (_, ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_))
+            | (ColliderKind::Object, ColliderKind::Object)
+            | (
+                ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_),
+                ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_),
+            ) => {
                 return Situation::Contact;
             }
         }

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::distribution::Distribution;
-use crate::rng::{Purpose, Stream};
+use crate::rng::{Stream, StreamPurpose};
 use crate::scene::Scene;
 use holdpoint_body::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
 
@@ -196,17 +196,17 @@ impl EpisodeSetup {
     #[must_use]
     pub fn sample(task: TaskKind, scene: &Scene, distribution: &Distribution, seed: u64) -> Self {
         let d = distribution;
-        let mut stream = Stream::new(seed, Purpose::Object);
+        let mut stream = Stream::new(seed, StreamPurpose::Object);
         let (x, y) = (d.object.x_m.draw(&mut stream), d.object.y_m.draw(&mut stream));
         let yaw = d.object.yaw_rad.draw(&mut stream);
         let mass_kg = d.object.mass_kg.draw(&mut stream);
         let friction = d.object.friction.draw(&mut stream);
-        let mut stream = Stream::new(seed, Purpose::Target);
+        let mut stream = Stream::new(seed, StreamPurpose::Target);
         let (tx, ty) = (d.target.x_m.draw(&mut stream), d.target.y_m.draw(&mut stream));
         let tyaw = d.target.yaw_rad.draw(&mut stream);
         let target = upright(tx, ty, scene.tray.floor_m, tyaw);
 
-        let mut stream = Stream::new(seed, Purpose::Arm);
+        let mut stream = Stream::new(seed, StreamPurpose::Arm);
         let offset_rad: JointVec = (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.draw(&mut stream)).collect();
         let held = HeldDraw::new(d, seed);
         let start = match task {
@@ -249,7 +249,7 @@ struct HeldDraw {
 
 impl HeldDraw {
     fn new(d: &Distribution, seed: u64) -> Self {
-        let mut stream = Stream::new(seed, Purpose::InHand);
+        let mut stream = Stream::new(seed, StreamPurpose::InHand);
         let height_m = d.held.height_m.draw(&mut stream);
         let (along, depth) = (d.held.along_pad_m.draw(&mut stream), d.held.depth_m.draw(&mut stream));
         let in_hand = tool_down(along, 0.0, depth, d.held.yaw_rad.draw(&mut stream));
@@ -268,15 +268,15 @@ impl HeldDraw {
 
 #[allow(clippy::cast_possible_truncation, reason = "a scene has at most 16 pieces of clutter")]
 fn clutter(d: &Distribution, scene: &Scene, seed: u64) -> ArrayVec<u8, 16> {
-    let mut stream = Stream::new(seed, Purpose::Clutter);
+    let mut stream = Stream::new(seed, StreamPurpose::Clutter);
     let probability = d.clutter.probability.draw(&mut stream);
     (0..scene.clutter.len() as u8).filter(|_| stream.chance(probability)).take(16).collect()
 }
 
 fn camera(d: &Distribution, seed: u64) -> CameraSetup {
     let c = &d.camera;
-    let mut timing = Stream::new(seed, Purpose::Timing);
-    let mut noise = Stream::new(seed, Purpose::Picture);
+    let mut timing = Stream::new(seed, StreamPurpose::Timing);
+    let mut noise = Stream::new(seed, StreamPurpose::Picture);
     CameraSetup {
         delay_ticks: c.delay_ms.draw(&mut timing) * TICKS_PER_MS,
         delay_jitter_ticks: c.delay_jitter_ms.draw(&mut timing) * TICKS_PER_MS,
@@ -295,7 +295,7 @@ fn camera(d: &Distribution, seed: u64) -> CameraSetup {
 
 fn sensors(d: &Distribution, seed: u64) -> SensorSetup {
     let s = &d.sensors;
-    let mut noise = Stream::new(seed, Purpose::Sensors);
+    let mut noise = Stream::new(seed, StreamPurpose::Sensors);
     SensorSetup {
         joint_rad: s.joint_rad.draw(&mut noise),
         joint_speed_rad_s: s.joint_speed_rad_s.draw(&mut noise),
@@ -308,7 +308,7 @@ fn sensors(d: &Distribution, seed: u64) -> SensorSetup {
 }
 
 fn action(d: &Distribution, seed: u64) -> ActionSetup {
-    let mut jitter = Stream::new(seed, Purpose::Latency);
+    let mut jitter = Stream::new(seed, StreamPurpose::Latency);
     ActionSetup {
         latency_ticks: d.action.latency_ms.draw(&mut jitter) * TICKS_PER_MS,
         jitter_ticks: d.action.jitter_ms.draw(&mut jitter) * TICKS_PER_MS,
@@ -317,7 +317,7 @@ fn action(d: &Distribution, seed: u64) -> ActionSetup {
 }
 
 fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
-    let mut stream = Stream::new(seed, Purpose::Push);
+    let mut stream = Stream::new(seed, StreamPurpose::Push);
     let probability = d.push.probability.draw(&mut stream);
     let happens = stream.chance(probability);
     let seconds = d.push.time_s.draw(&mut stream);
@@ -331,7 +331,7 @@ fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
 }
 
 fn tool_windows(d: &Distribution, seed: u64) -> ArrayVec<ToolWindow, 4> {
-    let mut stream = Stream::new(seed, Purpose::Tool);
+    let mut stream = Stream::new(seed, StreamPurpose::Tool);
     let probability = d.tool.probability.draw(&mut stream);
     let mut windows = ArrayVec::new();
     for _ in 0..2 {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Something that breaks, from the next tick on and for the rest of the episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Fault {
+pub enum InjectedFault {
     /// Every picture is lost.
     CameraLost,
     /// The gripper takes no command any more; it keeps its last one.

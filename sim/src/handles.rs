@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// What a collider stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kind {
+pub enum ColliderKind {
     /// Arm link by index (0 = base).
     Link(u8),
     /// A finger other than its pad.
@@ -37,7 +37,7 @@ pub struct Handles {
     pub link_ids: Vec<usize>,
     pub object: RigidBodyHandle,
     /// Kind of the collider with raw index `i`.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<ColliderKind>,
 }
 
 /// f64 isometry to rapier's f32 pose.

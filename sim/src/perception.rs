@@ -16,7 +16,7 @@ const PERIOD_TICKS: f64 = RATE_HZ as f64 / CAMERA_HZ as f64;
 
 /// One picture under way or delivered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Picture {
+struct CameraPicture {
     taken: u64,
     due: u64,
     sequence: u32,
@@ -32,8 +32,8 @@ pub struct Camera {
     sequence: u32,
     /// Correlated noise of object and target: x, y, z, yaw each.
     noise: [[f64; 4]; 2],
-    under_way: ArrayVec<Picture, 64>,
-    delivered: Option<Picture>,
+    under_way: ArrayVec<CameraPicture, 64>,
+    delivered: Option<CameraPicture>,
     /// When the last picture that was not lost was taken.
     last_seen: Option<u64>,
 }
@@ -99,7 +99,8 @@ impl Camera {
         )]
         let due = (tick + libm::round(delay) as u64).max(after);
         self.sequence += 1;
-        let picture = Picture { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
+        let picture =
+            CameraPicture { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
         if self.under_way.is_full() {
             self.under_way.remove(0);
         }
@@ -119,7 +120,8 @@ impl Camera {
 
     /// Object and target as last seen; absent before the first picture and while the last was lost.
     pub fn estimates(&self, tick: u64) -> (Option<Estimate>, Option<Estimate>) {
-        let Some(Picture { taken, sequence, seen: Some([object, target]), .. }) = &self.delivered else {
+        let Some(CameraPicture { taken, sequence, seen: Some([object, target]), .. }) = &self.delivered
+        else {
             return (None, None);
         };
         let age_ticks = u32::try_from(tick - taken).unwrap_or(u32::MAX);

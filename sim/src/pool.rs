@@ -33,7 +33,7 @@ const AHEAD_PER_WORKER: u64 = 4;
 /// The most worker threads.
 const JOBS_MAX: usize = 64;
 
-struct Shared<R> {
+struct PoolShared<R> {
     next: u64,
     committed: u64,
     closed: bool,
@@ -60,7 +60,7 @@ pub fn run_ordered<W, R: Send>(
 ) -> Result<PoolEnd, SimError> {
     let jobs = jobs.clamp(1, JOBS_MAX);
     let ahead = AHEAD_PER_WORKER * jobs as u64;
-    let shared = Mutex::new(Shared {
+    let shared = Mutex::new(PoolShared {
         next: 0,
         committed: 0,
         closed: false,
@@ -99,7 +99,7 @@ fn work<W, R>(
     n: u64,
     ahead: u64,
     cancel: &AtomicBool,
-    shared: &Mutex<Shared<R>>,
+    shared: &Mutex<PoolShared<R>>,
     changed: &Condvar,
     make_worker: &impl Fn() -> Result<W, SimError>,
     run: &impl Fn(&mut W, u64) -> R,
@@ -135,7 +135,7 @@ fn work<W, R>(
 fn collect<R>(
     n: u64,
     cancel: &AtomicBool,
-    shared: &Mutex<Shared<R>>,
+    shared: &Mutex<PoolShared<R>>,
     changed: &Condvar,
     commit: &mut impl FnMut(u64, R) -> ControlFlow<()>,
 ) -> Result<PoolEnd, SimError> {

@@ -8,7 +8,7 @@ use rapier3d::geometry::ContactPair;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::handles::{Handles, Kind, from_rapier};
+use crate::handles::{ColliderKind, Handles, from_rapier};
 use crate::motors;
 use crate::robot::RobotModel;
 use holdpoint_body::{Contacts, JointVec, TICK_SECS};
@@ -141,7 +141,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
                 }
             }
             (0, 1) => {
-                if let Kind::Pad(side) = a {
+                if let ColliderKind::Pad(side) = a {
                     out.contacts.pad_object = true;
                     out.pad_n[usize::from(side.min(1))] += magnitude;
                 } else {
@@ -150,7 +150,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
                 }
             }
             (0, _) => {
-                if matches!(b, Kind::Clutter(_)) {
+                if matches!(b, ColliderKind::Clutter(_)) {
                     out.contacts.robot_clutter = true;
                     out.clutter_n = out.clutter_n.max(magnitude);
                 } else {
@@ -162,7 +162,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
                 }
             }
             _ => {
-                if matches!(b, Kind::Clutter(_)) {
+                if matches!(b, ColliderKind::Clutter(_)) {
                     out.contacts.object_clutter = true;
                     out.object_clutter_n = out.object_clutter_n.max(magnitude);
                 } else {
@@ -222,25 +222,25 @@ pub fn contact_points(physics: &PhysicsWorld, handles: &Handles) -> Vec<ContactP
 }
 
 /// What one side of a pair stands for.
-pub(crate) fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<Kind> {
+pub(crate) fn kind(handles: &Handles, pair: &ContactPair, first: bool) -> Option<ColliderKind> {
     let collider = if first { pair.collider1 } else { pair.collider2 };
     handles.kinds.get(collider.into_raw_parts().0 as usize).copied()
 }
 
 /// Robot 0, object 1, surroundings 2.
-fn rank(kind: Kind) -> u8 {
+fn rank(kind: ColliderKind) -> u8 {
     match kind {
-        Kind::Link(_) | Kind::Finger(_) | Kind::Pad(_) => 0,
-        Kind::Object => 1,
-        Kind::Table | Kind::Tray | Kind::Clutter(_) => 2,
+        ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_) => 0,
+        ColliderKind::Object => 1,
+        ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => 2,
     }
 }
 
 /// Beyond the wrist's force sensor.
-fn is_distal(kind: Kind, joints: usize) -> bool {
+fn is_distal(kind: ColliderKind, joints: usize) -> bool {
     match kind {
-        Kind::Link(index) => usize::from(index) == joints,
-        Kind::Finger(_) | Kind::Pad(_) => true,
-        Kind::Object | Kind::Table | Kind::Tray | Kind::Clutter(_) => false,
+        ColliderKind::Link(index) => usize::from(index) == joints,
+        ColliderKind::Finger(_) | ColliderKind::Pad(_) => true,
+        ColliderKind::Object | ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => false,
     }
 }

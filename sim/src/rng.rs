@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// What a stream is for. The discriminant is part of the seed: never renumber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
+pub enum StreamPurpose {
     /// Object pose, mass, friction.
     Object = 1,
     /// Tray pose.
@@ -52,7 +52,7 @@ fn mix(mut z: u64) -> u64 {
 impl Stream {
     /// The stream of one purpose in the episode of one seed.
     #[must_use]
-    pub fn new(seed: u64, purpose: Purpose) -> Self {
+    pub fn new(seed: u64, purpose: StreamPurpose) -> Self {
         Self::from_state(mix(mix(seed.wrapping_add(GOLDEN)) ^ (purpose as u64).wrapping_mul(GOLDEN)))
     }
 
@@ -115,7 +115,7 @@ mod tests {
     fn normals_have_unit_variance() {
         type Draw = fn(&mut Stream) -> f64;
         for (name, draw) in [("normal", Stream::normal as Draw), ("bounded", Stream::normal_bounded)] {
-            let mut stream = Stream::new(7, Purpose::Sensors);
+            let mut stream = Stream::new(7, StreamPurpose::Sensors);
             let n = 40_000;
             let (mut sum, mut square) = (0.0, 0.0);
             for _ in 0..n {
@@ -134,7 +134,9 @@ mod tests {
     fn purposes_and_seeds_give_different_streams() {
         let mut seen = std::collections::BTreeSet::new();
         for seed in 0..100 {
-            for purpose in [Purpose::Object, Purpose::Target, Purpose::Push, Purpose::InHand] {
+            for purpose in
+                [StreamPurpose::Object, StreamPurpose::Target, StreamPurpose::Push, StreamPurpose::InHand]
+            {
                 assert!(seen.insert(Stream::new(seed, purpose).bits()));
             }
         }

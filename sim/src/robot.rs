@@ -9,7 +9,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use serde::Deserialize;
 
-use holdpoint_body::chain::Frame;
+use holdpoint_body::chain::Transform;
 use holdpoint_body::clearance::ClearanceModel;
 use holdpoint_body::ik::{IkOptions, IkOutcome};
 use holdpoint_body::number::{finite_list, finite3, positive};
@@ -58,7 +58,7 @@ pub struct FingerSpec {
     /// Joint name in the URDF.
     pub joint: String,
     /// Last link frame to finger frame when closed.
-    pub origin: Frame,
+    pub origin: Transform,
     /// Travel, m, from closed (0).
     pub stroke_m: f64,
     /// The link itself.
@@ -253,16 +253,18 @@ impl RobotModel {
 }
 
 /// Every collision shape with the piece it is on and its pose there; the fingers open, on the last piece.
-fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Frame, Shape)> {
+fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, Shape)> {
     let mut all = Vec::new();
     for (link, spec) in links.iter().enumerate() {
-        all.extend(spec.shapes.iter().map(|shape| (link, Frame::new(&shape.pose), shape.shape)));
+        all.extend(spec.shapes.iter().map(|shape| (link, Transform::new(&shape.pose), shape.shape)));
     }
     for finger in &gripper.fingers {
-        let open = Frame { rotation: Matrix3::identity(), origin: Vector3::z() * finger.stroke_m };
+        let open = Transform { rotation: Matrix3::identity(), origin: Vector3::z() * finger.stroke_m };
         let at = finger.origin.then(&open);
         let on_finger = finger.link.shapes.iter();
-        all.extend(on_finger.map(|shape| (links.len() - 1, at.then(&Frame::new(&shape.pose)), shape.shape)));
+        all.extend(
+            on_finger.map(|shape| (links.len() - 1, at.then(&Transform::new(&shape.pose)), shape.shape)),
+        );
     }
     all
 }

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::robot::RobotModel;
-use holdpoint_body::chain::Frame;
+use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::{pose_error, rate_step};
 use holdpoint_body::{Command, JointVec, MAX_JOINTS, Pose, TICK_SECS};
 
@@ -155,7 +155,7 @@ impl Servo {
         let frames = robot.geometry.chain.frames(&self.q);
         let jacobian = robot.geometry.chain.jacobian(&frames);
         let now = jacobian.twist(&self.dq);
-        let error = pose_error(&frames.tool, &Frame::new(&pose.isometry()));
+        let error = pose_error(&frames.tool, &Transform::new(&pose.isometry()));
         let linear = approach(
             &error.fixed_rows::<3>(0).into_owned(),
             &now.fixed_rows::<3>(0).into_owned(),

@@ -25,7 +25,7 @@ use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
-use holdpoint_body::chain::Frame;
+use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{BodyError, Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
 
@@ -53,7 +53,7 @@ const DISTANCE_DIVERGED_M: f64 = 20.0;
 
 /// Everything that changes.
 #[derive(Serialize, Deserialize)]
-pub struct State {
+pub struct WorldState {
     pub physics: PhysicsWorld,
     pub handles: Handles,
     pub setup: EpisodeSetup,
@@ -77,10 +77,10 @@ pub struct State {
     pub errors: SensorErrors,
 }
 
-impl State {
+impl WorldState {
     pub fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, SimError> {
         let (q, width) = start_configuration(robot, scene, setup)?;
-        let (physics, handles) = build::assemble(robot, &build::Cell::new(scene, setup), &q, width)?;
+        let (physics, handles) = build::assemble(robot, &build::CellFixtures::new(scene, setup), &q, width)?;
         let joints = readout::joint_state(&physics, &handles, robot);
         Ok(Self {
             physics,
@@ -182,7 +182,7 @@ impl State {
         if grip.reference_m.is_none() && grip.pressed_ticks < GRIP_CLOSED_TICKS {
             return;
         }
-        let tool: Frame = robot.geometry.chain.frames(&self.joints.q).tool;
+        let tool: Transform = robot.geometry.chain.frames(&self.joints.q).tool;
         let object = from_rapier(self.physics.bodies[self.handles.object].position());
         let local: Vector3<f64> = tool.rotation.transpose() * (object.translation.vector - tool.origin);
         let reference = Vector3::from(*grip.reference_m.get_or_insert(local.into()));

@@ -11,7 +11,7 @@ use rapier3d_urdf::urdf_rs::{self, Geometry, JointType};
 use crate::error::SimError;
 use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile};
 use holdpoint_body::Shape;
-use holdpoint_body::chain::{Chain, Frame, JointSpec};
+use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::{JointVec, MAX_JOINTS};
 
 /// What the two files say together.
@@ -38,7 +38,7 @@ struct Seat {
     pose: Isometry3<f64>,
 }
 
-struct Reader<'a> {
+struct UrdfReader<'a> {
     file: &'a str,
     robot: &'a urdf_rs::Robot,
     config: &'a RobotFile,
@@ -49,7 +49,7 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
     check_config(toml_file, config)?;
     let robot = urdf_rs::read_from_string(text)
         .map_err(|error| SimError::file(file, "robot", format!("not a URDF: {error}")))?;
-    let reader = Reader { file, robot: &robot, config };
+    let reader = UrdfReader { file, robot: &robot, config };
     reader.check_names(toml_file)?;
     let (seats, joints, origins) = reader.walk()?;
     let last = config.joints.len();
@@ -64,7 +64,7 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
         return Err(SimError::file(toml_file, "tool.link", problem));
     };
     let tool = tool_seat.pose * pose(&config.tool.xyz_m, &config.tool.rpy_rad);
-    let chain = Chain { joints, tool_from_last: Frame::new(&tool) };
+    let chain = Chain { joints, tool_from_last: Transform::new(&tool) };
     for (i, (joint, angle)) in chain.joints.iter().zip(&config.home_rad).enumerate() {
         if !(joint.lower_rad..=joint.upper_rad).contains(angle) {
             let problem = format!(
@@ -123,9 +123,9 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
 }
 
 type Seats<'a> = BTreeMap<&'a str, Seat>;
-type Walked<'a> = (Seats<'a>, Vec<JointSpec>, [Option<(Frame, f64)>; 2]);
+type Walked<'a> = (Seats<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
 
-impl<'a> Reader<'a> {
+impl<'a> UrdfReader<'a> {
     fn error(&self, element: String, problem: impl Into<String>) -> SimError {
         SimError::file(self.file, element, problem)
     }
@@ -185,7 +185,7 @@ impl<'a> Reader<'a> {
                             );
                             return Err(self.error(here, problem));
                         }
-                        fingers[i] = Some((Frame::new(&(at * align)), upper));
+                        fingers[i] = Some((Transform::new(&(at * align)), upper));
                         Seat { piece: Piece::Finger(i), pose: align.inverse() }
                     }
                     (None, None) if joint.joint_type == JointType::Fixed => {
@@ -251,7 +251,7 @@ impl<'a> Reader<'a> {
         }
         Ok(JointSpec {
             name: joint.name.clone(),
-            origin: Frame::new(origin),
+            origin: Transform::new(origin),
             lower_rad: limit.lower,
             upper_rad: limit.upper,
             speed_max_rad_s: limit.velocity,
@@ -316,7 +316,7 @@ impl<'a> Reader<'a> {
         &self,
         i: usize,
         seats: &Seats<'_>,
-        origins: &[Option<(Frame, f64)>; 2],
+        origins: &[Option<(Transform, f64)>; 2],
     ) -> Result<FingerSpec, SimError> {
         let joint = &self.config.gripper.joints[i];
         let Some((origin, stroke_m)) = origins[i] else {

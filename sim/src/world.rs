@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use crate::effort::{self, SolverEffort};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
-use crate::fault::Fault;
+use crate::fault::InjectedFault;
 use crate::perception::sensor_errors;
 use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
-use crate::state::{State, check_command};
+use crate::state::{WorldState, check_command};
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
     TICK_SECS, TaskKind, Telemetry, Twist,
@@ -41,7 +41,7 @@ pub struct World {
     robot: Arc<RobotModel>,
     scene: Arc<Scene>,
     config: WorldConfig,
-    state: State,
+    state: WorldState,
     observation: Observation,
 }
 
@@ -93,7 +93,7 @@ impl World {
         let distribution = crate::distribution::Distribution::canonical()?;
         let setup = EpisodeSetup::sample(TaskKind::Grasp, scene, &distribution, 0);
         let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
-        let state = State::new(&robot, &scene, &setup)?;
+        let state = WorldState::new(&robot, &scene, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
         let mut world = Self { robot, scene, config, state, observation };
         world.settle_start()?;
@@ -105,7 +105,7 @@ impl World {
     /// # Errors
     /// [`SimError::InvalidStart`] when a held start is out of reach or the object does not hold.
     pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
-        self.state = State::new(&self.robot, &self.scene, setup)?;
+        self.state = WorldState::new(&self.robot, &self.scene, setup)?;
         self.settle_start()
     }
 
@@ -183,14 +183,14 @@ impl World {
     }
 
     /// Breaks something, from the next tick on and for the rest of the episode.
-    pub fn inject(&mut self, fault: Fault) {
+    pub fn inject(&mut self, fault: InjectedFault) {
         let s = &mut self.state;
         match fault {
-            Fault::CameraLost => s.camera.lose(),
-            Fault::ToolDead => s.faults.tool_dead = true,
-            Fault::GripLost => s.faults.grip_lost = true,
-            Fault::JointStuck { joint } => s.faults.stuck_joint = Some(joint),
-            Fault::JointRunaway { joint } => s.faults.runaway_joint = Some(joint),
+            InjectedFault::CameraLost => s.camera.lose(),
+            InjectedFault::ToolDead => s.faults.tool_dead = true,
+            InjectedFault::GripLost => s.faults.grip_lost = true,
+            InjectedFault::JointStuck { joint } => s.faults.stuck_joint = Some(joint),
+            InjectedFault::JointRunaway { joint } => s.faults.runaway_joint = Some(joint),
         }
     }
 
@@ -391,7 +391,7 @@ impl World {
     /// [`SimError::Snapshot`] when the bytes are not a snapshot or belong to another robot; the
     /// world is then unchanged.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), SimError> {
-        let ((digest, config), state): ((u64, WorldConfig), State) =
+        let ((digest, config), state): ((u64, WorldConfig), WorldState) =
             postcard::from_bytes(bytes).map_err(|error| SimError::Snapshot(error.to_string()))?;
         if digest != self.robot.digest {
             let problem =

@@ -9,14 +9,14 @@ use crate::messages::{JointVec, MAX_JOINTS};
 
 /// A rigid transform with its rotation as a matrix: cheaper to chain than a quaternion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct Transform {
     /// Rotation.
     pub rotation: Matrix3<f64>,
     /// Position of the origin, m.
     pub origin: Vector3<f64>,
 }
 
-impl Frame {
+impl Transform {
     /// The identity.
     pub const IDENTITY: Self = Self {
         rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
@@ -67,7 +67,7 @@ pub struct JointSpec {
     /// Name in the URDF.
     pub name: String,
     /// Parent link frame to this joint's frame at angle 0; the joint turns about z.
-    pub origin: Frame,
+    pub origin: Transform,
     /// Lower position limit, rad.
     pub lower_rad: f64,
     /// Upper position limit, rad.
@@ -86,18 +86,18 @@ pub struct Chain {
     /// Joints, base first; at most [`MAX_JOINTS`].
     pub joints: Vec<JointSpec>,
     /// Last link frame to tool frame.
-    pub tool_from_last: Frame,
+    pub tool_from_last: Transform,
 }
 
 /// Where every link and the tool are.
 #[derive(Clone, Copy, Debug)]
 pub struct Frames {
     /// Frame of link `i + 1` (the link that joint `i` moves); only the first `count` are meaningful.
-    pub links: [Frame; MAX_JOINTS],
+    pub links: [Transform; MAX_JOINTS],
     /// Number of joints.
     pub count: usize,
     /// The tool.
-    pub tool: Frame,
+    pub tool: Transform,
 }
 
 /// Geometric Jacobian of the tool: one column (linear m/rad, angular) per joint.
@@ -133,8 +133,8 @@ impl Chain {
     /// Forward kinematics. Missing values count as 0, surplus ones are ignored.
     #[must_use]
     pub fn frames(&self, q: &[f64]) -> Frames {
-        let mut links = [Frame::IDENTITY; MAX_JOINTS];
-        let mut at = Frame::IDENTITY;
+        let mut links = [Transform::IDENTITY; MAX_JOINTS];
+        let mut at = Transform::IDENTITY;
         for (i, joint) in self.joints.iter().enumerate() {
             at = at.then(&joint.origin);
             let (sin, cos) = libm::sincos(q.get(i).copied().unwrap_or(0.0));

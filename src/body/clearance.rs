@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::chain::{Chain, Frame, Frames};
+use crate::chain::{Chain, Frames, Transform};
 use crate::shape::Shape;
 
 /// Distances in m; negative means inside.
@@ -41,7 +41,11 @@ pub struct ClearanceModel {
 impl ClearanceModel {
     /// From the shapes on the robot: the piece each is on (0 is the base, `i` the link of joint `i - 1`), its pose in
     /// that piece's frame, and the shape. Pairs that are adjacent, or that already touch in the home pose, are left out.
-    pub fn new(chain: &Chain, shapes: impl IntoIterator<Item = (usize, Frame, Shape)>, home: &[f64]) -> Self {
+    pub fn new(
+        chain: &Chain,
+        shapes: impl IntoIterator<Item = (usize, Transform, Shape)>,
+        home: &[f64],
+    ) -> Self {
         let covers: Vec<_> = shapes.into_iter().map(|(link, at, shape)| cover(link, &at, &shape)).collect();
         let frames = chain.frames(home);
         let placed: Vec<_> = covers.iter().map(|c| place(c, &frames)).collect();
@@ -96,7 +100,7 @@ impl ClearanceModel {
 
 /// The capsule around a shape: along its longest side, with the half diagonal of the other two as
 /// radius, shortened so that the round ends stay within the corners' reach.
-fn cover(link: usize, at: &Frame, shape: &Shape) -> Cover {
+fn cover(link: usize, at: &Transform, shape: &Shape) -> Cover {
     let (axis, half, radius) = match *shape {
         Shape::Capsule { half_length_m, radius_m } => (2, half_length_m, radius_m),
         Shape::Cylinder { half_length_m, radius_m } => (2, half_length_m, radius_m),

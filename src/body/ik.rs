@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Matrix6, Rotation3, Vector3, Vector6};
 
-use crate::chain::{Chain, Frame, Jacobian};
+use crate::chain::{Chain, Jacobian, Transform};
 use crate::messages::{JointVec, MAX_JOINTS};
 
 /// How hard to try.
@@ -53,7 +53,7 @@ impl IkOutcome {
 
 /// Pose error from `from` to `to`: translation, then rotation vector, both in the base frame.
 #[must_use]
-pub fn pose_error(from: &Frame, to: &Frame) -> Vector6<f64> {
+pub fn pose_error(from: &Transform, to: &Transform) -> Vector6<f64> {
     let linear = to.origin - from.origin;
     let turn = rotation_vector(&(to.rotation * from.rotation.transpose()));
     Vector6::new(linear.x, linear.y, linear.z, turn.x, turn.y, turn.z)
@@ -156,12 +156,18 @@ impl Chain {
         rest: &[f64],
         options: &IkOptions,
     ) -> IkOutcome {
-        self.solve_frame(&Frame::new(target), warm, rest, options)
+        self.solve_frame(&Transform::new(target), warm, rest, options)
     }
 
     /// [`Chain::solve`] for a target already in matrix form.
     #[must_use]
-    pub fn solve_frame(&self, target: &Frame, warm: &[f64], rest: &[f64], options: &IkOptions) -> IkOutcome {
+    pub fn solve_frame(
+        &self,
+        target: &Transform,
+        warm: &[f64],
+        rest: &[f64],
+        options: &IkOptions,
+    ) -> IkOutcome {
         let first = self.descend(target, warm, rest, options, options.iterations_max);
         if first.error < options.tolerance || options.restarts == 0 {
             return first;
@@ -197,7 +203,7 @@ impl Chain {
 
     fn descend(
         &self,
-        target: &Frame,
+        target: &Transform,
         warm: &[f64],
         rest: &[f64],
         options: &IkOptions,

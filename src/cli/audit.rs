@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::output::Table;
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};
@@ -76,7 +76,7 @@ Example:
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &Context, args: &AuditArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let layout = Layout::new(&context.data);
     match &args.verb {
         AuditVerb::List { subject, kind, limit } => {

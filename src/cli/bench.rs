@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use super::output::Table;
 use super::{CliError, Exit, Output};
 use holdpoint_lab::bench::stats::{self, Stated};
-use holdpoint_lab::bench::{self, Report};
+use holdpoint_lab::bench::{self, BenchReport};
 use holdpoint_text::Hint;
 
 /// The arguments of `bench`.
@@ -21,7 +21,7 @@ Examples:
 pub struct BenchArgs {
     /// What to measure instead of times.
     #[command(subcommand)]
-    pub what: Option<What>,
+    pub what: Option<BenchStudy>,
     /// Fewer repetitions; the numbers are then rougher.
     #[arg(long)]
     pub quick: bool,
@@ -29,7 +29,7 @@ pub struct BenchArgs {
 
 /// What `bench` can measure beside times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Subcommand)]
-pub enum What {
+pub enum BenchStudy {
     /// Simulates how often the rules err, and holds it against what the profiles say.
     ///
     /// Ends with the code of an internal fault where a stated rate is refuted.
@@ -53,7 +53,7 @@ pub struct StatsArgs {
 /// # Errors
 /// Where the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    if let Some(What::Stats(args)) = args.what {
+    if let Some(BenchStudy::Stats(args)) = args.what {
         let report = stats::run(args.runs).map_err(|error| CliError::internal(error.sentence()))?;
         out.answer(&report, |out| show_study(&report, out))?;
         return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
@@ -63,8 +63,8 @@ pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Report { version, build, physics, .. } = report;
+fn show(report: &BenchReport, out: &mut Output<'_>) -> Result<(), CliError> {
+    let BenchReport { version, build, physics, .. } = report;
     out.line(&format!("holdpoint {version}, {build} build, physics {physics}, rules f64, one worker"))?;
     out.line("")?;
     let mut table = Table::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
@@ -96,7 +96,7 @@ fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
     out.table(&table)
 }
 
-fn show_study(report: &stats::Report, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show_study(report: &stats::StudyReport, out: &mut Output<'_>) -> Result<(), CliError> {
     out.line(&format!("holdpoint {}, {} runs of each figure, drawn from", report.version, report.runs))?;
     for table in &report.tables {
         out.line(&format!("  {table}"))?;

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::output::Table;
-use super::{CliError, Context, EngineVerbs, Exit, Output};
+use super::{CliContext, CliError, EngineVerbs, Exit, Output};
 use holdpoint_engine::check::{self, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::Digest;
@@ -82,7 +82,7 @@ pub struct DiffArgs {
 }
 
 #[derive(Serialize)]
-struct Checked {
+struct CandidateReport {
     id: String,
     digest: Digest,
     bundle: String,
@@ -91,11 +91,11 @@ struct Checked {
     estimated_risk: &'static str,
     summary: Untrusted,
     /// Against the embedded baseline, profile by profile.
-    verdicts: Vec<Verdict>,
+    verdicts: Vec<CheckVerdict>,
 }
 
 #[derive(Serialize)]
-struct Verdict {
+struct CheckVerdict {
     profile: &'static str,
     admitted: bool,
     interface: InterfaceOutcome,
@@ -108,7 +108,7 @@ struct Verdict {
 /// # Errors
 /// [`CliError`].
 pub fn run(
-    context: &Context,
+    context: &CliContext,
     args: &CandidateArgs,
     engine: &mut dyn EngineVerbs,
     out: &mut Output<'_>,
@@ -158,7 +158,7 @@ fn show(parsed: &Parsed, out: &mut Output<'_>) -> Result<(), CliError> {
     })
 }
 
-impl Verdict {
+impl CheckVerdict {
     fn new(profile: ProfileName, found: &StaticFindings) -> Self {
         Self {
             profile: profile.name(),
@@ -174,10 +174,10 @@ impl Verdict {
 fn check(candidate: &Capability, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
     let judged = check::against_baseline(candidate).map_err(CliError::internal)?;
-    let verdicts: Vec<Verdict> =
-        judged.iter().map(|(profile, found)| Verdict::new(*profile, found)).collect();
+    let verdicts: Vec<CheckVerdict> =
+        judged.iter().map(|(profile, found)| CheckVerdict::new(*profile, found)).collect();
     let admitted = verdicts.iter().any(|verdict| verdict.admitted);
-    let checked = Checked {
+    let checked = CandidateReport {
         id: candidate.id().to_string(),
         digest: candidate.manifest_digest(),
         bundle: manifest.deployment.bundle.clone().into(),

@@ -77,7 +77,7 @@ impl Names {
 }
 
 #[derive(Serialize)]
-struct Script {
+struct ShellScript {
     shell: String,
     script: String,
 }
@@ -88,7 +88,7 @@ struct Script {
 /// Where the output cannot be written, or no folder of a store is known.
 pub fn run(data: Option<&Path>, args: &CompletionsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     if let Some(shell) = args.shell {
-        let answer = Script { shell: shell.to_string(), script: script(shell)? };
+        let answer = ShellScript { shell: shell.to_string(), script: script(shell)? };
         // The script is this program's own text and must keep its lines.
         out.answer(&answer, |out| Ok(out.sink().write_all(answer.script.as_bytes())?))?;
     } else if let Some(names) = args.list {
@@ -179,7 +179,7 @@ fn fish(script: String) -> String {
     let called =
         |names: Names| (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()));
     let mut script = format!("{}\n{}", include_str!("completions/stored.fish"), with_calls(script, called));
-    for Place { verbs, option, names, or_path } in places(&Cli::command()) {
+    for NameArgument { verbs, option, names, or_path } in places(&Cli::command()) {
         let seen = match verbs.as_slice() {
             [verb] if option.is_none() => format!("__fish_holdpoint_using_subcommand {verb}"),
             [verb, inner] if option.is_none() => {
@@ -195,7 +195,7 @@ fn fish(script: String) -> String {
 }
 
 /// An argument that takes a stored name.
-struct Place {
+struct NameArgument {
     verbs: Vec<String>,
     option: Option<String>,
     names: Names,
@@ -204,14 +204,19 @@ struct Place {
 }
 
 /// Every such argument, verb by verb.
-fn places(command: &Command) -> Vec<Place> {
-    fn walk(command: &Command, verbs: &[String], found: &mut Vec<Place>) {
+fn places(command: &Command) -> Vec<NameArgument> {
+    fn walk(command: &Command, verbs: &[String], found: &mut Vec<NameArgument>) {
         for arg in command.get_arguments() {
             let option = arg.get_long().map(str::to_owned);
             let named =
                 |name: &str| arg.get_value_names().is_some_and(|names| names.iter().any(|one| one == name));
             let or_path = named("VERSION|FOLDER") || named("UPGRADE");
-            found.extend(Names::of(arg).map(|names| Place { verbs: verbs.to_vec(), option, names, or_path }));
+            found.extend(Names::of(arg).map(|names| NameArgument {
+                verbs: verbs.to_vec(),
+                option,
+                names,
+                or_path,
+            }));
         }
         for verb in command.get_subcommands() {
             let verbs: Vec<String> = verbs.iter().cloned().chain([verb.get_name().to_owned()]).collect();

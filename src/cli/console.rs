@@ -6,11 +6,11 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::run::{Pace, RunArgs};
+use super::run::{LivePace, RunArgs};
 use super::settings::{file, themes};
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_console::keymap::{self, Keymap};
-use holdpoint_console::options::{self, File, Options};
+use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError};
 use holdpoint_engine::embedded;
 use holdpoint_engine::host::HostConfig;
@@ -21,7 +21,7 @@ use holdpoint_runtime::capability::shown;
 use holdpoint_text::Problem;
 
 /// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
-const PACE_DEFAULT: Pace = Pace::Times(1.0);
+const PACE_DEFAULT: LivePace = LivePace::Times(1.0);
 
 /// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -34,7 +34,7 @@ pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
 ///
 /// # Errors
 /// [`CliError`] with exit code 2 for what is wrong with files, theme or terminal, 70 for a fault of the console.
-pub(super) fn run(context: &Context, args: &RunArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let options = Options::new(args.console.flags(), settings()?);
     let keymap = Arc::new(keymap()?);
     let host = HostConfig {
@@ -85,10 +85,10 @@ pub(super) fn keymap() -> Result<Keymap, CliError> {
 ///
 /// # Errors
 /// Every problem of the file.
-pub(super) fn settings() -> Result<File, CliError> {
+pub(super) fn settings() -> Result<SettingsFile, CliError> {
     match file("config.toml", options::FILE_BYTES_MAX)? {
-        Some((name, text)) => Ok(File::parse(&name, &text)?),
-        None => Ok(File::default()),
+        Some((name, text)) => Ok(SettingsFile::parse(&name, &text)?),
+        None => Ok(SettingsFile::default()),
     }
 }
 

@@ -7,7 +7,7 @@
 use clap::Args;
 
 use super::side::{Side, running};
-use super::{CliError, Context, Exit, Output, audit};
+use super::{CliContext, CliError, Exit, Output, audit};
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
@@ -23,7 +23,7 @@ pub const REASON_BYTES_MAX: usize = 1_000;
 
 /// One decision that was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Asked {
+pub enum AskedDecision {
     /// `approve`.
     Approve(ApproveArgs),
     /// `reject`.
@@ -40,7 +40,7 @@ pub enum Asked {
 
 /// Who decides, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-pub struct Signature {
+pub struct SigningArgs {
     /// The identity that signs (see `holdpoint identity`); a verb that only stops something takes any name.
     #[arg(long = "as", value_name = "IDENTITY", value_parser = parse_identity)]
     pub identity: String,
@@ -66,7 +66,7 @@ pub struct ApproveArgs {
     pub digest: Option<String>,
     /// Who and why.
     #[command(flatten)]
-    pub signature: Signature,
+    pub signature: SigningArgs,
 }
 
 /// The arguments of `reject` and `demote`.
@@ -81,7 +81,7 @@ pub struct VersionArgs {
     pub version: CapabilityId,
     /// Who and why.
     #[command(flatten)]
-    pub signature: Signature,
+    pub signature: SigningArgs,
 }
 
 /// The arguments of `rollback`.
@@ -95,7 +95,7 @@ pub struct FamilyArgs {
     pub family: Family,
     /// Who and why.
     #[command(flatten)]
-    pub signature: Signature,
+    pub signature: SigningArgs,
 }
 
 /// The arguments of `pause` and `resume`.
@@ -110,7 +110,7 @@ pub struct PauseArgs {
     pub family: Option<Family>,
     /// Who and why.
     #[command(flatten)]
-    pub signature: Signature,
+    pub signature: SigningArgs,
 }
 
 pub(super) fn parse_family(text: &str) -> Result<Family, String> {
@@ -147,20 +147,24 @@ fn parse_short_digest(text: &str) -> Result<String, String> {
 ///
 /// # Errors
 /// [`CliError`]; nothing has changed then.
-pub(super) fn run(context: &Context, asked: &Asked, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(
+    context: &CliContext,
+    asked: &AskedDecision,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
     // What does not exist is said before an engine is opened, so that the store stays as it was.
     let views = audit::open(&context.data)?;
     match asked {
-        Asked::Approve(args) => approve(context, &views, args, out),
-        Asked::Reject(args) => reject(context, &views, args, out),
-        Asked::Rollback(args) => rollback(context, &views, args, out),
-        Asked::Demote(args) => {
+        AskedDecision::Approve(args) => approve(context, &views, args, out),
+        AskedDecision::Reject(args) => reject(context, &views, args, out),
+        AskedDecision::Rollback(args) => rollback(context, &views, args, out),
+        AskedDecision::Demote(args) => {
             known_version(&views, &args.version)?;
             let operation = operation(&args.version, &args.signature);
             Side::open(context)?.carry_out(Command::Demote { operation, profiles: Vec::new() }, out)
         }
-        Asked::Pause(args) => pause(context, &views, args, Pausing::Pause, out),
-        Asked::Resume(args) => {
+        AskedDecision::Pause(args) => pause(context, &views, args, Pausing::Pause, out),
+        AskedDecision::Resume(args) => {
             // Going on needs somebody who can be named for it.
             identity(context, &args.signature)?;
             pause(context, &views, args, Pausing::Resume, out)
@@ -169,7 +173,7 @@ pub(super) fn run(context: &Context, asked: &Asked, out: &mut Output<'_>) -> Res
 }
 
 fn approve(
-    context: &Context,
+    context: &CliContext,
     views: &Views,
     args: &ApproveArgs,
     out: &mut Output<'_>,
@@ -213,7 +217,7 @@ fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError
 }
 
 fn reject(
-    context: &Context,
+    context: &CliContext,
     views: &Views,
     args: &VersionArgs,
     out: &mut Output<'_>,
@@ -229,7 +233,7 @@ fn reject(
 }
 
 fn rollback(
-    context: &Context,
+    context: &CliContext,
     views: &Views,
     args: &FamilyArgs,
     out: &mut Output<'_>,
@@ -258,7 +262,7 @@ enum Pausing {
 
 /// Pauses what is on its way, or resumes what is paused: of one family, or of all.
 fn pause(
-    context: &Context,
+    context: &CliContext,
     views: &Views,
     args: &PauseArgs,
     pausing: Pausing,
@@ -304,18 +308,18 @@ fn sign(
     who: &Identity,
     prompt: &PromptView,
     decision: Answer,
-    signature: &Signature,
+    signature: &SigningArgs,
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     let command = prompt.answer(who, decision, signature.reason.raw(), None);
     side.carry_out(command.map_err(CliError::internal)?, out)
 }
 
-fn identity(context: &Context, signature: &Signature) -> Result<Identity, CliError> {
+fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
     Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)
 }
 
-fn operation(version: &CapabilityId, signature: &Signature) -> Operation {
+fn operation(version: &CapabilityId, signature: &SigningArgs) -> Operation {
     Operation {
         version: version.clone(),
         by: signature.identity.clone(),

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::output::Table;
 use super::recordings::{counted, size};
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_recordings::{folder, viewer};
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
@@ -39,7 +39,7 @@ pub struct DoctorArgs {}
 /// How a finding stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Standing {
+pub enum FindingStatus {
     /// As it should be, or for information.
     Ok,
     /// Works, but less than all.
@@ -48,7 +48,7 @@ pub enum Standing {
     Missing,
 }
 
-impl Standing {
+impl FindingStatus {
     const fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -64,12 +64,12 @@ pub struct Finding {
     /// What.
     pub item: String,
     /// How it stands.
-    pub standing: Standing,
+    pub standing: FindingStatus,
     /// What was found, and what to do.
     pub detail: String,
 }
 
-fn finding(item: &str, standing: Standing, detail: impl Into<String>) -> Finding {
+fn finding(item: &str, standing: FindingStatus, detail: impl Into<String>) -> Finding {
     Finding { item: item.to_owned(), standing, detail: detail.into() }
 }
 
@@ -77,10 +77,10 @@ fn finding(item: &str, standing: Standing, detail: impl Into<String>) -> Finding
 ///
 /// # Errors
 /// Where the output cannot be written.
-pub fn run(context: &Context, _args: &DoctorArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let variable = |name: &str| std::env::var(name).ok();
     let size = terminal_size::terminal_size().map(|(width, height)| (width.0, height.0));
-    let mut findings = vec![finding("holdpoint", Standing::Ok, env!("CARGO_PKG_VERSION"))];
+    let mut findings = vec![finding("holdpoint", FindingStatus::Ok, env!("CARGO_PKG_VERSION"))];
     findings.extend(terminal(std::io::stdout().is_terminal(), size, variable));
     findings.push(store(&context.data));
     findings.push(sqlite(rusqlite::version()));
@@ -94,7 +94,7 @@ pub fn run(context: &Context, _args: &DoctorArgs, out: &mut Output<'_>) -> Resul
         }
         out.table(&table)
     })?;
-    let missing = findings.iter().any(|finding| finding.standing == Standing::Missing);
+    let missing = findings.iter().any(|finding| finding.standing == FindingStatus::Missing);
     Ok(if missing { Exit::Usage } else { Exit::Confirmed })
 }
 
@@ -107,10 +107,10 @@ fn terminal(
     let term = set("TERM").unwrap_or_else(|| "not set".to_owned());
     let screen = match (is_terminal, size) {
         _ if term == "dumb" => {
-            (Standing::Limited, "TERM is dumb: output is plain, without the console".to_owned())
+            (FindingStatus::Limited, "TERM is dumb: output is plain, without the console".to_owned())
         }
         (false, _) | (true, None) => {
-            (Standing::Limited, "the output is no terminal: it is plain, without the console".to_owned())
+            (FindingStatus::Limited, "the output is no terminal: it is plain, without the console".to_owned())
         }
         (true, Some((width, height))) => {
             let fits = |(w, h): (u16, u16)| width >= w && height >= h;
@@ -119,7 +119,7 @@ fn terminal(
                 (false, true) => "shows one or two panes; 100x30 shows everything",
                 (false, false) => "shows alarms and approvals only; 60x16 is the least for more",
             };
-            let standing = if fits(TERMINAL_MIN) { Standing::Ok } else { Standing::Limited };
+            let standing = if fits(TERMINAL_MIN) { FindingStatus::Ok } else { FindingStatus::Limited };
             (standing, format!("{width}x{height} {what}"))
         }
     };
@@ -138,10 +138,10 @@ fn terminal(
     let unicode = locale.to_lowercase().replace('-', "").contains("utf8");
     vec![
         finding("terminal", screen.0, screen.1),
-        finding("colours", Standing::Ok, format!("{color} (TERM {term})")),
+        finding("colours", FindingStatus::Ok, format!("{color} (TERM {term})")),
         finding(
             "characters",
-            if unicode { Standing::Ok } else { Standing::Limited },
+            if unicode { FindingStatus::Ok } else { FindingStatus::Limited },
             if unicode { "UTF-8" } else { "the locale is not UTF-8: Greek letters and borders may be wrong" },
         ),
     ]
@@ -151,14 +151,18 @@ fn terminal(
 fn store(data: &Path) -> Finding {
     let exists = data.exists();
     let Some(nearest) = data.ancestors().find(|path| path.is_dir() || path.as_os_str().is_empty()) else {
-        return finding("store", Standing::Missing, format!("{} has no folder above it", data.display()));
+        return finding(
+            "store",
+            FindingStatus::Missing,
+            format!("{} has no folder above it", data.display()),
+        );
     };
     let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
     let shown = data.display();
     if exists && !data.is_dir() {
         return finding(
             "store",
-            Standing::Missing,
+            FindingStatus::Missing,
             format!("{shown} is not a folder; name one with --data DIR"),
         );
     }
@@ -166,12 +170,12 @@ fn store(data: &Path) -> Finding {
         Err(error) => {
             let detail =
                 format!("{} cannot be written to: {error}; name another with --data DIR", nearest.display());
-            finding("store", Standing::Missing, detail)
+            finding("store", FindingStatus::Missing, detail)
         }
         Ok(()) if Layout::new(data).database().is_file() => {
-            finding("store", Standing::Ok, format!("in {shown}"))
+            finding("store", FindingStatus::Ok, format!("in {shown}"))
         }
-        Ok(()) => finding("store", Standing::Ok, format!("will be made in {shown}")),
+        Ok(()) => finding("store", FindingStatus::Ok, format!("will be made in {shown}")),
     }
 }
 
@@ -180,10 +184,12 @@ fn sqlite(version: &str) -> Finding {
     let mut next = || parts.next().flatten();
     let (major, minor, patch) = SQLITE_MIN;
     match (next(), next(), next()) {
-        (Some(a), Some(b), Some(c)) if (a, b, c) >= SQLITE_MIN => finding("sqlite", Standing::Ok, version),
+        (Some(a), Some(b), Some(c)) if (a, b, c) >= SQLITE_MIN => {
+            finding("sqlite", FindingStatus::Ok, version)
+        }
         _ => finding(
             "sqlite",
-            Standing::Missing,
+            FindingStatus::Missing,
             format!("{version}; {major}.{minor}.{patch} or newer is needed"),
         ),
     }
@@ -192,10 +198,12 @@ fn sqlite(version: &str) -> Finding {
 /// Whether there is a scene viewer that can be started, and which.
 fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
     match viewer::find(path) {
-        Ok(found) => {
-            finding("viewer", Standing::Ok, format!("rerun {} in {}", found.version, found.program.display()))
-        }
-        Err(error) => finding("viewer", Standing::Limited, error.sentence()),
+        Ok(found) => finding(
+            "viewer",
+            FindingStatus::Ok,
+            format!("rerun {} in {}", found.version, found.program.display()),
+        ),
+        Err(error) => finding("viewer", FindingStatus::Limited, error.sentence()),
     }
 }
 
@@ -206,11 +214,11 @@ fn recordings(data: &Path) -> Finding {
         Ok(files) => {
             let bytes = files.iter().map(|filed| filed.bytes).sum();
             let detail = format!("{}, {} in {}", counted(files.len(), "file"), size(bytes), folder.display());
-            finding("recordings", Standing::Ok, detail)
+            finding("recordings", FindingStatus::Ok, detail)
         }
         Err(error) => {
             let detail = format!("{} cannot be read: {error}", folder.display());
-            finding("recordings", Standing::Limited, detail)
+            finding("recordings", FindingStatus::Limited, detail)
         }
     }
 }
@@ -226,7 +234,7 @@ fn libraries(lock: &str) -> Vec<Finding> {
     };
     LIBRARIES
         .into_iter()
-        .filter_map(|library| version_of(library).map(|version| finding(library, Standing::Ok, version)))
+        .filter_map(|library| version_of(library).map(|version| finding(library, FindingStatus::Ok, version)))
         .collect()
 }
 
@@ -237,12 +245,12 @@ mod tests {
     #[test]
     fn terminals() {
         for (tty, size, term, expected) in [
-            (true, Some((120, 40)), "xterm-256color", Standing::Ok),
-            (true, Some((80, 24)), "xterm", Standing::Ok),
-            (true, Some((59, 24)), "xterm", Standing::Limited),
-            (true, Some((120, 40)), "dumb", Standing::Limited),
-            (true, None, "xterm", Standing::Limited),
-            (false, Some((120, 40)), "xterm", Standing::Limited),
+            (true, Some((120, 40)), "xterm-256color", FindingStatus::Ok),
+            (true, Some((80, 24)), "xterm", FindingStatus::Ok),
+            (true, Some((59, 24)), "xterm", FindingStatus::Limited),
+            (true, Some((120, 40)), "dumb", FindingStatus::Limited),
+            (true, None, "xterm", FindingStatus::Limited),
+            (false, Some((120, 40)), "xterm", FindingStatus::Limited),
         ] {
             let findings = terminal(tty, size, |name| (name == "TERM").then(|| term.to_owned()));
             assert_eq!(findings[0].standing, expected, "{tty} {size:?} {term}");
@@ -263,20 +271,20 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         std::fs::write(root.path().join("file"), "").unwrap();
         for (path, expected) in
-            [("", Standing::Ok), ("deep/below", Standing::Ok), ("file", Standing::Missing)]
+            [("", FindingStatus::Ok), ("deep/below", FindingStatus::Ok), ("file", FindingStatus::Missing)]
         {
             assert_eq!(store(&root.path().join(path)).standing, expected, "{path}");
         }
         assert!(!root.path().join("deep").exists(), "looking must not make folders");
         for (version, expected) in [
-            ("3.51.3", Standing::Ok),
-            ("4.0.0", Standing::Ok),
-            ("3.51.2", Standing::Missing),
-            ("x", Standing::Missing),
+            ("3.51.3", FindingStatus::Ok),
+            ("4.0.0", FindingStatus::Ok),
+            ("3.51.2", FindingStatus::Missing),
+            ("x", FindingStatus::Missing),
         ] {
             assert_eq!(sqlite(version).standing, expected, "{version}");
         }
-        assert_eq!(sqlite(rusqlite::version()).standing, Standing::Ok);
+        assert_eq!(sqlite(rusqlite::version()).standing, FindingStatus::Ok);
     }
 
     #[test]
@@ -298,10 +306,10 @@ mod tests {
         let found = program("0.36.3 (base)");
         assert_eq!(
             (found.standing, found.detail),
-            (Standing::Ok, format!("rerun 0.36.3 in {}", path.display()))
+            (FindingStatus::Ok, format!("rerun 0.36.3 in {}", path.display()))
         );
         let old = program("0.30.0");
-        assert!(old.standing == Standing::Limited && old.detail.contains("0.30.0"), "{old:?}");
+        assert!(old.standing == FindingStatus::Limited && old.detail.contains("0.30.0"), "{old:?}");
         assert!(viewer(None).detail.contains("pip install rerun-sdk"));
         let folder = Layout::new(root.path()).recordings();
         assert!(recordings(root.path()).detail.starts_with("0 files, 0 B in "));

@@ -4,7 +4,7 @@
 //! anything itself.
 
 use super::side::Side;
-use super::{CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
+use super::{CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use holdpoint_engine::embedded;
 use holdpoint_governance::submission::Package;
@@ -21,7 +21,7 @@ pub struct RealEngine;
 impl EngineVerbs for RealEngine {
     fn run(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &run::RunArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
@@ -51,7 +51,7 @@ impl EngineVerbs for RealEngine {
                     jobs: args.jobs(),
                     robot,
                     json,
-                    pace: args.pace.and_then(run::Pace::times),
+                    pace: args.pace.and_then(run::LivePace::times),
                     sinks: args.scenes.options(true).sinks()?,
                 };
                 run_plain(run, out.sink())
@@ -61,7 +61,7 @@ impl EngineVerbs for RealEngine {
 
     fn register(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &candidate::RegisterArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
@@ -78,7 +78,7 @@ impl EngineVerbs for RealEngine {
 
     fn status(
         &mut self,
-        context: &Context,
+        context: &CliContext,
         args: &status::StatusArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
@@ -87,8 +87,8 @@ impl EngineVerbs for RealEngine {
 
     fn decide(
         &mut self,
-        context: &Context,
-        asked: &decide::Asked,
+        context: &CliContext,
+        asked: &decide::AskedDecision,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         decide::run(context, asked, out)
@@ -96,7 +96,7 @@ impl EngineVerbs for RealEngine {
 
     fn bench(
         &mut self,
-        _context: &Context,
+        _context: &CliContext,
         args: &bench::BenchArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::{CliError, Context, Exit, Output, audit};
+use super::{CliContext, CliError, Exit, Output, audit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;
@@ -30,7 +30,7 @@ pub struct ExplainArgs {
 ///
 /// # Errors
 /// Where there is no store, or no such version in it.
-pub fn run(context: &Context, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = audit::open(&context.data)?;
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use super::output::Table;
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_approvals::{Identity, IdentityInfo, People, keyfile};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::Layout;
@@ -45,13 +45,13 @@ Example:
 }
 
 #[derive(Serialize)]
-struct Shown<'a> {
+struct IdentityRow<'a> {
     name: &'a str,
     role: &'a str,
     public_key: String,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> IdentityRow<'a> {
     fn of(info: &'a IdentityInfo) -> Self {
         Self {
             name: &info.name,
@@ -65,14 +65,14 @@ impl<'a> Shown<'a> {
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let layout = Layout::new(&context.data);
     let folder = layout.identities();
     match &args.verb {
         IdentityVerb::New { name, role } => {
             layout.create().map_err(CliError::usage)?;
             let identity = Identity::create(&folder, name, *role).map_err(CliError::usage)?;
-            let shown = Shown::of(identity.info());
+            let shown = IdentityRow::of(identity.info());
             out.answer(&shown, |out| {
                 out.line(&format!(
                     "made the identity {} ({}), public key {}",
@@ -89,7 +89,7 @@ pub fn run(context: &Context, args: &IdentityArgs, out: &mut Output<'_>) -> Resu
             for error in &people.without_role {
                 CliError::usage(error).print(&mut std::io::stderr().lock());
             }
-            let shown: Vec<Shown<'_>> = people.known.iter().map(Shown::of).collect();
+            let shown: Vec<IdentityRow<'_>> = people.known.iter().map(IdentityRow::of).collect();
             out.answer(&shown, |out| {
                 if shown.is_empty() {
                     return out.line(&format!("no identities in {}", folder.display()));

@@ -29,16 +29,16 @@ pub struct KeysArgs {
 
 /// A row of the table.
 #[derive(Serialize)]
-struct Row {
+struct KeyRow {
     action: &'static str,
     scope: &'static str,
     keys: Vec<String>,
     help: &'static str,
 }
 
-fn rows(keymap: &Keymap) -> Vec<Row> {
+fn rows(keymap: &Keymap) -> Vec<KeyRow> {
     let of = |scope: Scope| Action::ALL.iter().copied().filter(move |action| action.scope() == scope);
-    let row = |action: Action| Row {
+    let row = |action: Action| KeyRow {
         action: action.word(),
         scope: action.scope().title(),
         keys: keymap.keys(action),

@@ -24,7 +24,7 @@ pub struct ManArgs {
 }
 
 #[derive(Serialize)]
-struct Page {
+struct ManPage {
     name: String,
     roff: String,
 }
@@ -57,17 +57,17 @@ fn built() -> Command {
     command
 }
 
-fn page(command: &Command) -> Result<Page, CliError> {
+fn page(command: &Command) -> Result<ManPage, CliError> {
     let source = concat!("holdpoint ", env!("CARGO_PKG_VERSION"));
     let man = Man::new(command.clone()).source(source).manual("Holdpoint");
     let mut roff = Vec::new();
     man.render(&mut roff).map_err(CliError::internal)?;
-    Ok(Page { name: man.get_filename(), roff: String::from_utf8(roff).map_err(CliError::internal)? })
+    Ok(ManPage { name: man.get_filename(), roff: String::from_utf8(roff).map_err(CliError::internal)? })
 }
 
 /// Writes every page; their names.
 fn write(folder: &Path) -> Result<Vec<String>, CliError> {
-    fn walk(command: &Command, pages: &mut Vec<Page>) -> Result<(), CliError> {
+    fn walk(command: &Command, pages: &mut Vec<ManPage>) -> Result<(), CliError> {
         pages.push(page(command)?);
         command.get_subcommands().filter(|verb| !verb.is_hide_set()).try_for_each(|verb| walk(verb, pages))
     }
@@ -75,7 +75,7 @@ fn write(folder: &Path) -> Result<Vec<String>, CliError> {
     walk(&built(), &mut pages)?;
     let cannot = |error: std::io::Error| CliError::usage(format!("cannot write into {folder:?}: {error}"));
     fs::create_dir_all(folder).map_err(cannot)?;
-    for Page { name, roff } in &pages {
+    for ManPage { name, roff } in &pages {
         File::create(folder.join(name))
             .and_then(|mut file| file.write_all(roff.as_bytes()))
             .map_err(cannot)?;

@@ -13,8 +13,8 @@ use super::run::{JOBS_MAX, ProfileArg};
 use super::{CliError, Exit, Output};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::experiment::per_candidate::{self, Report};
-use holdpoint_lab::experiment::verdict::{Shown, Summary};
+use holdpoint_lab::experiment::per_candidate::{self, PerCandidateReport};
+use holdpoint_lab::experiment::verdict::{Demonstrated, Summary};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment per-candidate`.
@@ -53,7 +53,7 @@ pub struct PerCandidateArgs {
 /// Where the pool or the folder cannot be used, or a candidate does not come to an end.
 pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let plan = per_candidate::Plan {
+    let plan = per_candidate::RunPlan {
         pool: args.pool.clone(),
         profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
         seed: args.seed,
@@ -74,7 +74,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
     } else {
         show(&report, out)?;
     }
-    let refuted = report.claims.iter().any(|claim| claim.verdict == Shown::Refuted);
+    let refuted = report.claims.iter().any(|claim| claim.verdict == Demonstrated::Refuted);
     Ok(if refuted { Exit::Rejected } else { Exit::Confirmed })
 }
 
@@ -85,7 +85,7 @@ fn failed(error: ExperimentError) -> CliError {
     }
 }
 
-fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &PerCandidateReport, out: &mut Output<'_>) -> Result<(), CliError> {
     for summary in &report.summaries {
         out.line(&format!("profile {}", summary.profile.name()))?;
         let header =

@@ -48,13 +48,13 @@ Example:
 }
 
 #[derive(Serialize)]
-struct Checked {
+struct ProfileCheck {
     name: ProfileName,
     digest: Digest,
 }
 
 #[derive(Serialize)]
-struct Shown<'a> {
+struct ProfileRow<'a> {
     digest: Digest,
     profile: &'a Profile,
 }
@@ -68,7 +68,7 @@ pub fn run(args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         ProfileVerb::Show { profile } => {
             let profile = Profile::builtin((*profile).into()).map_err(CliError::internal)?;
             let digest = profile.digest().map_err(CliError::internal)?;
-            out.answer(&Shown { digest, profile: &profile }, |out| {
+            out.answer(&ProfileRow { digest, profile: &profile }, |out| {
                 out.line(&format!("digest {digest}"))?;
                 print_fields(&serde_json::to_value(&profile).map_err(CliError::internal)?, out)
             })?;
@@ -81,7 +81,7 @@ pub fn run(args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
                 .map_err(|error| CliError::usage(format!("cannot read the profile {name:?}: {error}")))?;
             let profile = Profile::parse(&name, &text)?;
             let checked =
-                Checked { name: profile.name, digest: profile.digest().map_err(CliError::internal)? };
+                ProfileCheck { name: profile.name, digest: profile.digest().map_err(CliError::internal)? };
             out.answer(&checked, |out| {
                 out.line(&format!(
                     "the profile {} is well formed, digest {}",

@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use super::output::Table;
 use super::prune::{self, Limits, Upgrade};
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_engine::recordings;
 use holdpoint_recordings::folder::{self, Filed};
-use holdpoint_recordings::record::{Check, OnRecord};
+use holdpoint_recordings::record::{FileCheck, OnRecord};
 use holdpoint_registry::{Layout, Views};
 
 /// Bytes of a mebibyte.
@@ -81,7 +81,7 @@ pub struct PruneArgs {
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &Context, args: &RecordingsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &RecordingsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = super::audit::open(&context.data)?;
     let folder = Layout::new(&context.data).recordings();
     match &args.verb {
@@ -103,10 +103,10 @@ pub(super) fn on_record(views: &Views) -> Result<OnRecord, CliError> {
 }
 
 /// How a file stands to what is on record of it.
-pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<Check, CliError> {
+pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<FileCheck, CliError> {
     let unreadable = |error| CliError::usage(format!("cannot read {:?}: {error}", filed.path));
     if record.recorded(&filed.file).is_none() {
-        return Ok(Check::NotOnRecord);
+        return Ok(FileCheck::NotOnRecord);
     }
     Ok(record.check(&filed.file, folder::digest(&filed.path).map_err(unreadable)?))
 }
@@ -154,7 +154,7 @@ fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
 }
 
 /// What was found of one recording, as it is printed.
-struct Found {
+struct RecordingFindings {
     file: String,
     word: &'static str,
     bad: bool,
@@ -165,18 +165,18 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
     let mut found = Vec::new();
     for filed in files {
         let (word, bad, detail) = match check(filed, record)? {
-            Check::Matches => ("matches", false, String::new()),
-            Check::Differs { found, recorded } => {
+            FileCheck::Matches => ("matches", false, String::new()),
+            FileCheck::Differs { found, recorded } => {
                 ("DIFFERS", true, format!("its SHA-256 is {found}, {recorded} was recorded at closure"))
             }
-            Check::NotOnRecord => ("not on record", false, "its upgrade was not closed".to_owned()),
+            FileCheck::NotOnRecord => ("not on record", false, "its upgrade was not closed".to_owned()),
         };
-        found.push(Found { file: filed.file.clone(), word, bad, detail });
+        found.push(RecordingFindings { file: filed.file.clone(), word, bad, detail });
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
     for recorded in record.kept().filter(|recorded| !there.contains(recorded.file.as_str())) {
         let detail = "it was recorded at closure, and no removal is on record".to_owned();
-        found.push(Found { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
+        found.push(RecordingFindings { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
     for one in &found {
@@ -193,7 +193,7 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
 }
 
 fn remove(
-    context: &Context,
+    context: &CliContext,
     views: &Views,
     folder: &Path,
     args: &PruneArgs,
@@ -211,7 +211,7 @@ fn remove(
     let (mut removed, mut kept, mut bytes) = (0_usize, 0_u64, 0_u64);
     for (Upgrade { files, version, .. }, reason) in &chosen {
         for filed in files {
-            if let Check::Differs { .. } = check(filed, &record)? {
+            if let FileCheck::Differs { .. } = check(filed, &record)? {
                 kept += 1;
                 let value = json!({ "kept": filed.file, "reason": "differs from what was recorded" });
                 out.answer(&value, |out| {

@@ -19,10 +19,10 @@ use tokio_util::sync::CancellationToken;
 use super::output::Table;
 use super::run::JOBS_MAX;
 use super::{CliError, Exit, Output};
-use holdpoint_lab::refine::objective::Comparison;
-use holdpoint_lab::refine::search::Progress;
+use holdpoint_lab::refine::objective::ObjectivePair;
+use holdpoint_lab::refine::search::SearchProgress;
 use holdpoint_lab::refine::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, Settings};
-use holdpoint_lab::refine::{Report, refine};
+use holdpoint_lab::refine::{RefineReport, refine};
 use holdpoint_text::Hint;
 
 /// How often the bar is drawn between two evaluations.
@@ -127,7 +127,7 @@ fn error(error: RefineError) -> CliError {
     }
 }
 
-fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &RefineReport, out: &mut Output<'_>) -> Result<(), CliError> {
     out.line(&format!("{} is in {}", report.id, report.folder.display()))?;
     out.line(&format!(
         "from {} in {} evaluations, {} generations, seed {}; declares {} m/s and {} N",
@@ -138,7 +138,7 @@ fn show(report: &Report, out: &mut Output<'_>) -> Result<(), CliError> {
         report.max_speed_m_s,
         report.max_force_n
     ))?;
-    for (what, Comparison { before, after }) in
+    for (what, ObjectivePair { before, after }) in
         [("practised episodes", &report.practised), ("fresh episodes", &report.fresh)]
     {
         out.line(&format!("{what:<19} {before} before, {after} after"))?;
@@ -177,7 +177,7 @@ impl Teller {
         Self { bar, began }
     }
 
-    fn tell(&mut self, progress: &Progress) {
+    fn tell(&mut self, progress: &SearchProgress) {
         let line = line(progress, self.began.elapsed());
         match &self.bar {
             Some(bar) => {
@@ -201,9 +201,16 @@ impl Teller {
 }
 
 /// How far a search is, in a line.
-fn line(progress: &Progress, elapsed: Duration) -> String {
-    let Progress { generation, generations, best, episodes_done, episodes_simulated, episodes_total, .. } =
-        progress;
+fn line(progress: &SearchProgress, elapsed: Duration) -> String {
+    let SearchProgress {
+        generation,
+        generations,
+        best,
+        episodes_done,
+        episodes_simulated,
+        episodes_total,
+        ..
+    } = progress;
     let left = episodes_total.saturating_sub(*episodes_done);
     // What was kept cost nothing, so only simulated episodes tell how long the rest takes.
     let expected = (*episodes_simulated > 0)
@@ -268,7 +275,7 @@ mod tests {
     #[test]
     fn a_line_says_how_far_it_is_and_what_is_left() {
         let score = Score { episodes: 4, successes: 4, ticks: 4 * 480 };
-        let progress = Progress {
+        let progress = SearchProgress {
             generation: 2,
             generations: 8,
             generation_ended: true,
@@ -284,7 +291,7 @@ mod tests {
                 "generation 2 of 8: best 4/4 done in 2.00 s, 60 of 100 episodes, 10 s, at most 20 s left",
             ),
             (
-                Progress {
+                SearchProgress {
                     episodes_simulated: 0,
                     best: Score { successes: 0, ticks: 0, ..score },
                     ..progress

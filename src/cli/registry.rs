@@ -4,7 +4,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
 use super::output::Table;
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};
@@ -92,7 +92,7 @@ impl From<ViewArg> for VersionGroup {
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &Context, args: &RegistryArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = super::audit::open(&context.data)?;
     match &args.verb {
         RegistryVerb::List { family, view, limit } => {

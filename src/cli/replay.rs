@@ -16,15 +16,15 @@ use serde_json::json;
 
 use super::recordings::{check, on_record};
 use super::run::ColorArg;
-use super::{CliError, Context, Exit, Output};
+use super::{CliContext, CliError, Exit, Output};
 use crate::error::hint_line;
-use holdpoint_console::options::{Flags, Options};
+use holdpoint_console::options::{CommandLineFlags, Options};
 use holdpoint_console::replay::speed::Speed;
 use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_recordings::folder::{self, Filed};
-use holdpoint_recordings::record::Check;
+use holdpoint_recordings::record::FileCheck;
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
@@ -111,7 +111,7 @@ fn parse_speed(text: &str) -> Result<Speed, String> {
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &Context, args: &ReplayArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ReplayArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
     let surroundings = Surroundings {
         path: viewer::path(),
@@ -122,7 +122,7 @@ pub fn run(context: &Context, args: &ReplayArgs, out: &mut Output<'_>) -> Result
 }
 
 fn replay(
-    context: &Context,
+    context: &CliContext,
     args: &ReplayArgs,
     around: &Surroundings,
     out: &mut Output<'_>,
@@ -158,7 +158,7 @@ fn replay(
 }
 
 /// The files that are wanted, in order; at least one.
-fn files(context: &Context, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
+fn files(context: &CliContext, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
     match wanted {
         Wanted::File(path) if path.is_file() => Ok(vec![path.clone()]),
         Wanted::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
@@ -182,7 +182,7 @@ fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     for path in files {
         let Some((store, filed)) = in_store(path) else { continue };
         let record = on_record(&super::audit::open(&store)?)?;
-        if let Check::Differs { found, recorded } = check(&filed, &record)? {
+        if let FileCheck::Differs { found, recorded } = check(&filed, &record)? {
             problems.push(format!(
                 "{} does not match what was recorded at closure: its SHA-256 is {found}, {recorded} is on record",
                 filed.file
@@ -221,11 +221,11 @@ fn lines(files: &[PathBuf], to: Option<u64>, out: &mut Output<'_>) -> Result<(),
 }
 
 fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
-    let flags = Flags {
+    let flags = CommandLineFlags {
         theme: args.theme.clone(),
         color: args.color.map(Into::into),
         ascii: args.ascii,
-        ..Flags::default()
+        ..CommandLineFlags::default()
     };
     let options = ReplayOptions {
         start_tick: args.to,
@@ -240,7 +240,7 @@ fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
 }
 
 fn in_viewer(
-    context: &Context,
+    context: &CliContext,
     files: &[PathBuf],
     to: Option<u64>,
     around: &Surroundings,

@@ -9,7 +9,7 @@ use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
-use holdpoint_console::options::Flags;
+use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::profile::ProfileName;
 
 /// The most evaluation workers.
@@ -53,7 +53,7 @@ pub struct RunArgs {
     pub cache: Option<PathBuf>,
     /// Simulated seconds of the live cell in a second, or `max` [default: 1 in the console, max without it].
     #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
-    pub pace: Option<Pace>,
+    pub pace: Option<LivePace>,
     /// Recordings and the live viewer.
     #[command(flatten)]
     pub scenes: SceneArgs,
@@ -119,8 +119,8 @@ pub struct ConsoleArgs {
 impl ConsoleArgs {
     /// As the console's flags.
     #[must_use]
-    pub fn flags(&self) -> Flags {
-        Flags {
+    pub fn flags(&self) -> CommandLineFlags {
+        CommandLineFlags {
             read_only: self.read_only,
             operator: self.operator.clone(),
             theme: self.theme.clone(),
@@ -157,7 +157,7 @@ impl From<ColorArg> for ColorChoice {
 
 /// How fast the live cell works.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pace {
+pub enum LivePace {
     /// Simulated seconds in a second.
     Times(f64),
     /// As fast as it computes.
@@ -165,9 +165,9 @@ pub enum Pace {
 }
 
 // A pace is never a number that is none.
-impl Eq for Pace {}
+impl Eq for LivePace {}
 
-impl Pace {
+impl LivePace {
     /// Simulated seconds in a second; absent for as fast as it computes.
     #[must_use]
     pub const fn times(self) -> Option<f64> {
@@ -181,13 +181,13 @@ impl Pace {
 /// The paces the engine takes.
 const PACES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
-fn parse_pace(text: &str) -> Result<Pace, String> {
+fn parse_pace(text: &str) -> Result<LivePace, String> {
     if text == "max" {
-        return Ok(Pace::Max);
+        return Ok(LivePace::Max);
     }
     let times = text.parse::<f64>().ok().filter(|times| PACES.contains(times));
     let allowed = || format!("a number from {} to {}, or max, is allowed", PACES.start(), PACES.end());
-    times.map(Pace::Times).ok_or_else(allowed)
+    times.map(LivePace::Times).ok_or_else(allowed)
 }
 
 impl RunArgs {

@@ -3,7 +3,7 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
-use super::{CliError, Context, Exit, Output, audit};
+use super::{CliContext, CliError, Exit, Output, audit};
 use holdpoint_approvals::Nonce;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
@@ -24,13 +24,13 @@ pub(super) enum Side {
 }
 
 /// The engine that runs on the store; `None` where none does.
-pub(super) fn running(context: &Context) -> Result<Option<Client>, CliError> {
+pub(super) fn running(context: &CliContext) -> Result<Option<Client>, CliError> {
     Client::connect(&Layout::new(&context.data)).map_err(door_error)
 }
 
 impl Side {
     /// The engine that runs on the store, else one of this verb's own, which makes the store where there is none.
-    pub(super) fn open(context: &Context) -> Result<Self, CliError> {
+    pub(super) fn open(context: &CliContext) -> Result<Self, CliError> {
         if let Some(client) = running(context)? {
             return Ok(Self::Running(client));
         }
@@ -102,7 +102,7 @@ impl Side {
 }
 
 /// The profile the store was last used with; another one would void what was measured under it.
-fn last_profile(context: &Context) -> Result<ProfileName, CliError> {
+fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
     if !Layout::new(&context.data).database().exists() {
         return Ok(ProfileName::Sim);
     }

@@ -10,7 +10,7 @@ use clap::{Args, ValueEnum};
 use self::report::{StatusReport, VersionRow};
 use super::decide::{known_family, known_version};
 use super::side::running;
-use super::{CliError, Context, Exit, Output, audit};
+use super::{CliContext, CliError, Exit, Output, audit};
 use holdpoint_engine::door::{DoorError, Subscription};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
@@ -36,7 +36,7 @@ Examples:
 pub struct StatusArgs {
     /// One version or family; all where none is named.
     #[arg(value_name = "FAMILY[@VERSION]", value_parser = parse_subject)]
-    pub subject: Option<Subject>,
+    pub subject: Option<StatusSubject>,
     /// Goes on printing what changes.
     #[arg(long)]
     pub watch: bool,
@@ -56,7 +56,7 @@ pub struct StatusArgs {
 
 /// What is asked about.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Subject {
+pub enum StatusSubject {
     /// All of a family.
     Family(Family),
     /// One version.
@@ -107,13 +107,13 @@ impl Until {
     }
 }
 
-fn parse_subject(text: &str) -> Result<Subject, String> {
+fn parse_subject(text: &str) -> Result<StatusSubject, String> {
     if text.contains('@') {
         text.parse()
-            .map(Subject::Version)
+            .map(StatusSubject::Version)
             .map_err(|error: holdpoint_governance::ids::CapabilityIdError| error.to_string())
     } else {
-        Family::new(text).map(Subject::Family).map_err(|error| error.to_string())
+        Family::new(text).map(StatusSubject::Family).map_err(|error| error.to_string())
     }
 }
 
@@ -121,12 +121,12 @@ fn parse_subject(text: &str) -> Result<Subject, String> {
 ///
 /// # Errors
 /// [`CliError`].
-pub(super) fn run(context: &Context, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = audit::open(&context.data)?;
     match &args.subject {
         None => {}
-        Some(Subject::Family(family)) => known_family(&views, family)?,
-        Some(Subject::Version(version)) => known_version(&views, version)?,
+        Some(StatusSubject::Family(family)) => known_family(&views, family)?,
+        Some(StatusSubject::Version(version)) => known_version(&views, version)?,
     }
     let mut source = Source { context, subject: args.subject.as_ref(), views, events: None };
     match &args.until {
@@ -144,10 +144,10 @@ pub(super) fn run(context: &Context, args: &StatusArgs, out: &mut Output<'_>) ->
 }
 
 /// The version that is waited for: the one named, else the family's newest.
-fn target(views: &Views, subject: Option<&Subject>) -> Result<CapabilityId, CliError> {
+fn target(views: &Views, subject: Option<&StatusSubject>) -> Result<CapabilityId, CliError> {
     match subject {
-        Some(Subject::Version(version)) => Ok(version.clone()),
-        Some(Subject::Family(family)) => {
+        Some(StatusSubject::Version(version)) => Ok(version.clone()),
+        Some(StatusSubject::Family(family)) => {
             let newest = views.family_in_order(family).map_err(CliError::usage)?.pop();
             newest.ok_or_else(|| CliError::usage(format!("the family {:?} has no version", family.as_str())))
         }
@@ -267,8 +267,8 @@ fn print(
 
 /// Where reports come from: the store, and the engine that runs on it while one does.
 struct Source<'a> {
-    context: &'a Context,
-    subject: Option<&'a Subject>,
+    context: &'a CliContext,
+    subject: Option<&'a StatusSubject>,
     views: Views,
     events: Option<Subscription>,
 }

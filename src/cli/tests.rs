@@ -9,13 +9,13 @@ use super::*;
 struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
-    fn run(&mut self, _: &Context, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn run(&mut self, _: &CliContext, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
         self.0.push(format!("run {:?} {:?}", args.profile(), args.seed));
         Ok(Exit::RolledBack)
     }
     fn register(
         &mut self,
-        _: &Context,
+        _: &CliContext,
         args: &candidate::RegisterArgs,
         _: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
@@ -24,26 +24,36 @@ impl EngineVerbs for Recorder {
     }
     fn status(
         &mut self,
-        _: &Context,
+        _: &CliContext,
         args: &status::StatusArgs,
         _: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("status {:?} {}", args.until, args.timeout));
         Ok(Exit::Held)
     }
-    fn decide(&mut self, _: &Context, asked: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        use decide::Asked;
+    fn decide(
+        &mut self,
+        _: &CliContext,
+        asked: &decide::AskedDecision,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        use decide::AskedDecision;
         self.0.push(match asked {
-            Asked::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
-            Asked::Reject(args) => format!("reject {}", args.version),
-            Asked::Rollback(args) => format!("rollback {}", args.family),
-            Asked::Demote(args) => format!("demote {}", args.version),
-            Asked::Pause(args) => format!("pause {:?}", args.family),
-            Asked::Resume(args) => format!("resume {}", args.signature.identity),
+            AskedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
+            AskedDecision::Reject(args) => format!("reject {}", args.version),
+            AskedDecision::Rollback(args) => format!("rollback {}", args.family),
+            AskedDecision::Demote(args) => format!("demote {}", args.version),
+            AskedDecision::Pause(args) => format!("pause {:?}", args.family),
+            AskedDecision::Resume(args) => format!("resume {}", args.signature.identity),
         });
         Ok(Exit::Rejected)
     }
-    fn bench(&mut self, _: &Context, args: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn bench(
+        &mut self,
+        _: &CliContext,
+        args: &bench::BenchArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
         self.0.push(format!("bench {}", args.quick));
         Ok(Exit::Confirmed)
     }

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::settings::themes;
 use super::{CliError, Exit, Output};
-use holdpoint_console::look::{ColorChoice, Depth, Look, LookOptions, Role};
+use holdpoint_console::look::{ColorChoice, Depth, Look, LookOptions, ThemeRole};
 use holdpoint_console::theme::{Mark, Themes, escape};
 
 /// The arguments of `theme`.
@@ -126,15 +126,15 @@ fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Re
 
 fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
     if out.is_json() {
-        let roles: Vec<_> = Role::ALL.iter().map(|role| (role.word(), role.help())).collect();
+        let roles: Vec<_> = ThemeRole::ALL.iter().map(|role| (role.word(), role.help())).collect();
         return out.json(&serde_json::json!({ "theme": look.theme().name(), "roles": roles }));
     }
     let mut text = format!("{} ({})\n", look.theme().name(), look.depth().word());
     let plain = look.depth() == Depth::Mono && !std::io::stdout().is_terminal();
-    let sample = |role: Role, words: &str| {
+    let sample = |role: ThemeRole, words: &str| {
         if plain { words.to_owned() } else { format!("{}{words}\u{1b}[0m", escape(look.style(role))) }
     };
-    for role in Role::ALL {
+    for role in ThemeRole::ALL {
         let padded = format!("{:<14}", role.word());
         // Writing into a text cannot fail.
         let _ = writeln!(text, "  {}  {}", sample(*role, &padded), role.help());
@@ -169,7 +169,7 @@ mod tests {
         for name in names() {
             assert!(text.contains(&format!("{name} (mono)")), "{name}");
         }
-        for role in Role::ALL {
+        for role in ThemeRole::ALL {
             assert!(text.contains(role.word()) && text.contains(role.help()), "{role:?}");
         }
         for (_, mark) in Mark::samples() {

@@ -118,7 +118,7 @@ fn drift(text: &str) -> Result<Asked, String> {
 
 /// What can be completed to.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct KnownNames<'a> {
     /// Versions in the snapshot.
     pub versions: &'a [String],
     /// Identities.
@@ -129,7 +129,7 @@ pub struct Known<'a> {
 
 /// Lines that what is typed could become, the best first.
 #[must_use]
-pub fn complete(typed: &str, known: &Known<'_>) -> Vec<String> {
+pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let typed = typed.trim_start();
     let Some((word, rest)) = typed.split_once(' ') else {
         let actions = Action::ALL.iter().filter(|action| !action.decides()).map(|action| action.word());
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn completes_words_and_arguments() {
         let people = ["ana".to_owned(), "bo".to_owned()];
-        let known = Known { versions: &[], people: &people, themes: &[] };
+        let known = KnownNames { versions: &[], people: &people, themes: &[] };
         assert_eq!(complete("alar", &known), ["alarms"]);
         assert_eq!(complete("as b", &known), ["as bo"]);
         assert_eq!(complete("demo place-r", &known), ["demo place-robust"]);

@@ -1,11 +1,11 @@
 //! What the reducer wants done. It does none of it itself; the run loop does, and answers with a message.
 //!
-//! Nothing dangerous can be made here: [`Effect::Decide`] takes a [`Decision`] and [`Effect::Operate`] a
+//! Nothing dangerous can be made here: [`Effect::Decide`] takes a [`PromptAnswer`] and [`Effect::Operate`] a
 //! [`Confirmed`], which only an open prompt and a filled form can make.
 
 use super::form::Confirmed;
 use super::model::View;
-use super::prompt::Decision;
+use super::prompt::PromptAnswer;
 use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
@@ -33,7 +33,7 @@ pub enum Effect {
         /// The request's id.
         id: String,
         /// Which.
-        decision: Box<Decision>,
+        decision: Box<PromptAnswer>,
     },
     /// Read a candidate's folder, or an embedded one, and submit it.
     Register {

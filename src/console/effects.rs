@@ -14,11 +14,11 @@ use std::path::PathBuf;
 
 use tokio::sync::mpsc;
 
-use self::viewer::Shown;
+use self::viewer::ViewerScene;
 use super::effect::Effect;
 use super::look::Look;
 use super::model::Model;
-use super::msg::What;
+use super::msg::MsgKind;
 use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
@@ -35,7 +35,7 @@ const BELL_INTERVAL_MS: u64 = 10_000;
 pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem>>;
 
 /// What an effect is carried out on.
-pub struct Place<'a> {
+pub struct EffectTarget<'a> {
     /// The screen.
     pub screen: &'a mut Screen,
     /// The terminal.
@@ -52,7 +52,7 @@ pub enum Outcome {
     /// Nothing to tell.
     Quiet,
     /// Something to tell the reducer.
-    Told(What),
+    Told(MsgKind),
     /// The program ends.
     End,
 }
@@ -64,7 +64,7 @@ pub struct Hands {
     candidates: ReadCandidate,
     themes: Themes,
     exports: Option<PathBuf>,
-    errands: mpsc::Sender<What>,
+    errands: mpsc::Sender<MsgKind>,
     view: Option<SocketAddr>,
     rung_ms: Option<u64>,
 }
@@ -78,7 +78,7 @@ impl Hands {
         candidates: ReadCandidate,
         themes: Themes,
         exports: Option<PathBuf>,
-        errands: mpsc::Sender<What>,
+        errands: mpsc::Sender<MsgKind>,
         view: Option<SocketAddr>,
     ) -> Self {
         Self { host, candidates, themes, exports, errands, view, rung_ms: None }
@@ -88,7 +88,7 @@ impl Hands {
     ///
     /// # Errors
     /// Where the terminal cannot be written to: it is gone.
-    pub fn carry_out(&mut self, effect: Effect, place: &mut Place<'_>) -> io::Result<Outcome> {
+    pub fn carry_out(&mut self, effect: Effect, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
         Ok(match effect {
             Effect::Ask { id, question } => self.ask(id, question.into_command()),
             Effect::Operate { id, confirmed } => self.ask(id, confirmed.into_command()),
@@ -104,11 +104,11 @@ impl Hands {
                 }
             }
             Effect::ReadIdentities => match people::list(&self.host.identities()) {
-                Ok(people) => Outcome::Told(What::Identities(people)),
+                Ok(people) => Outcome::Told(MsgKind::Identities(people)),
                 Err(problem) => bad(problem.sentence()),
             },
             Effect::UseIdentity(name) => match people::find(&self.host.identities(), &name) {
-                Ok(operator) => Outcome::Told(What::Operator(operator)),
+                Ok(operator) => Outcome::Told(MsgKind::Operator(operator)),
                 Err(problem) => bad(problem.sentence()),
             },
             Effect::Copy(text) => clipboard::copy(place.screen, &text)?,
@@ -124,7 +124,7 @@ impl Hands {
             Effect::UseTheme(name) => match self.themes.get(&name) {
                 Ok(theme) => {
                     *place.look = place.look.with_theme(theme);
-                    Outcome::Told(What::Theme(name))
+                    Outcome::Told(MsgKind::Theme(name))
                 }
                 Err(error) => bad(error.sentence()),
             },
@@ -149,7 +149,7 @@ impl Hands {
         }
     }
 
-    fn ring(&mut self, place: &mut Place<'_>) -> io::Result<Outcome> {
+    fn ring(&mut self, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
         let now_ms = place.model.now_ms;
         let rests = self.rung_ms.is_some_and(|rung_ms| now_ms.saturating_sub(rung_ms) < BELL_INTERVAL_MS);
         if !rests {
@@ -161,7 +161,7 @@ impl Hands {
 
     fn recording(&self, version: &CapabilityId) -> Outcome {
         match viewer::files(&self.host.recordings(), version) {
-            Ok(files) => self.show(Shown::Files(files)),
+            Ok(files) => self.show(ViewerScene::Files(files)),
             Err(text) => bad(text),
         }
     }
@@ -171,10 +171,10 @@ impl Hands {
         if !self.host.serve_scene(address) {
             return bad("no live scene is drawn here: this run keeps no recordings".to_owned());
         }
-        self.show(Shown::Live(address))
+        self.show(ViewerScene::Live(address))
     }
 
-    fn show(&self, shown: Shown) -> Outcome {
+    fn show(&self, shown: ViewerScene) -> Outcome {
         viewer::open(shown, self.host.logs(), self.errands.clone())
     }
 }
@@ -187,13 +187,13 @@ fn known(model: &Model) -> Vec<CapabilityId> {
 }
 
 fn good(text: String) -> Outcome {
-    Outcome::Told(What::Done { text, bad: false })
+    Outcome::Told(MsgKind::Done { text, bad: false })
 }
 
 fn bad(text: String) -> Outcome {
-    Outcome::Told(What::Done { text: Untrusted::new(text).line().into_string(), bad: true })
+    Outcome::Told(MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true })
 }
 
 fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {
-    Outcome::Told(What::Answer { id, reply: Box::new(Reply::refused(code, problem)) })
+    Outcome::Told(MsgKind::Answer { id, reply: Box::new(Reply::refused(code, problem)) })
 }

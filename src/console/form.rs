@@ -3,7 +3,7 @@
 //! [`Confirmed`] has no constructor outside this file. What is highlighted is what fires: one focus drives both the
 //! drawing and [`Form::confirm`].
 
-use super::line::Line;
+use super::line::EditLine;
 use super::model::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Operation};
@@ -119,9 +119,9 @@ pub struct Form {
     /// What it does, one sentence each.
     pub consequences: Vec<String>,
     /// For how long, minutes.
-    pub minutes: Line,
+    pub minutes: EditLine,
     /// Why.
-    pub reason: Line,
+    pub reason: EditLine,
     /// What has the keys.
     pub focus: FormFocus,
     /// What is wrong with it, once a confirmation was tried.
@@ -160,8 +160,8 @@ impl Form {
         } else {
             FormFocus::Cancel
         };
-        let minutes = if intent.needs_minutes() { Line::new("30") } else { Line::default() };
-        Self { intent, consequences, minutes, reason: Line::default(), focus, problem: None }
+        let minutes = if intent.needs_minutes() { EditLine::new("30") } else { EditLine::default() };
+        Self { intent, consequences, minutes, reason: EditLine::default(), focus, problem: None }
     }
 
     /// What can have the keys, in the order of Tab.
@@ -189,7 +189,7 @@ impl Form {
     }
 
     /// The line that has the keys, if one has.
-    pub const fn line_mut(&mut self) -> Option<&mut Line> {
+    pub const fn line_mut(&mut self) -> Option<&mut EditLine> {
         match self.focus {
             FormFocus::Minutes => Some(&mut self.minutes),
             FormFocus::Reason => Some(&mut self.reason),

@@ -12,7 +12,7 @@
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
-use super::look::{Look, Role};
+use super::look::{Look, ThemeRole};
 use super::model::{Model, Overlay, View};
 use super::views;
 use super::widgets::pen::{Fit, Pen, above, below};
@@ -63,7 +63,7 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
         let key = model.keymap.key(super::action::Action::Tour);
         let text = format!("Tour: {sentence} ({key} dismisses)");
         let lines = wrap(&text, usize::from(body.width), TOUR_ROWS);
-        let rows: Vec<Row> = lines.iter().map(|line| Row::of(Role::Notice, line)).collect();
+        let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Notice, line)).collect();
         let taken = pen.rows(body, 0, &rows);
         body = below(body, taken);
     }

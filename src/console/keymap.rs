@@ -16,7 +16,7 @@ pub const FILE_BYTES_MAX: usize = 64 * 1024;
 /// Keys of an action, added to or taken from.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct KeyEdits {
     /// Keys that are added, by action.
     #[serde(default)]
     keys: BTreeMap<Spanned<String>, Vec<Spanned<String>>>,
@@ -72,7 +72,7 @@ impl Keymap {
             let what = format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len());
             return Err(vec![at(&(0..0), what)]);
         }
-        let file: File = toml::from_str(text)
+        let file: KeyEdits = toml::from_str(text)
             .map_err(|error| vec![at(&error.span().unwrap_or(0..0), error.message().to_owned())])?;
         let mut keymap = Self::default();
         let mut problems = Vec::new();

@@ -7,17 +7,17 @@ pub const LINE_MAX: usize = 512;
 
 /// A line and its cursor.
 #[derive(Clone, Debug, Default)]
-pub struct Line {
+pub struct EditLine {
     input: Input,
 }
 
-impl PartialEq for Line {
+impl PartialEq for EditLine {
     fn eq(&self, other: &Self) -> bool {
         self.input.value() == other.input.value() && self.input.cursor() == other.input.cursor()
     }
 }
 
-impl Line {
+impl EditLine {
     /// A line with this text, the cursor at its end.
     #[must_use]
     pub fn new(text: &str) -> Self {
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn is_bounded_and_holds_no_control_characters() {
-        let mut line = Line::new("ab");
+        let mut line = EditLine::new("ab");
         line.insert('\u{1b}');
         line.paste("c\nd\u{7}\r\n");
         assert_eq!(line.text(), "abc d");

@@ -6,7 +6,7 @@ use ratatui::style::Style;
 use serde::Deserialize;
 
 use super::theme::{self, Mark};
-pub use super::theme::{Depth, Role, Theme, ThemeError};
+pub use super::theme::{Depth, Theme, ThemeError, ThemeRole};
 
 /// Which signs are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,7 +151,7 @@ impl Look {
 
     /// The style of a role.
     #[must_use]
-    pub fn style(&self, role: Role) -> Style {
+    pub fn style(&self, role: ThemeRole) -> Style {
         self.theme.style(role, self.depth)
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::form::Form;
 use super::keymap::Keymap;
-use super::line::Line;
+use super::line::EditLine;
 use super::palette::Palette;
 use super::prompt::Prompt;
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -129,7 +129,7 @@ pub struct Frozen {
 
 /// A line of the engine's story, sanitised.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Told {
+pub struct StoryLine {
     /// The event's number.
     pub seq: u64,
     /// Virtual time, ms.
@@ -153,14 +153,14 @@ pub enum Overlay {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Typing {
     /// After `:`.
-    Command(Line),
+    Command(EditLine),
     /// After `/`.
-    Filter(Line),
+    Filter(EditLine),
 }
 
 /// How this console was started and set.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct ConsoleSettings {
     /// Nothing can be changed from here.
     pub read_only: bool,
     /// Whether the console takes the mouse.
@@ -198,7 +198,7 @@ pub struct Model {
     /// The newest moment of the live cell.
     pub picture: Option<Arc<Picture>>,
     /// What the engine told, oldest first; at most [`LOG_MAX`].
-    pub told: VecDeque<Told>,
+    pub told: VecDeque<StoryLine>,
     /// Events that were missed because the console was slow.
     pub missed: u64,
     /// The registry.
@@ -246,7 +246,7 @@ pub struct Model {
     /// The count at which each kind of answer was last asked for, by the first word of its ids.
     pub asked: BTreeMap<&'static str, u64>,
     /// Settings.
-    pub settings: Settings,
+    pub settings: ConsoleSettings,
     /// Keys.
     pub keymap: Arc<Keymap>,
     /// Names of themes there are.
@@ -256,7 +256,7 @@ pub struct Model {
 impl Model {
     /// A console before anything was told.
     #[must_use]
-    pub fn new(settings: Settings, keymap: Arc<Keymap>, themes: Vec<String>) -> Self {
+    pub fn new(settings: ConsoleSettings, keymap: Arc<Keymap>, themes: Vec<String>) -> Self {
         Self {
             now_ms: 0,
             size: (80, 24),

@@ -16,12 +16,12 @@ pub struct Msg {
     /// When, ms since the start; monotonic.
     pub now_ms: u64,
     /// What.
-    pub what: What,
+    pub what: MsgKind,
 }
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum MsgKind {
     /// A key went down (or repeats).
     Key(KeyEvent),
     /// Text was pasted.

@@ -14,7 +14,7 @@ pub const FILE_BYTES_MAX: usize = 64 * 1024;
 
 /// What the command line says; what it leaves open the file says.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Flags {
+pub struct CommandLineFlags {
     /// Nothing can be changed from this console.
     pub read_only: bool,
     /// Who sits here.
@@ -34,7 +34,7 @@ pub struct Flags {
 /// The settings file: `config.toml`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct File {
+pub struct SettingsFile {
     /// The theme.
     pub theme: Option<String>,
     /// Colours.
@@ -66,7 +66,7 @@ pub struct Options {
     pub tour: bool,
 }
 
-impl File {
+impl SettingsFile {
     /// Reads the text of a settings file; `name` is only named in errors.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl File {
 impl Options {
     /// Flags over the file over the defaults.
     #[must_use]
-    pub fn new(flags: Flags, file: File) -> Self {
+    pub fn new(flags: CommandLineFlags, file: SettingsFile) -> Self {
         Self {
             read_only: flags.read_only,
             operator: flags.operator,
@@ -100,22 +100,25 @@ mod tests {
     #[test]
     fn flags_win_over_the_file_and_the_file_over_defaults() {
         let text = "theme = \"dusk\"\ncolor = \"never\"\nascii = true\nmouse = true\ntour = false\n";
-        let file = File::parse("config.toml", text).unwrap();
-        let by_file = Options::new(Flags::default(), file.clone());
+        let file = SettingsFile::parse("config.toml", text).unwrap();
+        let by_file = Options::new(CommandLineFlags::default(), file.clone());
         assert_eq!((by_file.theme.as_deref(), by_file.color), (Some("dusk"), Some(ColorChoice::Never)));
         assert!(by_file.ascii && by_file.mouse && !by_file.tour && !by_file.read_only);
-        let flags = Flags {
+        let flags = CommandLineFlags {
             theme: Some("mono".to_owned()),
             color: Some(ColorChoice::Always),
             read_only: true,
-            ..Flags::default()
+            ..CommandLineFlags::default()
         };
         let by_flags = Options::new(flags, file);
         assert_eq!((by_flags.theme.as_deref(), by_flags.color), (Some("mono"), Some(ColorChoice::Always)));
         assert!(by_flags.read_only);
-        let plain = Options::new(Flags::default(), File::default());
+        let plain = Options::new(CommandLineFlags::default(), SettingsFile::default());
         assert_eq!((plain.theme, plain.color, plain.tour), (None, None, true));
-        let quiet = Options::new(Flags { no_tour: true, ..Flags::default() }, File::default());
+        let quiet = Options::new(
+            CommandLineFlags { no_tour: true, ..CommandLineFlags::default() },
+            SettingsFile::default(),
+        );
         assert!(!quiet.tour);
     }
 
@@ -126,7 +129,7 @@ mod tests {
             ("color = \"sometimes\"", 1, "sometimes"),
             ("\n\nmouse = 3", 3, "boolean"),
         ] {
-            let error = File::parse("config.toml", text).unwrap_err().to_string();
+            let error = SettingsFile::parse("config.toml", text).unwrap_err().to_string();
             assert!(error.contains(&format!("config.toml:{line}")) && error.contains(word), "{error}");
         }
     }

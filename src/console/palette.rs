@@ -4,13 +4,13 @@ use nucleo_matcher::pattern::{CaseMatching, Normalization, Pattern};
 use nucleo_matcher::{Config, Matcher};
 
 use super::action::Action;
-use super::line::Line;
+use super::line::EditLine;
 
 /// An open palette.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Palette {
     /// What is typed.
-    pub line: Line,
+    pub line: EditLine,
     /// The row under the cursor.
     pub cursor: usize,
     /// What means something here, in the table's order.
@@ -21,7 +21,7 @@ impl Palette {
     /// A palette of these actions.
     #[must_use]
     pub fn new(actions: Vec<Action>) -> Self {
-        Self { line: Line::default(), cursor: 0, actions }
+        Self { line: EditLine::default(), cursor: 0, actions }
     }
 
     /// The actions that match what is typed, the best first; all in order where nothing is typed.

@@ -1,9 +1,9 @@
 //! The approval prompt: what must be so before a person's yes or no counts, and the one place that makes it count.
 //!
-//! [`Decision`] has no constructor outside this file. The same [`Prompt::blocks`] tells the screen what is missing
+//! [`PromptAnswer`] has no constructor outside this file. The same [`Prompt::blocks`] tells the screen what is missing
 //! and the reducer what to refuse, so that the two cannot disagree (reference A6, design 7).
 
-use super::line::Line;
+use super::line::EditLine;
 use super::model::Operator;
 use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
@@ -28,7 +28,7 @@ pub enum Focus {
 
 /// Why a decision does not count yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Block {
+pub enum Obstacle {
     /// The console is read-only.
     ReadOnly,
     /// Nobody has said who sits here.
@@ -49,7 +49,7 @@ pub enum Block {
     Typing,
 }
 
-impl Block {
+impl Obstacle {
     /// What to do about it.
     #[must_use]
     pub const fn hint(self) -> &'static str {
@@ -90,20 +90,20 @@ pub struct Prompt {
     /// What has the keys.
     pub focus: Focus,
     /// The typed short id.
-    pub short_id: Line,
+    pub short_id: EditLine,
     /// The typed reason.
-    pub reason: Line,
+    pub reason: EditLine,
     /// What changed since.
     pub stale: Option<Stale>,
     /// Why the last key did nothing.
-    pub refused: Option<Block>,
+    pub refused: Option<Obstacle>,
     /// Lines scrolled down; the screen stops at the last.
     pub scroll: u16,
 }
 
 /// A person's answer to one question, over exactly what was on the screen. Made by [`Prompt`] alone.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Decision {
+pub struct PromptAnswer {
     by: String,
     answer: Answer,
     reason: String,
@@ -111,7 +111,7 @@ pub struct Decision {
     shown: String,
 }
 
-impl Decision {
+impl PromptAnswer {
     /// Who decides.
     #[must_use]
     pub fn by(&self) -> &str {
@@ -154,8 +154,8 @@ impl Prompt {
             robot: snapshot.robot.clone(),
             opened_ms: now_ms,
             focus: Focus::Hold,
-            short_id: Line::default(),
-            reason: Line::default(),
+            short_id: EditLine::default(),
+            reason: EditLine::default(),
             stale: None,
             refused: None,
             scroll: 0,
@@ -209,22 +209,28 @@ impl Prompt {
 
     /// Everything that stands against an answer now, the gravest first. Empty: it counts.
     #[must_use]
-    pub fn blocks(&self, answer: Answer, who: Option<&Operator>, read_only: bool, now_ms: u64) -> Vec<Block> {
+    pub fn blocks(
+        &self,
+        answer: Answer,
+        who: Option<&Operator>,
+        read_only: bool,
+        now_ms: u64,
+    ) -> Vec<Obstacle> {
         let approves = answer == Answer::Approve;
         let guarded = now_ms.saturating_sub(self.opened_ms) < GUARD_MS;
         let is = |name: &str| who.is_some_and(|who| who.name == name);
         let id_missing = approves && self.seen.tier >= 1 && self.short_id.text() != self.wanted_id();
         let reason_needed = !approves || self.seen.tier >= 2;
         let checks = [
-            (read_only, Block::ReadOnly),
-            (who.is_none(), Block::NoIdentity),
-            (self.stale.is_some(), Block::Stale),
-            (guarded, Block::Guard),
-            (approves && is(&self.seen.author), Block::OwnWork),
-            (approves && self.seen.approved_by.iter().any(|name| is(name)), Block::Approved),
-            (id_missing, Block::ShortId),
-            (reason_needed && self.reason.text().trim().is_empty(), Block::Reason),
-            (self.focus != Focus::Hold, Block::Typing),
+            (read_only, Obstacle::ReadOnly),
+            (who.is_none(), Obstacle::NoIdentity),
+            (self.stale.is_some(), Obstacle::Stale),
+            (guarded, Obstacle::Guard),
+            (approves && is(&self.seen.author), Obstacle::OwnWork),
+            (approves && self.seen.approved_by.iter().any(|name| is(name)), Obstacle::Approved),
+            (id_missing, Obstacle::ShortId),
+            (reason_needed && self.reason.text().trim().is_empty(), Obstacle::Reason),
+            (self.focus != Focus::Hold, Obstacle::Typing),
         ];
         checks.into_iter().filter_map(|(stands, block)| stands.then_some(block)).collect()
     }
@@ -239,14 +245,14 @@ impl Prompt {
         who: Option<&Operator>,
         read_only: bool,
         now_ms: u64,
-    ) -> Result<Decision, Block> {
+    ) -> Result<PromptAnswer, Obstacle> {
         if let Some(first) = self.blocks(answer, who, read_only, now_ms).first() {
             return Err(*first);
         }
-        let Some(who) = who else { return Err(Block::NoIdentity) };
+        let Some(who) = who else { return Err(Obstacle::NoIdentity) };
         let typed = self.reason.text().trim();
         let reason = if typed.is_empty() { "evidence read at the console" } else { typed };
-        Ok(Decision {
+        Ok(PromptAnswer {
             by: who.name.clone(),
             answer,
             reason: reason.to_owned(),
@@ -274,7 +280,7 @@ impl Prompt {
     }
 
     /// The line that has the keys, if one has.
-    pub const fn line_mut(&mut self) -> Option<&mut Line> {
+    pub const fn line_mut(&mut self) -> Option<&mut EditLine> {
         match self.focus {
             Focus::Hold => None,
             Focus::ShortId => Some(&mut self.short_id),

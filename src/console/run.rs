@@ -22,9 +22,9 @@ use self::session::Session;
 use super::effects::ReadCandidate;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
-use super::model::{Model, Settings};
+use super::model::{ConsoleSettings, Model};
 use super::options::Options;
-use super::terminal::guard::Guard;
+use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
@@ -100,7 +100,7 @@ impl Hint for ConsoleError {
 pub fn run(console: Console) -> Result<Left, ConsoleError> {
     // What is wrong with the settings is said on the terminal as it is.
     let look = look(&console.options, &console.themes, None)?;
-    let guard = Guard::start()?;
+    let guard = RunningGuard::start()?;
     panic::install();
     let ended = catch_unwind(AssertUnwindSafe(|| on_screen(console, look, guard)));
     panic::uninstall();
@@ -108,7 +108,7 @@ pub fn run(console: Console) -> Result<Left, ConsoleError> {
 }
 
 /// Everything between taking the terminal and giving it back.
-fn on_screen(console: Console, look: Look, guard: Guard) -> Result<Left, ConsoleError> {
+fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, ConsoleError> {
     let state = state_folder();
     // A console without a log is better than none.
     let log = state.as_deref().and_then(|folder| LogFile::open(folder).ok());
@@ -161,7 +161,7 @@ pub(super) fn look(
 }
 
 fn model(options: &Options, keymap: Arc<Keymap>, themes: &Themes, look: &Look) -> Model {
-    let settings = Settings {
+    let settings = ConsoleSettings {
         read_only: options.read_only,
         mouse: options.mouse,
         tour: options.tour.then_some(0),

@@ -8,7 +8,7 @@ use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -24,7 +24,7 @@ pub fn terms_of(
     dossiers: &Dossiers,
     monitors: &Monitors,
     capability: &Capability,
-) -> Terms {
+) -> SkillTerms {
     let id = capability.id();
     let conditions = dossiers.of(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
     let (speed, force) = composition::envelope(&capability.manifest, conditions);

@@ -13,7 +13,7 @@ use crate::world::supervisor::Trip;
 use holdpoint_governance::alarms::AlarmEvent;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Leave, State};
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
@@ -68,15 +68,15 @@ impl Pipeline {
             Command::Rollback(operation) => self.operator_rollback(&operation, Leave::RolledBack),
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
             Command::Pause(operation) => {
-                self.simple(&operation, "paused", |version| Event::Pause { version })
+                self.simple(&operation, "paused", |version| LifecycleEvent::Pause { version })
             }
             Command::Resume(operation) => {
                 self.dossiers.edit(&operation.version).held = false;
-                self.simple(&operation, "resumed", |version| Event::Resume { version })
+                self.simple(&operation, "resumed", |version| LifecycleEvent::Resume { version })
             }
             Command::Repeat { operation, stage } => {
                 self.dossiers.edit(&operation.version).held = false;
-                self.simple(&operation, "to be repeated", |version| Event::Repeat { version, stage })
+                self.simple(&operation, "to be repeated", |version| LifecycleEvent::Repeat { version, stage })
             }
             Command::Restrict(operation) => {
                 let id = self.checked(&operation)?;
@@ -86,7 +86,7 @@ impl Pipeline {
                 accepted(&id, "restricted")
             }
             Command::Rearm(operation) => {
-                self.simple(&operation, "active again", |version| Event::Rearm { version })
+                self.simple(&operation, "active again", |version| LifecycleEvent::Rearm { version })
             }
             Command::Drift { kind, magnitude } => self.drift(kind, magnitude),
             Command::LiveFault { fault } => self.live_fault(fault),
@@ -160,13 +160,14 @@ impl Pipeline {
         &mut self,
         operation: &Operation,
         done: &str,
-        event: impl Fn(holdpoint_governance::lifecycle::VersionRef) -> Event,
+        event: impl Fn(holdpoint_governance::lifecycle::VersionRef) -> LifecycleEvent,
     ) -> Result<Reply, Fault> {
         let id = self.checked(operation)?;
         let (version, _, _) = self.record.ledger().version(&id)?;
         let note = operator_note(operation, done);
         let event = event(version);
-        let cause = matches!(event, Event::Rearm { .. }).then_some(holdpoint_registry::ActiveCause::Rearm);
+        let cause =
+            matches!(event, LifecycleEvent::Rearm { .. }).then_some(holdpoint_registry::ActiveCause::Rearm);
         self.record.transition(&id.family, event, Note { cause, ..note })?;
         accepted(&id, done)
     }
@@ -176,7 +177,7 @@ impl Pipeline {
         let (version, _, _) = self.record.ledger().version(&id)?;
         self.record.transition(
             &id.family,
-            Event::Reject { version },
+            LifecycleEvent::Reject { version },
             operator_note(operation, "rejected"),
         )?;
         self.forget_work(&id);
@@ -225,7 +226,11 @@ impl Pipeline {
             }
             return self.operator_rollback(operation, Leave::Demoted);
         }
-        self.record.transition(&id.family, Event::Demote { version }, operator_note(operation, "demoted"))?;
+        self.record.transition(
+            &id.family,
+            LifecycleEvent::Demote { version },
+            operator_note(operation, "demoted"),
+        )?;
         self.forget_work(&id);
         accepted(&id, "demoted")
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 use crate::cell::Cell;
 
@@ -37,8 +37,8 @@ impl Context {
 
     /// The profile's terms, before anything of a version caps them.
     #[must_use]
-    pub fn terms(&self) -> Terms {
-        Terms::new(
+    pub fn terms(&self) -> SkillTerms {
+        SkillTerms::new(
             &self.profile,
             Arc::clone(&self.table),
             Arc::clone(&self.cell.geometry),

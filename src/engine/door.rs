@@ -22,7 +22,7 @@ use std::time::Duration;
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
-pub use client::{Client, Subscription, Told};
+pub use client::{Client, Notification, Subscription};
 pub use socket::socket_path;
 
 use super::Engine;
@@ -171,7 +171,7 @@ impl Door {
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
-        let serve = server::Server {
+        let serve = server::DoorServer {
             requests: sender,
             events: events.clone(),
             endings: Arc::clone(&endings),

@@ -8,7 +8,7 @@ mod need;
 mod seen;
 
 pub use need::is_in_favour;
-use seen::{Change, Decision, Dossier, Monitored, Moved, Noted};
+use seen::{DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord};
 
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
@@ -87,7 +87,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     /// The decision of a stage. Its evidence was written before it in the same transaction.
     fn decision(&mut self, record: &AuditRecord, before: &[AuditRecord]) {
-        let Ok(decision) = serde_json::from_str::<Decision>(&record.body) else {
+        let Ok(decision) = serde_json::from_str::<DecisionRecord>(&record.body) else {
             self.unreadable(record);
             return;
         };
@@ -98,7 +98,9 @@ impl Reader<'_> {
             .iter()
             .rev()
             .filter(|entry| entry.seq < record.seq)
-            .find_map(|entry| serde_json::from_str::<Dossier>(&entry.json).ok().filter(Dossier::is_one))
+            .find_map(|entry| {
+                serde_json::from_str::<DossierRecord>(&entry.json).ok().filter(DossierRecord::is_one)
+            })
             .unwrap_or_default();
         let mut reasons = decision.reasons;
         let mut outcome = seen::word(&decision.outcome);
@@ -127,7 +129,7 @@ impl Reader<'_> {
     fn monitor(&mut self, record: &AuditRecord) {
         match serde_json::from_str::<Monitored>(&record.body) {
             Ok(Monitored { action, reasons }) => {
-                self.push(record, Ruling::Monitor(action), &reasons, &Dossier::default());
+                self.push(record, Ruling::Monitor(action), &reasons, &DossierRecord::default());
             }
             Err(_) => self.unreadable(record),
         }
@@ -168,7 +170,8 @@ impl Reader<'_> {
     /// A state that changed. One that no decision goes with was somebody's, or the clock's.
     fn state(&mut self, record: &AuditRecord) {
         let Some(text) = moved(record) else { return };
-        let Ok(Change { change: Moved { to, reason, .. } }) = serde_json::from_str(&record.body) else {
+        let Ok(StateSetRecord { change: MoveRecord { to, reason, .. } }) = serde_json::from_str(&record.body)
+        else {
             return;
         };
         let marks = ["rejected by ", "demoted by ", "approval-refused", "approval-timeout"];
@@ -178,7 +181,7 @@ impl Reader<'_> {
         self.then(text);
     }
 
-    fn push(&mut self, record: &AuditRecord, ruling: Ruling, reasons: &[Noted], dossier: &Dossier) {
+    fn push(&mut self, record: &AuditRecord, ruling: Ruling, reasons: &[Noted], dossier: &DossierRecord) {
         let mut seen = std::collections::BTreeSet::new();
         let reasons: Vec<&Noted> =
             reasons.iter().filter(|reason| seen.insert((&reason.code, &reason.text))).collect();
@@ -250,7 +253,7 @@ fn rule_of(dimension: Option<&Word<Dimension>>) -> Rule {
 
 /// `validated -> rejected (record 36)`.
 fn moved(record: &AuditRecord) -> Option<String> {
-    let Moved { from, to, .. } = serde_json::from_str::<Change>(&record.body).ok()?.change;
+    let MoveRecord { from, to, .. } = serde_json::from_str::<StateSetRecord>(&record.body).ok()?.change;
     Some(format!("{from} -> {to} (record {})", record.seq))
 }
 

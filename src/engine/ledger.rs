@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
-    self, Change as LifeChange, Event, FamilyState, Refusal, State, Version, VersionRef,
+    self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,
 };
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, Views};
@@ -126,14 +126,14 @@ pub struct Member {
 
 /// A family in the ledger.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct FamilyEntry {
     /// Where its versions stand.
     pub state: FamilyState,
     /// The versions, in registration order.
     pub members: Vec<Member>,
 }
 
-impl Entry {
+impl FamilyEntry {
     /// The active version.
     #[must_use]
     pub fn active(&self) -> Option<&Member> {
@@ -158,7 +158,7 @@ struct StoredPackage {
 /// Families by name, and the store they are written to.
 pub struct Ledger {
     store: Store,
-    families: BTreeMap<Family, Entry>,
+    families: BTreeMap<Family, FamilyEntry>,
     commands: u64,
     first_command: u64,
     wall_clock: bool,
@@ -186,7 +186,7 @@ impl Ledger {
                 LedgerError::Record { what: "standing", of: status.name.clone(), source }
             })?;
             let members = load_members(&views, &family)?;
-            families.insert(family, Entry { state, members });
+            families.insert(family, FamilyEntry { state, members });
         }
         drop(views);
         Ok(Self { store, families, commands: 0, first_command, wall_clock })
@@ -199,7 +199,7 @@ impl Ledger {
     }
 
     /// Every family.
-    pub fn families(&self) -> impl Iterator<Item = (&Family, &Entry)> {
+    pub fn families(&self) -> impl Iterator<Item = (&Family, &FamilyEntry)> {
         self.families.iter()
     }
 
@@ -207,7 +207,7 @@ impl Ledger {
     ///
     /// # Errors
     /// [`LedgerError::UnknownFamily`].
-    pub fn family(&self, family: &Family) -> Result<&Entry, LedgerError> {
+    pub fn family(&self, family: &Family) -> Result<&FamilyEntry, LedgerError> {
         self.families.get(family).ok_or_else(|| LedgerError::UnknownFamily(family.to_string()))
     }
 
@@ -269,11 +269,11 @@ impl Ledger {
                     safe_stopped: false,
                     reason: "a new family".to_owned(),
                 });
-                Entry { state: FamilyState::empty(needs_approval), members: Vec::new() }
+                FamilyEntry { state: FamilyState::empty(needs_approval), members: Vec::new() }
             }
             None => return Err(LedgerError::UnknownFamily(id.family.to_string())),
         };
-        let event = if baseline { Event::Bootstrap } else { Event::Register };
+        let event = if baseline { LifecycleEvent::Bootstrap } else { LifecycleEvent::Register };
         let (state, life) = lifecycle::apply(&before.state, event)?;
         first.push(Change::RegisterVersion(Box::new(new_version(&capability, baseline)?)));
         let mut entry = before;
@@ -299,7 +299,7 @@ impl Ledger {
     pub fn transition(
         &mut self,
         family: &Family,
-        event: Event,
+        event: LifecycleEvent,
         at_ms: u64,
         note: Note,
     ) -> Result<Vec<Moved>, LedgerError> {
@@ -311,9 +311,9 @@ impl Ledger {
     fn commit(
         &mut self,
         family: &Family,
-        mut entry: Entry,
+        mut entry: FamilyEntry,
         state: FamilyState,
-        life: &[LifeChange],
+        life: &[LifecycleChange],
         at_ms: u64,
         note: Note,
     ) -> Result<Vec<Moved>, LedgerError> {
@@ -324,8 +324,8 @@ impl Ledger {
         let mut last = Vec::new();
         for change in life {
             match *change {
-                LifeChange::Added { .. } | LifeChange::Standing { .. } => {}
-                LifeChange::State { version, from, to } => {
+                LifecycleChange::Added { .. } | LifecycleChange::Standing { .. } => {}
+                LifecycleChange::State { version, from, to } => {
                     let Some(id) = id_of(version) else { continue };
                     let expected = entry.members.get(usize::from(version.0)).map_or(0, |m| m.row_version);
                     changes.push(Change::SetState {
@@ -337,12 +337,12 @@ impl Ledger {
                     });
                     moved.push(Moved { id, from, to });
                 }
-                LifeChange::Flags { version, to, .. } => {
+                LifecycleChange::Flags { version, to, .. } => {
                     if let Some(version) = id_of(version) {
                         last.push(Change::SetFlags { version, flags: to });
                     }
                 }
-                LifeChange::SafeStopped { stopped } => last.insert(
+                LifecycleChange::SafeStopped { stopped } => last.insert(
                     0,
                     Change::SetFamily {
                         family: family.clone(),
@@ -350,7 +350,7 @@ impl Ledger {
                         reason: note.reason.clone(),
                     },
                 ),
-                LifeChange::Active { to, .. } => {
+                LifecycleChange::Active { to, .. } => {
                     let active = to.and_then(id_of);
                     let pinned = to
                         .and_then(|version| state.get(version)?.predecessor)
@@ -363,7 +363,7 @@ impl Ledger {
                     });
                     last.push(Change::SetActive { family: family.clone(), active, pinned, cause });
                 }
-                LifeChange::Context { .. } => {
+                LifecycleChange::Context { .. } => {
                     last.push(Change::VoidFamily { family: family.clone(), reason: note.reason.clone() });
                 }
             }

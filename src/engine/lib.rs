@@ -43,7 +43,7 @@ use crate::beside::Timing;
 use crate::cell::Cell;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
-use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
 use holdpoint_governance::policy::PolicyTable;
@@ -183,7 +183,7 @@ impl Engine {
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;
-        let settings = Settings {
+        let settings = PipelineSettings {
             seed: config.seed,
             jobs: config.jobs,
             profile,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::{Event, Leave, Stage, State};
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::record::RecordKind;
@@ -24,7 +24,7 @@ use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
-use crate::ledger::{Entry, Ledger, Note};
+use crate::ledger::{FamilyEntry, Ledger, Note};
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
 use crate::record::Record;
@@ -43,7 +43,7 @@ use crate::world::pacing::Switch;
 use holdpoint_text::Hint;
 
 /// What a pipeline is made with.
-pub struct Settings {
+pub struct PipelineSettings {
     /// Seed of the run.
     pub seed: u64,
     /// Workers for evaluation.
@@ -108,12 +108,12 @@ impl Pipeline {
     /// # Errors
     /// [`Fault`] where any of it cannot be written.
     pub fn new(
-        settings: Settings,
+        settings: PipelineSettings,
         mut ledger: Ledger,
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
-        let Settings { seed, jobs, profile, table, cell, cache } = settings;
+        let PipelineSettings { seed, jobs, profile, table, cell, cache } = settings;
         let context = Context::new(profile, table, cell)?;
         set_context(&context, &mut ledger, clock.now_ms())?;
         let mut pipeline = Self {
@@ -387,14 +387,14 @@ impl Pipeline {
     pub(crate) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
         let Self { context, trials, record, dossiers, monitors, .. } = self;
         match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
-            confirmation::Step::GoOn(run, episodes) => {
+            confirmation::ConfirmationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(Work::Confirmation(run));
                 Ok(())
             }
-            confirmation::Step::Gone => Ok(()),
-            confirmation::Step::Settled(id) => self.live().maybe_confirm(&id),
-            confirmation::Step::DoubtRemains(id) => {
+            confirmation::ConfirmationStep::Gone => Ok(()),
+            confirmation::ConfirmationStep::Settled(id) => self.live().maybe_confirm(&id),
+            confirmation::ConfirmationStep::DoubtRemains(id) => {
                 self.demote(&id, "the doubt it was let in with remains on fresh evidence")
             }
         }
@@ -511,7 +511,7 @@ fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(),
     ledger.write(vec![change], Vec::new(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in families {
-        let event = Event::ContextChanged { needs_approval: context.needs_approval() };
+        let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
         let note = Note::because("the profile or its policies changed");
         ledger.transition(&family, event, at_ms, note)?;
     }
@@ -531,7 +531,7 @@ pub(crate) fn registered_event(capability: &Capability) -> EventKind {
     }
 }
 
-fn has_provisional(entry: &Entry) -> bool {
+fn has_provisional(entry: &FamilyEntry) -> bool {
     let active = entry.state.active().and_then(|version| entry.state.get(version));
     active.is_some_and(|version| version.flags.provisional && !version.flags.rollback_pending)
 }

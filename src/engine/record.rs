@@ -4,7 +4,7 @@
 
 use holdpoint_governance::alarms::AlarmBook;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::clock::{Clock, tick_of};
@@ -112,7 +112,12 @@ impl Record {
     ///
     /// # Errors
     /// Where the lifecycle refuses or the store does; nothing has changed then.
-    pub fn transition(&mut self, family: &Family, event: Event, note: Note) -> Result<Vec<Moved>, Fault> {
+    pub fn transition(
+        &mut self,
+        family: &Family,
+        event: LifecycleEvent,
+        note: Note,
+    ) -> Result<Vec<Moved>, Fault> {
         let reason = note.reason.clone();
         let at_ms = self.clock.now_ms();
         let moved = self.ledger.transition(family, event, at_ms, note)?;
@@ -182,7 +187,7 @@ impl Record {
         let (version, standing, _) = self.ledger.version(id)?;
         if standing.flags.running != Some(stage) {
             let note = Note::because("the stage begins");
-            self.transition(&id.family, Event::Start { version, stage }, note)?;
+            self.transition(&id.family, LifecycleEvent::Start { version, stage }, note)?;
         }
         self.tell(EventKind::StageStarted { version: id.clone(), stage, budget });
         Ok(())

@@ -13,10 +13,10 @@ use crate::fault::Fault;
 use crate::pipeline::Pipeline;
 use crate::trial::seeds::{Purpose, episode_seed};
 use crate::world::listener::Nobody;
-use crate::world::live::{SequenceReport, Verdict};
+use crate::world::live::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 impl Pipeline {
     /// From now on a referee looks on; the live world goes on with this sequence number.
@@ -51,7 +51,7 @@ impl Pipeline {
     /// One sequence of the versions that are active now, with nobody who would take one off. Nothing is written.
     pub fn work_unwatched(&mut self) -> SequenceReport {
         let seed = episode_seed(self.trials.seed(), Purpose::Live, self.world.cell.sequences());
-        let terms: Vec<(CapabilityId, Terms)> = TaskKind::SEQUENCE
+        let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
             .into_iter()
             .filter_map(|task| self.record.active_of(&Family::from(task)))
             .map(|active| (active.id(), terms_of(&self.context, &self.dossiers, &self.monitors, &active)))
@@ -66,7 +66,7 @@ impl Pipeline {
     }
 
     /// Ground truth since the last call.
-    pub fn take_verdicts(&mut self) -> Vec<Verdict> {
+    pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
         self.world.cell.take_verdicts()
     }
 

@@ -8,7 +8,7 @@ use crate::people::approvals::void_requests;
 use crate::pipeline::Pipeline;
 use crate::stages::rollback::trigger;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Leave, Stage, State};
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Interrupted;
@@ -29,7 +29,7 @@ impl Pipeline {
                 Interrupted::Stage { version, .. } => {
                     if restarted.insert(version.family.clone()) {
                         let note = Note::because("the engine came up again: what ran is not done");
-                        self.record.transition(&version.family, Event::Restart, note)?;
+                        self.record.transition(&version.family, LifecycleEvent::Restart, note)?;
                     }
                     self.resume_demoted(&version)?;
                     self.say_recovered(&version, "a stage was running; it does not count and is run again");
@@ -44,7 +44,7 @@ impl Pipeline {
     fn resume_demoted(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let (version, standing, _) = self.record.ledger().version(id)?;
         if standing.state == State::Demoted {
-            let event = Event::Repeat { version, stage: Stage::Sandbox };
+            let event = LifecycleEvent::Repeat { version, stage: Stage::Sandbox };
             self.record.transition(&id.family, event, Note::because("the repeated stage was interrupted"))?;
         }
         Ok(())
@@ -97,7 +97,7 @@ impl Pipeline {
                 before: void_requests(self.record.ledger(), &id)?,
                 ..Note::because("the engine came up again: people are asked anew")
             };
-            self.record.transition(&family, Event::ApprovalExpired { version }, note)?;
+            self.record.transition(&family, LifecycleEvent::ApprovalExpired { version }, note)?;
             self.say_recovered(&id, "people had been asked; they are asked anew");
         }
         Ok(())

@@ -11,7 +11,7 @@ pub use early::{assess_ended, ended, is_lost, is_lost_early};
 
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
-use super::ended::Ended;
+use super::ended::EndReason;
 use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};
 use super::outcome::{Assessment, Basis, BehaviorOutcome};
 use super::profile::{BehaviorSettings, Profile};
@@ -136,7 +136,7 @@ pub struct BehaviorAssessment {
     pub pairs: u32,
     /// The rule that ended the evaluation, where it was named and the evidence bears it out.
     #[serde(default)]
-    pub ended: Option<Ended>,
+    pub ended: Option<EndReason>,
 }
 
 /// `kappa_B = clamp(1 - sum_j c_j max(0, worsening_j))` over (component, worsening) values.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Why no more episodes or drills are run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "snake_case", deny_unknown_fields)]
-pub enum Ended {
+pub enum EndReason {
     /// The budget is used up.
     Full,
     /// Something happened that the runtime has to make impossible.
@@ -22,7 +22,7 @@ pub enum Ended {
     },
 }
 
-impl Ended {
+impl EndReason {
     /// The name in records.
     #[must_use]
     pub const fn name(self) -> &'static str {

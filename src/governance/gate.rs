@@ -281,7 +281,7 @@ pub fn needs_review(kappas: &Kappas, profile: &Profile) -> bool {
 /// `theta_act(kappas, S, Delta_shadow, Gamma)` (paper equation 10).
 #[must_use]
 pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -> GateResult {
-    let mut found = Found::default();
+    let mut found = GateFindings::default();
     found.dimensions(input, profile);
     found.evidence(input);
     found.shadow(input.shadow);
@@ -294,7 +294,7 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
 }
 
 #[derive(Default)]
-struct Found {
+struct GateFindings {
     reject: Vec<Reason>,
     demote: Vec<Reason>,
     hold: Vec<Reason>,
@@ -307,7 +307,7 @@ fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
     Reason::new(code, Dimension::Gate, text)
 }
 
-impl Found {
+impl GateFindings {
     fn dimensions(&mut self, input: &GateInput<'_>, profile: &Profile) {
         let kappas = input.kappas;
         for (dimension, check) in kappas.checks() {

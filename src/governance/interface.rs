@@ -15,7 +15,7 @@ use super::ids::{CapabilityId, Family};
 use super::manifest::{Bound, Manifest};
 use super::outcome::{Assessment, Basis, InterfaceOutcome};
 use super::profile::Thresholds;
-use super::value_type::{FieldSpec, Kind, Value};
+use super::value_type::{FieldSpec, Value, ValueKind};
 
 /// The most dependencies followed when looking for a circle.
 const DEPENDENCY_STEPS_MAX: usize = 1_000;
@@ -114,7 +114,7 @@ pub struct InterfaceAssessment {
 /// Assesses `kappa_I` (design rule 3.2).
 #[must_use]
 pub fn assess(input: &InterfaceInput<'_>, thresholds: &Thresholds) -> InterfaceAssessment {
-    let mut found = Found::default();
+    let mut found = InterfaceFindings::default();
     let Some(exports) = input.exports else {
         let text = "the code could not be read, so its exports are unknown";
         let reasons = vec![Reason::new(ReasonCode::InterfaceNoData, Dimension::Interface, text)];
@@ -141,7 +141,7 @@ pub fn assess(input: &InterfaceInput<'_>, thresholds: &Thresholds) -> InterfaceA
 }
 
 #[derive(Default)]
-struct Found {
+struct InterfaceFindings {
     deviations: Deviations,
     reasons: Vec<Reason>,
     notes: Vec<Reason>,
@@ -150,32 +150,32 @@ struct Found {
 
 /// Which of the four deviations.
 #[derive(Clone, Copy)]
-enum Part {
+enum DeviationKind {
     Signature,
     Schema,
     Conditions,
     Dependencies,
 }
 
-impl Found {
-    fn add(&mut self, part: Part, deviation: Deviation, text: String) {
+impl InterfaceFindings {
+    fn add(&mut self, part: DeviationKind, deviation: Deviation, text: String) {
         let (slot, breaking, adaptable) = match part {
-            Part::Signature => (
+            DeviationKind::Signature => (
                 &mut self.deviations.signature,
                 ReasonCode::InterfaceSignatureBreaking,
                 ReasonCode::InterfaceSignatureAdaptable,
             ),
-            Part::Schema => (
+            DeviationKind::Schema => (
                 &mut self.deviations.schema,
                 ReasonCode::InterfaceSchemaBreaking,
                 ReasonCode::InterfaceSchemaAdaptable,
             ),
-            Part::Conditions => (
+            DeviationKind::Conditions => (
                 &mut self.deviations.conditions,
                 ReasonCode::InterfaceConditionBreaking,
                 ReasonCode::InterfaceConditionAdaptable,
             ),
-            Part::Dependencies => (
+            DeviationKind::Dependencies => (
                 &mut self.deviations.dependencies,
                 ReasonCode::InterfaceDependencyBreaking,
                 ReasonCode::InterfaceDependencyAdaptable,
@@ -231,20 +231,28 @@ impl Found {
     fn signature(&mut self, active: &Manifest, candidate: &Manifest) {
         let (old, new) = (&active.invocation, &candidate.invocation);
         for name in old.entry_points.difference(&new.entry_points) {
-            self.add(Part::Signature, Deviation::Breaking, format!("the entry point {name:?} is gone"));
+            self.add(
+                DeviationKind::Signature,
+                Deviation::Breaking,
+                format!("the entry point {name:?} is gone"),
+            );
         }
         for (what, old, new) in
             [("input", &active.inputs, &candidate.inputs), ("parameter", &old.parameters, &new.parameters)]
         {
             for name in old.keys().filter(|name| !new.contains_key(*name)) {
-                self.add(Part::Signature, Deviation::Breaking, format!("the {what} {name:?} is gone"));
+                self.add(
+                    DeviationKind::Signature,
+                    Deviation::Breaking,
+                    format!("the {what} {name:?} is gone"),
+                );
             }
             for (name, spec) in new {
                 let (deviation, text) = accepts(old.get(name), spec);
                 if deviation == Deviation::Adaptable {
                     self.adapter.insert(name.clone());
                 }
-                self.add(Part::Signature, deviation, format!("the {what} {name:?} {text}"));
+                self.add(DeviationKind::Signature, deviation, format!("the {what} {name:?} {text}"));
             }
         }
     }
@@ -267,7 +275,7 @@ impl Found {
                 }
                 Some(_) => (Deviation::None, ""),
             };
-            self.add(Part::Schema, deviation, format!("the output {name:?} {text}"));
+            self.add(DeviationKind::Schema, deviation, format!("the output {name:?} {text}"));
         }
     }
 
@@ -282,10 +290,10 @@ impl Found {
                 self.adapter.insert(name.clone());
                 let text =
                     format!("the precondition on the input {name:?} is stronger; the caller can check it");
-                self.add(Part::Conditions, Deviation::Adaptable, text);
+                self.add(DeviationKind::Conditions, Deviation::Adaptable, text);
             } else {
                 self.add(
-                    Part::Conditions,
+                    DeviationKind::Conditions,
                     Deviation::Breaking,
                     format!("the precondition on {name:?} is stronger"),
                 );
@@ -294,7 +302,7 @@ impl Found {
         for (name, before) in &old.postconditions {
             if !new.postconditions.get(name).is_some_and(|bound| within(bound, before)) {
                 self.add(
-                    Part::Conditions,
+                    DeviationKind::Conditions,
                     Deviation::Breaking,
                     format!("the postcondition on {name:?} is weaker"),
                 );
@@ -316,11 +324,15 @@ impl Found {
                 }
                 (true, true) => (Deviation::None, ""),
             };
-            self.add(Part::Dependencies, deviation, format!("the dependency {family}@{requirement}: {text}"));
+            self.add(
+                DeviationKind::Dependencies,
+                deviation,
+                format!("the dependency {family}@{requirement}: {text}"),
+            );
         }
         if circular(candidate, registered) {
             let text = "the dependencies lead back to the family itself".to_owned();
-            self.add(Part::Dependencies, Deviation::Breaking, text);
+            self.add(DeviationKind::Dependencies, Deviation::Breaking, text);
         }
     }
 
@@ -388,7 +400,7 @@ fn contains(outer: &FieldSpec, inner: &FieldSpec) -> bool {
         (Some(_), None) => false,
         (Some([low, high]), Some([from, to])) => low <= from && to <= high,
     };
-    let names = outer.kind != Kind::Enum || inner.values.iter().all(|name| outer.values.contains(name));
+    let names = outer.kind != ValueKind::Enum || inner.values.iter().all(|name| outer.values.contains(name));
     let length = match (outer.length_max, inner.length_max) {
         (None, _) => true,
         (Some(_), None) => false,

@@ -173,7 +173,7 @@ pub enum Leave {
 /// What can happen to a family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "event", deny_unknown_fields)]
-pub enum Event {
+pub enum LifecycleEvent {
     /// The first version is made active by an explicit record, without a gate.
     Bootstrap,
     /// A new version is taken in.
@@ -295,7 +295,7 @@ pub enum Event {
 /// One change that has to be written, with its audit record, in the transaction of the event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "change", deny_unknown_fields)]
-pub enum Change {
+pub enum LifecycleChange {
     /// A version entered.
     Added {
         /// The version.

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ids::{Digest, Family, canonical_json, is_name};
-use super::mode::{Authority, Channel, CommandKind, Zone};
+use super::mode::{Authority, Channel, CommandKind, ZoneName};
 use super::text_error::{TextError, check_size, parse_toml};
 use super::value_type::{FieldSpec, MAGNITUDE_MAX, Value};
 
@@ -96,7 +96,7 @@ pub struct Permissions {
     /// Kinds of command.
     pub commands: BTreeSet<CommandKind>,
     /// Zones the tool may enter.
-    pub zones: BTreeSet<Zone>,
+    pub zones: BTreeSet<ZoneName>,
     /// Sensors it reads, e.g. `camera`.
     #[serde(default)]
     pub sensors: BTreeSet<String>,
@@ -309,14 +309,14 @@ impl Manifest {
     }
 }
 
-type Problem = Option<(String, String, String)>;
+type ManifestProblem = Option<(String, String, String)>;
 
 fn names_problem<'a>(
     field: &str,
     names: impl ExactSizeIterator<Item = &'a String>,
     min: usize,
     max: usize,
-) -> Problem {
+) -> ManifestProblem {
     if !(min..=max).contains(&names.len()) {
         return Some((field.into(), format!("{} names", names.len()), format!("{min} to {max} names")));
     }
@@ -325,7 +325,7 @@ fn names_problem<'a>(
     Some((field.into(), bad.clone(), "names of a-z, 0-9, '.', '_' and '-', up to 64 characters".into()))
 }
 
-fn fields_problem(table: &str, fields: &BTreeMap<String, FieldSpec>) -> Problem {
+fn fields_problem(table: &str, fields: &BTreeMap<String, FieldSpec>) -> ManifestProblem {
     names_problem(table, fields.keys(), 0, FIELDS_MAX).or_else(|| {
         fields.iter().find_map(|(name, spec)| {
             spec.problem().map(|(key, value, allowed)| (format!("{table}.{name}.{key}"), value, allowed))
@@ -333,7 +333,7 @@ fn fields_problem(table: &str, fields: &BTreeMap<String, FieldSpec>) -> Problem 
     })
 }
 
-fn bounds_problem(table: &str, bounds: &BTreeMap<String, Bound>) -> Problem {
+fn bounds_problem(table: &str, bounds: &BTreeMap<String, Bound>) -> ManifestProblem {
     names_problem(table, bounds.keys(), 0, FIELDS_MAX).or_else(|| {
         bounds.iter().find_map(|(name, bound)| {
             bound.problem().map(|(value, allowed)| (format!("{table}.{name}"), value, allowed))
@@ -367,7 +367,7 @@ impl Bound {
 }
 
 impl Permissions {
-    fn problem(&self) -> Problem {
+    fn problem(&self) -> ManifestProblem {
         let number = |field: &str, value: f64, max: f64| {
             let ok = value.is_finite() && (0.0..=max).contains(&value);
             (!ok).then(|| (format!("permissions.{field}"), value.to_string(), format!("0 to {max}")))
@@ -390,7 +390,7 @@ impl Permissions {
 }
 
 impl Recovery {
-    fn problem(&self) -> Problem {
+    fn problem(&self) -> ManifestProblem {
         let hooks = self.rollback_hook.iter().map(|hook| ("recovery.rollback_hook", hook));
         let mut hooks =
             hooks.chain(self.safe_abort.iter().map(|abort| ("recovery.safe_abort.hook", &abort.hook)));
@@ -409,7 +409,7 @@ impl Recovery {
 }
 
 impl Deployment {
-    fn problem(&self) -> Problem {
+    fn problem(&self) -> ManifestProblem {
         if self.environments.is_empty() {
             return Some((
                 "deployment.environments".into(),

@@ -41,7 +41,8 @@ pub enum CommandKind {
 /// A named part of the cell, as in the scene file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Zone {
+#[schemars(rename = "Zone")]
+pub enum ZoneName {
     /// Where objects are picked.
     Work,
     /// Where objects are put.
@@ -104,7 +105,7 @@ impl CommandKind {
     }
 }
 
-impl Zone {
+impl ZoneName {
     /// Every zone.
     pub const ALL: [Self; 4] = [Self::Work, Self::Tray, Self::Transit, Self::Human];
     /// The name in policies, manifests and scenes.
@@ -172,7 +173,7 @@ pub struct ModeKey {
     /// What kind of command.
     pub command: CommandKind,
     /// Where the tool is or is sent.
-    pub zone: Zone,
+    pub zone: ZoneName,
     /// With how much authority.
     pub authority: Authority,
 }
@@ -184,7 +185,7 @@ impl ModeKey {
         let mut modes = Vec::new();
         for channel in Channel::ALL {
             for command in CommandKind::ALL.into_iter().filter(|command| channel.takes(*command)) {
-                for zone in Zone::ALL {
+                for zone in ZoneName::ALL {
                     for authority in Authority::ALL {
                         modes.push(Self { channel, command, zone, authority });
                     }
@@ -254,7 +255,7 @@ impl ReachableMode {
     /// Human zone, authority >= 2, or above 80 % of a limit.
     #[must_use]
     pub fn is_high_risk(&self) -> bool {
-        self.key.zone == Zone::Human
+        self.key.zone == ZoneName::Human
             || self.key.authority >= Authority::HIGH_RISK_FROM
             || self.speed >= Band::High
             || self.force >= Band::High

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
 use super::profile::{MonitorSettings, Profile};
-use crate::stats::{Cusum, Drift, ShiryaevRoberts, StatsError, wilson_upper};
+use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError, wilson_upper};
 
 /// One-sided level of the bound on what is normal for a version in the live world.
 const NORMAL_ALPHA: f64 = 0.10;
@@ -207,7 +207,7 @@ pub struct Escalation {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Chart {
+struct ControlChart {
     rate: Rate,
     warning: Cusum,
     trip: ShiryaevRoberts,
@@ -221,7 +221,7 @@ pub struct Monitor {
     unsafe_continuation_max_ms: f64,
     provisional_left: u32,
     episodes: u64,
-    charts: Vec<Chart>,
+    charts: Vec<ControlChart>,
     last_telemetry_tick: u64,
     escalation: Option<Escalation>,
     restricted: bool,
@@ -298,7 +298,7 @@ impl Monitor {
             // Room for a worse rate has to be left, whatever was measured.
             let normal = value.clamp(settings.rate_min, 0.95 - settings.shift.min(0.9));
             let degraded = normal + settings.shift;
-            charts.push(Chart {
+            charts.push(ControlChart {
                 rate,
                 warning: Cusum::new(normal, degraded, settings.cusum_limit)?,
                 trip: ShiryaevRoberts::new(normal, settings.false_alarm_episodes)?,
@@ -365,12 +365,12 @@ impl Monitor {
         for chart in &mut self.charts {
             let bad = chart.rate.is_bad(episode);
             let what = chart.rate.name();
-            if chart.trip.update(bad) == Drift::Alarm {
+            if chart.trip.update(bad) == DriftSignal::Alarm {
                 let text = format!("the {what} rate is established as worse");
                 let reason = Reason::new(ReasonCode::MonitorRateTrip, Dimension::Monitor, text);
                 trips.push(reason.with(chart.trip.statistic(), chart.trip.arl()));
             }
-            if chart.warning.update(bad) == Drift::Alarm {
+            if chart.warning.update(bad) == DriftSignal::Alarm {
                 let text = format!("the {what} rate drifts");
                 let reason = Reason::new(ReasonCode::MonitorRateWarning, Dimension::Monitor, text);
                 warnings.push(reason.with(chart.warning.statistic(), chart.warning.threshold()));

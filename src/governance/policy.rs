@@ -13,7 +13,7 @@ use super::manifest::Permissions;
 use super::mode::{ReachableMode, reachable};
 use super::outcome::{Assessment, Basis, PolicyOutcome};
 pub use super::policy_table::{
-    ActivationEntry, Cap, ModeEntry, PolicyError, PolicySource, PolicyTable, Verdict,
+    ActivationTerms, Cap, ModeEntry, ModeRuling, PolicyError, PolicySource, PolicyTable,
 };
 use super::profile::{Profile, ProfileName};
 
@@ -53,7 +53,7 @@ pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -
     let needs = input.exports.map(|exports| exports.needs.clone()).unwrap_or_default();
     let modes = reachable(input.permissions, &needs, limits.tool_speed_max_m_s, limits.contact_force_max_n);
     let uncovered: Vec<ReachableMode> =
-        modes.iter().copied().filter(|mode| table.verdict(&mode.key) == Verdict::Uncovered).collect();
+        modes.iter().copied().filter(|mode| table.verdict(&mode.key) == ModeRuling::Uncovered).collect();
     let active_keys: BTreeSet<_> = input.active.map_or_else(BTreeSet::new, |active| {
         let same = BTreeSet::new();
         reachable(active, &same, limits.tool_speed_max_m_s, limits.contact_force_max_n)
@@ -162,20 +162,20 @@ impl Findings {
         for mode in modes {
             let because = table.entry(&mode.key).map_or_else(String::new, |entry| entry.because.join(", "));
             match table.verdict(&mode.key) {
-                Verdict::Allow | Verdict::AllowTighter(_) => {}
-                Verdict::Review => {
+                ModeRuling::Allow | ModeRuling::AllowTighter(_) => {}
+                ModeRuling::Review => {
                     let text = format!("{} needs a review ({because})", mode.key);
                     self.review.push(reason(ReasonCode::PolicyAuthorityReview, text));
                 }
-                Verdict::Forbid => {
+                ModeRuling::Forbid => {
                     let text = format!("{} is forbidden ({because})", mode.key);
                     self.incompatible.push(reason(ReasonCode::PolicyForbiddenMode, text));
                 }
-                Verdict::Uncovered if mode.is_high_risk() => {
+                ModeRuling::Uncovered if mode.is_high_risk() => {
                     let text = format!("{} is of high risk and covered by no policy", mode.key);
                     self.incompatible.push(reason(ReasonCode::PolicyUncoveredHighRisk, text));
                 }
-                Verdict::Uncovered => {
+                ModeRuling::Uncovered => {
                     let text = format!("{} is covered by no policy; the guard will deny it", mode.key);
                     let reason = reason(ReasonCode::PolicyUncoveredMode, text);
                     let new = !active.contains(&mode.key);
@@ -194,8 +194,8 @@ impl Findings {
     ) {
         let limits = &profile.runtime;
         let cap = |mode: &ReachableMode| match table.verdict(&mode.key) {
-            Verdict::AllowTighter(cap) => (cap.speed_max_m_s, cap.force_max_n),
-            Verdict::Allow | Verdict::Review | Verdict::Forbid | Verdict::Uncovered => {
+            ModeRuling::AllowTighter(cap) => (cap.speed_max_m_s, cap.force_max_n),
+            ModeRuling::Allow | ModeRuling::Review | ModeRuling::Forbid | ModeRuling::Uncovered => {
                 (limits.tool_speed_max_m_s, limits.contact_force_max_n)
             }
         };

@@ -67,7 +67,7 @@ pub struct Cap {
 /// What the policies say of one mode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "verdict")]
-pub enum Verdict {
+pub enum ModeRuling {
     /// Allowed within the profile's limits.
     Allow,
     /// Allowed within a tighter envelope.
@@ -87,7 +87,7 @@ pub struct ModeEntry {
     /// The mode.
     pub mode: ModeKey,
     /// What holds.
-    pub verdict: Verdict,
+    pub verdict: ModeRuling,
     /// The policies that made it, by id; or the evaluation's error.
     pub because: Vec<String>,
 }
@@ -95,7 +95,7 @@ pub struct ModeEntry {
 /// What site policies say of one kind of activation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ActivationEntry {
+pub struct ActivationTerms {
     /// Risk tier.
     pub risk: Risk,
     /// How the version came about.
@@ -117,7 +117,7 @@ pub struct PolicyTable {
     /// Every mode, sorted.
     pub modes: Vec<ModeEntry>,
     /// Every kind of activation, sorted.
-    pub activations: Vec<ActivationEntry>,
+    pub activations: Vec<ActivationTerms>,
 }
 
 /// A policy text that was refused; no table exists.
@@ -208,8 +208,8 @@ impl PolicyTable {
 
     /// The verdict of a mode; what is not in the table is uncovered.
     #[must_use]
-    pub fn verdict(&self, mode: &ModeKey) -> Verdict {
-        self.entry(mode).map_or(Verdict::Uncovered, |entry| entry.verdict)
+    pub fn verdict(&self, mode: &ModeKey) -> ModeRuling {
+        self.entry(mode).map_or(ModeRuling::Uncovered, |entry| entry.verdict)
     }
 
     /// The row of a mode.
@@ -230,7 +230,7 @@ impl PolicyTable {
 }
 
 /// What the table needs of one policy beside Cedar's own judgement.
-struct Rule {
+struct PolicyRule {
     name: String,
     effect: Effect,
     names_mode: bool,
@@ -243,7 +243,7 @@ fn load(
     source: &PolicySource<'_>,
     schema: &Schema,
     set: &mut PolicySet,
-    rules: &mut BTreeMap<String, Rule>,
+    rules: &mut BTreeMap<String, PolicyRule>,
 ) -> Result<(), PolicyError> {
     let file = source.file.to_owned();
     let too_many =
@@ -282,7 +282,7 @@ fn load(
     Ok(())
 }
 
-fn rule(policy: &Policy) -> Result<Rule, (String, &'static str)> {
+fn rule(policy: &Policy) -> Result<PolicyRule, (String, &'static str)> {
     if policy.principal_constraint() != PrincipalConstraint::Any {
         return Err((
             "it constrains the principal".into(),
@@ -295,7 +295,7 @@ fn rule(policy: &Policy) -> Result<Rule, (String, &'static str)> {
             Err((format!("@{key}({text:?}) is no number above 0"), "write e.g. @speed_max_m_s(\"0.25\")"))
         }
     };
-    let mut rule = Rule {
+    let mut rule = PolicyRule {
         name: policy.id().to_string(),
         effect: policy.effect(),
         names_mode: matches!(policy.action_constraint(), ActionConstraint::Eq(_) | ActionConstraint::In(_))
@@ -327,14 +327,14 @@ fn rule(policy: &Policy) -> Result<Rule, (String, &'static str)> {
 struct Judge<'a> {
     authorizer: Authorizer,
     set: PolicySet,
-    rules: BTreeMap<String, Rule>,
+    rules: BTreeMap<String, PolicyRule>,
     profile: &'a Profile,
 }
 
 /// What Cedar said: its decision, the determining policies, and an error if there was any.
 struct Said<'r> {
     allowed: bool,
-    rules: Vec<&'r Rule>,
+    rules: Vec<&'r PolicyRule>,
     error: Option<String>,
 }
 
@@ -362,7 +362,7 @@ impl Judge<'_> {
         .map_err(|e| vocabulary(&e))?;
         let response = self.authorizer.is_authorized(&request, &self.set, &Entities::empty());
         let diagnostics = response.diagnostics();
-        let mut rules: Vec<&Rule> =
+        let mut rules: Vec<&PolicyRule> =
             diagnostics.reason().filter_map(|id| self.rules.get(AsRef::<str>::as_ref(id))).collect();
         rules.sort_by(|a, b| a.name.cmp(&b.name));
         let error = diagnostics.errors().map(ToString::to_string).min();
@@ -379,24 +379,24 @@ impl Judge<'_> {
         let said = self.ask(mode.command.name(), ("Zone", mode.zone.name()), context)?;
         let names: Vec<String> = said.rules.iter().map(|rule| rule.name.clone()).collect();
         if let Some(error) = said.error {
-            return Ok(ModeEntry { mode, verdict: Verdict::Uncovered, because: vec![error] });
+            return Ok(ModeEntry { mode, verdict: ModeRuling::Uncovered, because: vec![error] });
         }
         if !said.allowed {
-            let verdict = if names.is_empty() { Verdict::Uncovered } else { Verdict::Forbid };
+            let verdict = if names.is_empty() { ModeRuling::Uncovered } else { ModeRuling::Forbid };
             return Ok(ModeEntry { mode, verdict, because: names });
         }
-        let naming: Vec<&Rule> = said.rules.into_iter().filter(|rule| rule.names_mode).collect();
+        let naming: Vec<&PolicyRule> = said.rules.into_iter().filter(|rule| rule.names_mode).collect();
         let because = naming.iter().map(|rule| rule.name.clone()).collect();
         Ok(ModeEntry { mode, verdict: self.permitted(&naming), because })
     }
 
     /// Of several permits the most restrictive holds.
-    fn permitted(&self, naming: &[&Rule]) -> Verdict {
+    fn permitted(&self, naming: &[&PolicyRule]) -> ModeRuling {
         if naming.is_empty() {
-            return Verdict::Uncovered;
+            return ModeRuling::Uncovered;
         }
         if naming.iter().any(|rule| rule.review) {
-            return Verdict::Review;
+            return ModeRuling::Review;
         }
         let limits = &self.profile.runtime;
         let least = |caps: &mut dyn Iterator<Item = f64>, limit: f64| caps.fold(limit, f64::min);
@@ -404,12 +404,12 @@ impl Judge<'_> {
             least(&mut naming.iter().filter_map(|rule| rule.speed_max_m_s), limits.tool_speed_max_m_s);
         let force = least(&mut naming.iter().filter_map(|rule| rule.force_max_n), limits.contact_force_max_n);
         if speed < limits.tool_speed_max_m_s || force < limits.contact_force_max_n {
-            return Verdict::AllowTighter(Cap { speed_max_m_s: speed, force_max_n: force });
+            return ModeRuling::AllowTighter(Cap { speed_max_m_s: speed, force_max_n: force });
         }
-        Verdict::Allow
+        ModeRuling::Allow
     }
 
-    fn activation(&self, risk: Risk, provenance: Provenance) -> Result<ActivationEntry, PolicyError> {
+    fn activation(&self, risk: Risk, provenance: Provenance) -> Result<ActivationTerms, PolicyError> {
         let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
         let context = vec![
             ("profile", text(self.profile.name.name())),
@@ -425,6 +425,6 @@ impl Judge<'_> {
             .collect();
         let forbidden = said.error.is_some() || !forbids.is_empty();
         let because = said.error.map_or(forbids, |error| vec![error]);
-        Ok(ActivationEntry { risk, provenance, forbidden, because })
+        Ok(ActivationTerms { risk, provenance, forbidden, because })
     }
 }

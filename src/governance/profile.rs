@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ids::Digest;
-use super::mode::Zone;
+use super::mode::ZoneName;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 
@@ -135,7 +135,7 @@ pub struct RuntimeLimits {
     /// Highest corner.
     pub workspace_max_m: [f64; 3],
     /// Zones the tool must keep out of.
-    pub keep_out: BTreeSet<Zone>,
+    pub keep_out: BTreeSet<ZoneName>,
     /// Highest authority granted without a review.
     pub authority_max: u8,
     /// Processor time per tick, microseconds.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
-use super::ended::Ended;
+use super::ended::EndReason;
 use super::evidence::{Binding, DrillKind, DrillTally, RecoveryEvidence};
 use super::exports::Interface;
 use super::manifest::Manifest;
@@ -43,7 +43,7 @@ pub struct RecoveryAssessment {
     pub kinds: Vec<KindRates>,
     /// The rule that ended the drills, where it was named and the evidence bears it out.
     #[serde(default)]
-    pub ended: Option<Ended>,
+    pub ended: Option<EndReason>,
 }
 
 /// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.

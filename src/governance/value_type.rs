@@ -18,7 +18,8 @@ pub const MAGNITUDE_MAX: f64 = 1.0e9;
 /// The kind of a field's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Kind {
+#[schemars(rename = "Kind")]
+pub enum ValueKind {
     /// True or false.
     Bool,
     /// A whole number.
@@ -125,7 +126,7 @@ const fn yes() -> bool {
 pub struct FieldSpec {
     /// Kind of value.
     #[serde(rename = "type")]
-    pub kind: Kind,
+    pub kind: ValueKind,
     /// Unit of the numbers; required for reals, vectors and lists of them, `1` for pure numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -140,7 +141,7 @@ pub struct FieldSpec {
     pub values: Vec<String>,
     /// Kind of a list's elements; never a list.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub element: Option<Kind>,
+    pub element: Option<ValueKind>,
     /// Most elements of a list.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_max: Option<u32>,
@@ -155,7 +156,7 @@ pub struct FieldSpec {
 impl FieldSpec {
     /// A required field of this kind without unit, frame or range.
     #[must_use]
-    pub const fn plain(kind: Kind) -> Self {
+    pub const fn plain(kind: ValueKind) -> Self {
         Self {
             kind,
             unit: None,
@@ -172,7 +173,7 @@ impl FieldSpec {
     /// A required real with a unit and a range.
     #[must_use]
     pub const fn real(unit: Unit, lowest: f64, highest: f64) -> Self {
-        let mut spec = Self::plain(Kind::Real);
+        let mut spec = Self::plain(ValueKind::Real);
         spec.unit = Some(unit);
         spec.range = Some([lowest, highest]);
         spec
@@ -181,7 +182,7 @@ impl FieldSpec {
     /// A required pose in a frame, metres.
     #[must_use]
     pub const fn pose(frame: Frame) -> Self {
-        let mut spec = Self::plain(Kind::Pose);
+        let mut spec = Self::plain(ValueKind::Pose);
         spec.unit = Some(Unit::Metre);
         spec.frame = Some(frame);
         spec
@@ -199,9 +200,10 @@ impl FieldSpec {
     #[must_use]
     pub fn problem(&self) -> Option<(&'static str, String, String)> {
         let bad = |key, value: String, allowed: &str| Some((key, value, allowed.to_owned()));
-        let numeric = matches!(self.kind, Kind::Int | Kind::Real | Kind::Vec3)
-            || (self.kind == Kind::List && matches!(self.element, Some(Kind::Int | Kind::Real)));
-        let spatial = matches!(self.kind, Kind::Vec3 | Kind::Quat | Kind::Pose);
+        let numeric = matches!(self.kind, ValueKind::Int | ValueKind::Real | ValueKind::Vec3)
+            || (self.kind == ValueKind::List
+                && matches!(self.element, Some(ValueKind::Int | ValueKind::Real)));
+        let spatial = matches!(self.kind, ValueKind::Vec3 | ValueKind::Quat | ValueKind::Pose);
         if let Some([lowest, highest]) = self.range {
             let finite = [lowest, highest].iter().all(|v| v.is_finite() && v.abs() <= MAGNITUDE_MAX);
             if !finite || lowest > highest {
@@ -215,27 +217,36 @@ impl FieldSpec {
                 );
             }
         }
-        if matches!(self.kind, Kind::Real | Kind::Vec3 | Kind::Pose) && self.unit.is_none() {
+        if matches!(self.kind, ValueKind::Real | ValueKind::Vec3 | ValueKind::Pose) && self.unit.is_none() {
             return bad("unit", "(missing)".into(), "a unit, \"1\" for a pure number");
         }
         if self.frame.is_some() && !spatial {
             return bad("frame", format!("{:?}", self.frame), "a frame only for vec3, quat and pose");
         }
-        if matches!(self.kind, Kind::Quat | Kind::Pose) && self.frame.is_none() {
+        if matches!(self.kind, ValueKind::Quat | ValueKind::Pose) && self.frame.is_none() {
             return bad("frame", "(missing)".into(), "world, tool, object or target");
         }
         let names_ok = !self.values.is_empty()
             && self.values.len() <= ENUM_VALUES_MAX
             && self.values.iter().all(|name| super::ids::is_name(name));
-        if (self.kind == Kind::Enum) == self.values.is_empty() || (self.kind == Kind::Enum && !names_ok) {
+        if (self.kind == ValueKind::Enum) == self.values.is_empty()
+            || (self.kind == ValueKind::Enum && !names_ok)
+        {
             return bad("values", format!("{:?}", self.values), "1 to 32 names, for an enum only");
         }
-        let scalar = matches!(self.element, Some(Kind::Bool | Kind::Int | Kind::Real | Kind::Vec3));
-        if (self.kind == Kind::List) != self.element.is_some() || (self.kind == Kind::List && !scalar) {
+        let scalar = matches!(
+            self.element,
+            Some(ValueKind::Bool | ValueKind::Int | ValueKind::Real | ValueKind::Vec3)
+        );
+        if (self.kind == ValueKind::List) != self.element.is_some()
+            || (self.kind == ValueKind::List && !scalar)
+        {
             return bad("element", format!("{:?}", self.element), "bool, int, real or vec3, for a list only");
         }
         let length_ok = self.length_max.is_some_and(|n| (1..=LIST_LENGTH_MAX).contains(&n));
-        if (self.kind == Kind::List) != self.length_max.is_some() || (self.kind == Kind::List && !length_ok) {
+        if (self.kind == ValueKind::List) != self.length_max.is_some()
+            || (self.kind == ValueKind::List && !length_ok)
+        {
             return bad("length_max", format!("{:?}", self.length_max), "1 to 64, for a list only");
         }
         if let Some(default) = &self.default
@@ -255,33 +266,33 @@ impl FieldSpec {
                 && self.range.is_none_or(|[low, high]| low <= v && v <= high)
         };
         match (self.kind, value) {
-            (Kind::Bool, Value::Bool(_)) => true,
-            (Kind::Int, Value::Int(_)) | (Kind::Real, Value::Int(_) | Value::Real(_)) => {
+            (ValueKind::Bool, Value::Bool(_)) => true,
+            (ValueKind::Int, Value::Int(_)) | (ValueKind::Real, Value::Int(_) | Value::Real(_)) => {
                 value.number().is_some_and(inside)
             }
-            (Kind::Vec3, Value::Numbers(v)) => v.len() == 3 && v.iter().copied().all(inside),
-            (Kind::Quat, Value::Numbers(v)) => v.len() == 4 && unit_length(v),
-            (Kind::Pose, Value::Numbers(v)) => {
+            (ValueKind::Vec3, Value::Numbers(v)) => v.len() == 3 && v.iter().copied().all(inside),
+            (ValueKind::Quat, Value::Numbers(v)) => v.len() == 4 && unit_length(v),
+            (ValueKind::Pose, Value::Numbers(v)) => {
                 v.len() == 7 && v[..3].iter().copied().all(inside) && unit_length(&v[3..])
             }
-            (Kind::Enum, Value::Name(name)) => self.values.contains(name),
-            (Kind::List, Value::Numbers(v)) => {
-                let numbers = matches!(self.element, Some(Kind::Int | Kind::Real));
-                let whole = self.element != Some(Kind::Int) || v.iter().all(|v| v.fract() == 0.0);
+            (ValueKind::Enum, Value::Name(name)) => self.values.contains(name),
+            (ValueKind::List, Value::Numbers(v)) => {
+                let numbers = matches!(self.element, Some(ValueKind::Int | ValueKind::Real));
+                let whole = self.element != Some(ValueKind::Int) || v.iter().all(|v| v.fract() == 0.0);
                 numbers
                     && whole
                     && self.length_max.is_some_and(|max| v.len() <= max as usize)
                     && v.iter().copied().all(inside)
             }
             (
-                Kind::Bool
-                | Kind::Int
-                | Kind::Real
-                | Kind::Vec3
-                | Kind::Quat
-                | Kind::Pose
-                | Kind::Enum
-                | Kind::List,
+                ValueKind::Bool
+                | ValueKind::Int
+                | ValueKind::Real
+                | ValueKind::Vec3
+                | ValueKind::Quat
+                | ValueKind::Pose
+                | ValueKind::Enum
+                | ValueKind::List,
                 Value::Bool(_) | Value::Int(_) | Value::Real(_) | Value::Name(_) | Value::Numbers(_),
             ) => false,
         }
@@ -317,8 +328,11 @@ mod tests {
     #[test]
     fn bad_specifications_are_named() {
         let real = FieldSpec::real(Unit::One, 0.0, 1.0);
-        let list =
-            FieldSpec { element: Some(Kind::Real), length_max: Some(4), ..FieldSpec::plain(Kind::List) };
+        let list = FieldSpec {
+            element: Some(ValueKind::Real),
+            length_max: Some(4),
+            ..FieldSpec::plain(ValueKind::List)
+        };
         for (spec, key) in [
             (real.clone(), None),
             (list.clone(), None),
@@ -328,8 +342,8 @@ mod tests {
             (FieldSpec { unit: None, ..real.clone() }, Some("unit")),
             (FieldSpec { frame: Some(Frame::Tool), ..real.clone() }, Some("frame")),
             (FieldSpec { frame: None, ..FieldSpec::pose(Frame::World) }, Some("frame")),
-            (FieldSpec::plain(Kind::Enum), Some("values")),
-            (FieldSpec { element: Some(Kind::List), ..list.clone() }, Some("element")),
+            (FieldSpec::plain(ValueKind::Enum), Some("values")),
+            (FieldSpec { element: Some(ValueKind::List), ..list.clone() }, Some("element")),
             (FieldSpec { length_max: Some(65), ..list.clone() }, Some("length_max")),
             (real.clone().or(Value::Real(2.0)), Some("default")),
         ] {

@@ -23,7 +23,7 @@ use holdpoint_text::Problem;
 
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Ended {
+pub(super) enum StepEnd {
     Done,
     TimedOut,
 }
@@ -70,7 +70,7 @@ impl<'a> Driver<'a> {
     }
 
     /// Carries out a step of a scenario; `index` names it in errors.
-    pub(super) fn step(&mut self, step: &Step, index: usize) -> Result<Ended, CliError> {
+    pub(super) fn step(&mut self, step: &Step, index: usize) -> Result<StepEnd, CliError> {
         if let Some(folder) = &step.register {
             self.register(folder)
         } else if let Some(wait) = &step.wait {
@@ -86,7 +86,7 @@ impl<'a> Driver<'a> {
         } else if let Some(expect) = &step.expect {
             self.expect(expect, index)
         } else {
-            Ok(Ended::Done)
+            Ok(StepEnd::Done)
         }
     }
 
@@ -138,19 +138,19 @@ impl<'a> Driver<'a> {
         Ok(reply)
     }
 
-    fn accept(&mut self, command: Command) -> Result<Ended, CliError> {
+    fn accept(&mut self, command: Command) -> Result<StepEnd, CliError> {
         match self.submit(command)? {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
             | Reply::Detail { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
-            | Reply::Verified { .. } => Ok(Ended::Done),
+            | Reply::Verified { .. } => Ok(StepEnd::Done),
             Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
         }
     }
 
-    pub(super) fn register(&mut self, folder: &str) -> Result<Ended, CliError> {
+    pub(super) fn register(&mut self, folder: &str) -> Result<StepEnd, CliError> {
         let candidate = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
         let command = Command::Register { package, name: folder.to_owned() };
@@ -168,28 +168,28 @@ impl<'a> Driver<'a> {
     }
 
     /// Works until what is waited for is so, or the time is over.
-    fn wait(&mut self, wait: &Wait) -> Result<Ended, CliError> {
+    fn wait(&mut self, wait: &Wait) -> Result<StepEnd, CliError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
         let deadline_ms = self.pump.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
         loop {
             if self.printer.is_gone() {
-                return Ok(Ended::TimedOut);
+                return Ok(StepEnd::TimedOut);
             }
             if self.waited_for(wait, false) {
-                return Ok(Ended::Done);
+                return Ok(StepEnd::Done);
             }
             if self.pump.engine.now_ms() >= deadline_ms {
-                return Ok(Ended::TimedOut);
+                return Ok(StepEnd::TimedOut);
             }
             let progress = self.pump.engine.advance();
             self.take_events()?;
             if let Progress::Idle { next_ms } = progress {
                 if self.waited_for(wait, true) {
-                    return Ok(Ended::Done);
+                    return Ok(StepEnd::Done);
                 }
                 let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);
                 if !self.pump.engine.jump_to(next_ms) {
-                    return Ok(Ended::TimedOut);
+                    return Ok(StepEnd::TimedOut);
                 }
             }
         }
@@ -216,7 +216,7 @@ impl<'a> Driver<'a> {
     }
 
     /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
-    fn say(&mut self, say: &Say, decision: Answer) -> Result<Ended, CliError> {
+    fn say(&mut self, say: &Say, decision: Answer) -> Result<StepEnd, CliError> {
         let snapshot = self.pump.engine.snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
@@ -227,11 +227,11 @@ impl<'a> Driver<'a> {
         self.accept(command)
     }
 
-    fn drift(&mut self, drift: &DriftStep) -> Result<Ended, CliError> {
+    fn drift(&mut self, drift: &DriftStep) -> Result<StepEnd, CliError> {
         self.accept(Command::Drift { kind: Some(drift.kind), magnitude: Some(drift.magnitude) })
     }
 
-    fn expect(&mut self, expect: &Expect, index: usize) -> Result<Ended, CliError> {
+    fn expect(&mut self, expect: &Expect, index: usize) -> Result<StepEnd, CliError> {
         let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
         let Some(view) = self.view() else { return fail("nothing was registered".to_owned()) };
         let confirmed = self.confirmed && view.state == State::Active;
@@ -245,7 +245,7 @@ impl<'a> Driver<'a> {
             let expected = expect.state.name();
             return fail(format!("{} is {}, {expected} was expected", view.version, state.name()));
         }
-        let Some(code) = expect.reason else { return Ok(Ended::Done) };
+        let Some(code) = expect.reason else { return Ok(StepEnd::Done) };
         let fits = |given: &Given| {
             given.code == code
                 && expect.stage.is_none_or(|stage| stage == given.stage)
@@ -257,7 +257,7 @@ impl<'a> Driver<'a> {
         let standing: Vec<Given> =
             said.map(|reason| Given { stage, dimension: reason.dimension, code: reason.code }).collect();
         if self.given.iter().chain(&standing).any(fits) {
-            return Ok(Ended::Done);
+            return Ok(StepEnd::Done);
         }
         let known: Vec<String> =
             self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();

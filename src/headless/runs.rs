@@ -5,7 +5,7 @@ use std::path::Path;
 
 use holdpoint_sim::robot::RobotModel;
 
-use super::driver::{Driver, Ended};
+use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::Script;
 use crate::error::{CliError, Exit};
@@ -107,7 +107,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;
     for (index, step) in script.steps.iter().enumerate() {
-        if driver.step(step, index)? == Ended::TimedOut {
+        if driver.step(step, index)? == StepEnd::TimedOut {
             driver.note(&format!("step {} timed out", index + 1))?;
             break;
         }

@@ -15,7 +15,7 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-pub use measure::{Clock, Effort, Entry, Unit};
+pub use measure::{FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 pub use simulation::PeerEntry;
 
 use holdpoint_engine::StartError;
@@ -27,7 +27,7 @@ use holdpoint_text::Hint;
 
 /// Everything that was measured in one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct BenchReport {
     /// Version of the program.
     pub version: &'static str,
     /// Whether the program was built with optimisation (`release`) or for development (`dev`).
@@ -37,7 +37,7 @@ pub struct Report {
     /// Whether fewer samples were taken.
     pub quick: bool,
     /// Times, in the order of the stages.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<MeasuredFigure>,
     /// The engine comparison's episode, per solver mode.
     pub peer: Vec<PeerEntry>,
 }
@@ -123,8 +123,8 @@ impl Hint for BenchError {
 ///
 /// # Errors
 /// [`BenchError`]; figures taken so far are not returned, because a broken engine's times mean nothing.
-pub fn run(quick: bool) -> Result<Report, BenchError> {
-    let effort = if quick { Effort::QUICK } else { Effort::DEFAULT };
+pub fn run(quick: bool) -> Result<BenchReport, BenchError> {
+    let effort = if quick { FigureEffort::QUICK } else { FigureEffort::DEFAULT };
     let subjects = subjects::Subjects::load()?;
     let mut entries = simulation::measure(&subjects, &effort)?;
     entries.extend(rules::measure(&subjects, &effort)?);
@@ -133,7 +133,7 @@ pub fn run(quick: bool) -> Result<Report, BenchError> {
         entries.extend(candidate::measure(&subjects)?);
     }
     let peer = simulation::measure_peer(&effort)?;
-    Ok(Report {
+    Ok(BenchReport {
         version: env!("CARGO_PKG_VERSION"),
         build: if cfg!(debug_assertions) { "dev" } else { "release" },
         physics: "f32",

@@ -21,7 +21,7 @@ use holdpoint_governance::ids::Family;
 use holdpoint_text::{Hint, Untrusted};
 
 pub use kind::Preset;
-pub use truth::{Class, Truth, TruthEntry};
+pub use truth::{Class, PoolTruth, TruthEntry};
 
 /// The form of `pool.json` that this build writes and reads.
 pub const FORMAT: u32 = 1;
@@ -170,7 +170,7 @@ impl Pool {
     ///
     /// # Errors
     /// [`PoolError::Tampered`] where its digest is not the index's; otherwise as [`Pool::read`].
-    pub fn truth(&self) -> Result<Truth, PoolError> {
+    pub fn truth(&self) -> Result<PoolTruth, PoolError> {
         let path = truth_path(&self.dir);
         let bytes = read_bytes(&path)?;
         let found = sha256(&bytes);

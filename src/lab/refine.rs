@@ -20,9 +20,9 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use self::journal::Journal;
-use self::objective::{Comparison, Objective};
-use self::package::Draft;
-use self::search::{Evaluator, Progress};
+use self::objective::{Objective, ObjectivePair};
+use self::package::PackageDraft;
+use self::search::{Evaluator, SearchProgress};
 use self::settings::{EPISODES_MAX, GENERATIONS_MAX, JOBS_MAX, RefineError, Settings};
 use self::space::Space;
 use holdpoint_engine::baselines;
@@ -31,7 +31,7 @@ use holdpoint_runtime::capability::Capability;
 
 /// A parameter that was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Change {
+pub struct ParameterChange {
     /// Its name in the parameter file.
     pub parameter: &'static str,
     /// The baseline's value.
@@ -42,7 +42,7 @@ pub struct Change {
 
 /// What a search came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct RefineReport {
     /// The candidate.
     pub id: CapabilityId,
     /// Its folder.
@@ -58,15 +58,15 @@ pub struct Report {
     /// Seed of the search.
     pub seed: u32,
     /// On the episodes the search practised on: optimistic for what was found.
-    pub practised: Comparison,
+    pub practised: ObjectivePair,
     /// On episodes it never saw.
-    pub fresh: Comparison,
+    pub fresh: ObjectivePair,
     /// The largest tool speed it declares, m/s.
     pub max_speed_m_s: f64,
     /// The largest force it declares, N.
     pub max_force_n: f64,
     /// What was changed.
-    pub changes: Vec<Change>,
+    pub changes: Vec<ParameterChange>,
 }
 
 /// Searches, writes the candidate's folder and tells what came of it. `told` hears of every evaluation.
@@ -79,8 +79,8 @@ pub struct Report {
 pub fn refine(
     settings: &Settings<'_>,
     cancel: &AtomicBool,
-    told: &mut dyn FnMut(&Progress),
-) -> Result<Report, RefineError> {
+    told: &mut dyn FnMut(&SearchProgress),
+) -> Result<RefineReport, RefineError> {
     check(settings)?;
     let family = Family::from(settings.task);
     let baseline = baselines()?
@@ -94,17 +94,17 @@ pub fn refine(
         return Err(RefineError::Exists(folder));
     }
     let space = Space::of(&baseline)?;
-    let draft = Draft::new(&baseline, &space, version);
+    let draft = PackageDraft::new(&baseline, &space, version);
     let objective = Objective::new(settings.seed, settings.jobs, cancel)?;
     let journal = Journal::open(&kept)?;
     let evaluator = Evaluator::new(&objective, &draft, journal, settings, told);
     let found = evaluator.search().map_err(|error| evaluator.interrupted(error, &kept))?;
     let after = evaluator.candidate(&found.values, "")?;
-    let fresh = Comparison {
+    let fresh = ObjectivePair {
         before: evaluator.fresh(&baseline).map_err(|error| evaluator.interrupted(error, &kept))?,
         after: evaluator.fresh(&after).map_err(|error| evaluator.interrupted(error, &kept))?,
     };
-    let practised = Comparison { before: found.baseline, after: found.score };
+    let practised = ObjectivePair { before: found.baseline, after: found.score };
     let summary = package::summary(settings, evaluator.evaluations(), &practised, &fresh);
     let candidate = evaluator.candidate(&found.values, &summary)?;
     package::write(&candidate.package, &kept, &folder)?;
@@ -113,9 +113,9 @@ pub fn refine(
         .iter()
         .zip(&found.values)
         .filter(|(axis, value)| axis.baseline != **value)
-        .map(|(axis, value)| Change { parameter: axis.name, before: axis.baseline, after: *value })
+        .map(|(axis, value)| ParameterChange { parameter: axis.name, before: axis.baseline, after: *value })
         .collect();
-    Ok(Report {
+    Ok(RefineReport {
         id: candidate.id(),
         folder,
         kept,

@@ -42,7 +42,7 @@ pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
 
 /// An arm with its gripper and the object it works on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Body {
+pub struct ArmPicture {
     /// Joint origins from the base to the tool, in order; at least two.
     pub links: Vec<Point>,
     /// The two finger pads.
@@ -84,7 +84,7 @@ pub const CONTACTS_MAX: usize = 16;
 
 /// The envelope that the guard holds the version at work to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Envelope {
+pub struct EnvelopePicture {
     /// Largest speed of the tool, m/s.
     pub speed_m_s: f32,
     /// Largest force of a finger, N.
@@ -107,7 +107,7 @@ pub struct Picture {
     /// Who does it.
     pub version: Option<CapabilityId>,
     /// The arm.
-    pub body: Body,
+    pub body: ArmPicture,
     /// Speed of the tool, m/s.
     pub speed_m_s: f32,
     /// Contact force at the pads, N.
@@ -115,7 +115,7 @@ pub struct Picture {
     /// Largest force of the robot, or of what it holds, on its surroundings, N.
     pub contact_n: f32,
     /// What the guard allows of it; absent at rest.
-    pub envelope: Option<Envelope>,
+    pub envelope: Option<EnvelopePicture>,
     /// What touches what, the strongest first.
     pub contacts: Vec<Contact>,
     /// What stands in the cell in this sequence: the parts of the tray, which is the target, then the clutter.
@@ -134,5 +134,5 @@ pub struct Twin {
     /// The candidate.
     pub version: CapabilityId,
     /// Its arm.
-    pub body: Body,
+    pub body: ArmPicture,
 }

@@ -66,7 +66,7 @@ pub struct OnRecord(pub BTreeMap<String, Standing>);
 
 /// How a file stands to what is on record of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Check {
+pub enum FileCheck {
     /// It is what was closed.
     Matches,
     /// It is not: this is its digest, the other the one on record.
@@ -131,11 +131,11 @@ impl OnRecord {
 
     /// Compares a file with what is on record of it; `found` is its digest now.
     #[must_use]
-    pub fn check(&self, file: &str, found: Digest) -> Check {
+    pub fn check(&self, file: &str, found: Digest) -> FileCheck {
         match self.recorded(file) {
-            None => Check::NotOnRecord,
-            Some(recorded) if recorded.sha256 == found => Check::Matches,
-            Some(recorded) => Check::Differs { found, recorded: recorded.sha256 },
+            None => FileCheck::NotOnRecord,
+            Some(recorded) if recorded.sha256 == found => FileCheck::Matches,
+            Some(recorded) => FileCheck::Differs { found, recorded: recorded.sha256 },
         }
     }
 }

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use holdpoint_text::Hint;
 
 /// The oldest viewer that reads what this program writes.
-pub const OLDEST: Version = Version([0, 36, 0]);
+pub const OLDEST: ViewerVersion = ViewerVersion([0, 36, 0]);
 
 /// How to get one that fits.
 pub const INSTALL: &str = "pip install rerun-sdk==0.36.3";
@@ -51,16 +51,16 @@ pub const LOG_NAME: &str = "viewer.log";
 
 /// A viewer's version: major, minor, patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Version(pub [u64; 3]);
+pub struct ViewerVersion(pub [u64; 3]);
 
-impl fmt::Display for Version {
+impl fmt::Display for ViewerVersion {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self([major, minor, patch]) = self;
         write!(out, "{major}.{minor}.{patch}")
     }
 }
 
-impl Version {
+impl ViewerVersion {
     /// Reads `rerun-cli 0.36.3 (...) ...`.
     fn parse(answer: &str) -> Option<Self> {
         let word = answer.strip_prefix(ANSWER_START)?.split_whitespace().next()?;
@@ -78,7 +78,7 @@ pub struct Viewer {
     /// The program itself, not a script that starts it.
     pub program: PathBuf,
     /// Its version.
-    pub version: Version,
+    pub version: ViewerVersion,
 }
 
 /// Why there is no viewer, or why it could not be started.
@@ -93,7 +93,7 @@ pub enum ViewerError {
         /// The program.
         program: PathBuf,
         /// Its version.
-        found: Version,
+        found: ViewerVersion,
     },
     /// There is no screen to show a window on.
     #[error("there is no screen for the scene viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")]
@@ -265,7 +265,7 @@ fn behind_script(named: &Path) -> Option<PathBuf> {
 }
 
 /// What a program answers to `--version`; `None` where it is no viewer, or does not answer.
-fn version_of(program: &Path) -> Option<Version> {
+fn version_of(program: &Path) -> Option<ViewerVersion> {
     let mut child = Command::new(program)
         .arg("--version")
         .stdin(Stdio::null())
@@ -292,7 +292,7 @@ fn version_of(program: &Path) -> Option<Version> {
     }
     let mut answer = Vec::new();
     child.stdout.take()?.take(ANSWER_BYTES_MAX).read_to_end(&mut answer).ok()?;
-    Version::parse(&String::from_utf8_lossy(&answer))
+    ViewerVersion::parse(&String::from_utf8_lossy(&answer))
 }
 
 /// What PATH says now.
@@ -328,9 +328,13 @@ mod tests {
             ("rerun-cli 0.36", None),
             ("", None),
         ] {
-            assert_eq!(Version::parse(answer), expected.map(Version), "{answer}");
+            assert_eq!(ViewerVersion::parse(answer), expected.map(ViewerVersion), "{answer}");
         }
-        assert!(Version([0, 36, 3]) >= OLDEST && Version([0, 35, 9]) < OLDEST && Version([1, 0, 0]) > OLDEST);
+        assert!(
+            ViewerVersion([0, 36, 3]) >= OLDEST
+                && ViewerVersion([0, 35, 9]) < OLDEST
+                && ViewerVersion([1, 0, 0]) > OLDEST
+        );
     }
 
     #[test]
@@ -341,7 +345,7 @@ mod tests {
         let expected = program(&good, "rerun-cli 0.36.3 (base)");
         let path = std::env::join_paths([root.path().join("none"), other, good]).unwrap();
         let found = find(Some(&path)).unwrap();
-        assert_eq!(found, Viewer { program: expected, version: Version([0, 36, 3]) });
+        assert_eq!(found, Viewer { program: expected, version: ViewerVersion([0, 36, 3]) });
         assert!(matches!(find(None), Err(ViewerError::NotFound)));
     }
 
@@ -350,7 +354,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         program(root.path(), "rerun-cli 0.35.2 (base)");
         let error = find(Some(root.path().as_os_str())).unwrap_err();
-        assert!(matches!(error, ViewerError::TooOld { found: Version([0, 35, 2]), .. }), "{error}");
+        assert!(matches!(error, ViewerError::TooOld { found: ViewerVersion([0, 35, 2]), .. }), "{error}");
         assert!(error.sentence().ends_with(". Hint: pip install rerun-sdk==0.36.3"), "{error}");
         let program = root.path().join(PROGRAM);
         std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();

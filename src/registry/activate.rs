@@ -5,7 +5,7 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::ActiveCause;
 use super::error::StoreError;
-use super::rows::Table;
+use super::rows::ChainedTable;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
 
@@ -96,7 +96,8 @@ impl Applier<'_> {
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
             params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms],
         )?;
-        let rows = vec![(Table::Family, family.to_string()), (Table::Activation, seq.to_string())];
+        let rows =
+            vec![(ChainedTable::Family, family.to_string()), (ChainedTable::Activation, seq.to_string())];
         let subject = active_name.unwrap_or_else(|| family.to_string());
         Ok(Touched::new(RecordKind::ActiveSet, subject, rows))
     }
@@ -170,7 +171,7 @@ impl Applier<'_> {
              ON CONFLICT (name) DO UPDATE SET safe_stopped = ?2, reason = ?3",
             params![family.as_str(), safe_stopped, reason],
         )?;
-        Ok(Touched::new(RecordKind::FamilySet, family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilySet, family, vec![(ChainedTable::Family, family.to_string())]))
     }
 
     /// Keeps the lifecycle model's view of a family.
@@ -179,7 +180,7 @@ impl Applier<'_> {
         self.family(family)?;
         let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";
         self.execute("keep a family's standing", sql, params![family.as_str(), json])?;
-        Ok(Touched::new(RecordKind::StandingSet, family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::StandingSet, family, vec![(ChainedTable::Family, family.to_string())]))
     }
 
     /// Everything recorded for the family up to now no longer counts.
@@ -191,6 +192,6 @@ impl Applier<'_> {
             "UPDATE family SET void_seq = ?2 WHERE name = ?1",
             params![family.as_str(), self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::FamilyVoided, family, vec![(Table::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilyVoided, family, vec![(ChainedTable::Family, family.to_string())]))
     }
 }

@@ -16,7 +16,7 @@ use super::columns::parsed;
 use super::error::StoreError;
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
-use super::rows::{Table, row_digest};
+use super::rows::{ChainedTable, row_digest};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -30,7 +30,7 @@ const COMMAND_ID_BYTES_MAX: usize = 128;
 
 /// What an approval is checked against beside the database.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place<'a> {
+pub(crate) struct ApprovalBasis<'a> {
     /// The store's id.
     pub(crate) store_id: &'a str,
     /// The folder of people's keys.
@@ -42,7 +42,7 @@ pub(super) struct Applier<'a> {
     pub(super) connection: &'a Connection,
     pub(super) at_ms: u64,
     wall_ms: i64,
-    pub(super) place: Place<'a>,
+    pub(super) place: ApprovalBasis<'a>,
     first_seq: u64,
     head: Head,
     pub(super) row_versions: Vec<(CapabilityId, u64)>,
@@ -58,11 +58,11 @@ pub(super) struct Applier<'a> {
 pub(super) struct Touched {
     kind: RecordKind,
     subject: String,
-    rows: Vec<(Table, String)>,
+    rows: Vec<(ChainedTable, String)>,
 }
 
 impl Touched {
-    pub(super) fn new(kind: RecordKind, subject: impl ToString, rows: Vec<(Table, String)>) -> Self {
+    pub(super) fn new(kind: RecordKind, subject: impl ToString, rows: Vec<(ChainedTable, String)>) -> Self {
         Self { kind, subject: subject.to_string(), rows }
     }
 }
@@ -77,7 +77,7 @@ pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreE
 pub(crate) fn apply(
     connection: &Connection,
     transaction: &Transaction,
-    place: Place<'_>,
+    place: ApprovalBasis<'_>,
 ) -> Result<(Receipt, Head), StoreError> {
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
@@ -362,7 +362,7 @@ impl Applier<'_> {
                 self.at_ms
             ],
         )?;
-        Ok(Touched::new(RecordKind::EvidencePut, version, vec![(Table::Evidence, seq.to_string())]))
+        Ok(Touched::new(RecordKind::EvidencePut, version, vec![(ChainedTable::Evidence, seq.to_string())]))
     }
 
     /// Profile, policy digest and since which record; must have been set.
@@ -390,7 +390,7 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
             params![profile, policy_digest.to_string(), json, self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::ContextSet, "", vec![(Table::Context, "1".to_owned())]))
+        Ok(Touched::new(RecordKind::ContextSet, "", vec![(ChainedTable::Context, "1".to_owned())]))
     }
 
     fn alarm(
@@ -421,7 +421,7 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
             params![alarm, subject, state.name(), priority.name(), json, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::AlarmChanged, subject, vec![(Table::Alarm, alarm.to_owned())]))
+        Ok(Touched::new(RecordKind::AlarmChanged, subject, vec![(ChainedTable::Alarm, alarm.to_owned())]))
     }
 }
 

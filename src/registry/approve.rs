@@ -5,7 +5,7 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use super::rows::Table;
+use super::rows::ChainedTable;
 use holdpoint_approvals::{Identity, SignedApproval};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{Digest, canonical_json};
@@ -44,7 +44,7 @@ impl Applier<'_> {
             0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
             _ => Ok(()),
         })?;
-        let rows = vec![(Table::ApprovalRequest, request.id.clone())];
+        let rows = vec![(ChainedTable::ApprovalRequest, request.id.clone())];
         Ok(Touched::new(RecordKind::ApprovalRequested, &request.version, rows))
     }
 
@@ -85,7 +85,7 @@ impl Applier<'_> {
                 text
             ],
         )?;
-        Ok(Touched::new(RecordKind::ApprovalPut, &approval.version, vec![(Table::Approval, nonce)]))
+        Ok(Touched::new(RecordKind::ApprovalPut, &approval.version, vec![(ChainedTable::Approval, nonce)]))
     }
 
     pub(super) fn consume_approval(
@@ -150,7 +150,7 @@ impl Applier<'_> {
         )
         .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
         crate::fp!("approval-consumed");
-        let rows = vec![(Table::Approval, nonce.to_owned())];
+        let rows = vec![(ChainedTable::Approval, nonce.to_owned())];
         let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version, rows);
         self.approved.entry(name).or_default().insert(approval.who.clone());
         Ok(touched)

@@ -10,14 +10,14 @@ use serde::Deserialize;
 use super::audit::{Head, for_each, head};
 use super::columns::parsed;
 use super::names::is_own;
-use super::rows::{Table, all_rows};
+use super::rows::{ChainedTable, all_rows};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// The first thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Fault {
+pub(crate) enum ChainFault {
     /// A record of the chain.
     Record { seq: u64, problem: String },
     /// A row that is not what the chain says.
@@ -27,7 +27,7 @@ pub(crate) enum Fault {
 /// A failure of a fold: a fault found, or a database that cannot be read.
 #[derive(Debug)]
 pub(crate) enum FoldError {
-    Fault(Fault),
+    Fault(ChainFault),
     Read { seq: u64, source: rusqlite::Error },
 }
 
@@ -57,7 +57,7 @@ pub(crate) struct Fold {
 
 /// The parts of a store record that the fold reads.
 #[derive(Deserialize)]
-struct Body {
+struct RecordBody {
     change: serde_json::Value,
     rows: Vec<(String, String, Digest)>,
 }
@@ -71,7 +71,7 @@ struct StateSet {
 }
 
 #[derive(Deserialize)]
-struct Registered {
+struct RegisteredRow {
     id: String,
 }
 
@@ -104,7 +104,7 @@ impl Fold {
                 let problem =
                     format!("the chain ends at {}, its end was recorded at {}", fold.end.seq, end.seq);
                 let seq = fold.end.seq.min(end.seq) + 1;
-                Err(FoldError::Fault(Fault::Record { seq, problem }))
+                Err(FoldError::Fault(ChainFault::Record { seq, problem }))
             }
         }
     }
@@ -119,8 +119,8 @@ impl Fold {
         usize::try_from(seq.checked_sub(1)?).ok().and_then(|index| self.hashes.get(index)).copied()
     }
 
-    fn push(&mut self, record: &AuditRecord) -> Result<(), Fault> {
-        let fault = |problem: String| Fault::Record { seq: self.end.seq + 1, problem };
+    fn push(&mut self, record: &AuditRecord) -> Result<(), ChainFault> {
+        let fault = |problem: String| ChainFault::Record { seq: self.end.seq + 1, problem };
         if record.seq != self.end.seq + 1 {
             return Err(fault(format!("it is missing; the next one is {}", record.seq)));
         }
@@ -134,7 +134,7 @@ impl Fold {
             return Err(fault("it is older than the record before".to_owned()));
         }
         if let Some(kind) = record.kind.known().copied().filter(|kind| is_own(*kind)) {
-            let body: Body =
+            let body: RecordBody =
                 serde_json::from_str(&record.body).map_err(|e| fault(format!("its body: {e}")))?;
             self.fold_body(record.seq, kind, body)?;
         }
@@ -143,13 +143,13 @@ impl Fold {
         Ok(())
     }
 
-    fn fold_body(&mut self, seq: u64, kind: RecordKind, body: Body) -> Result<(), Fault> {
-        let fault = |problem: String| Fault::Record { seq, problem };
+    fn fold_body(&mut self, seq: u64, kind: RecordKind, body: RecordBody) -> Result<(), ChainFault> {
+        let fault = |problem: String| ChainFault::Record { seq, problem };
         let unreadable =
-            |error: serde_json::Error| Fault::Record { seq, problem: format!("its body: {error}") };
+            |error: serde_json::Error| ChainFault::Record { seq, problem: format!("its body: {error}") };
         match kind {
             RecordKind::VersionRegistered => {
-                let new: Registered = serde_json::from_value(body.change).map_err(unreadable)?;
+                let new: RegisteredRow = serde_json::from_value(body.change).map_err(unreadable)?;
                 if self.states.insert(new.id.clone(), (State::Registered, 1)).is_some() {
                     return Err(fault(format!("{} was registered before", new.id)));
                 }
@@ -175,26 +175,28 @@ impl Fold {
     }
 
     /// The first difference between the tables and what the chain says, `None` where there is none.
-    pub(crate) fn compare(&self, connection: &Connection) -> rusqlite::Result<Option<Fault>> {
+    pub(crate) fn compare(&self, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
         let mut expected = self.rows.clone();
         let mut fault = None;
-        for table in Table::ALL {
+        for table in ChainedTable::ALL {
             all_rows(connection, table, |key, digest| {
                 let problem = match expected.remove(&(table.name().to_owned(), key.clone())) {
                     Some((known, _)) if known == digest => return,
                     Some((_, seq)) => format!("it is not what record {seq} says"),
                     None => "no record speaks of it".to_owned(),
                 };
-                fault.get_or_insert(Fault::Row { table: table.name(), key, problem });
+                fault.get_or_insert(ChainFault::Row { table: table.name(), key, problem });
             })?;
         }
         if fault.is_some() {
             return Ok(fault);
         }
         if let Some(((table, key), (_, seq))) = expected.into_iter().next() {
-            let table =
-                Table::ALL.iter().find(|known| known.name() == table).map_or("unknown", |known| known.name());
-            return Ok(Some(Fault::Row {
+            let table = ChainedTable::ALL
+                .iter()
+                .find(|known| known.name() == table)
+                .map_or("unknown", |known| known.name());
+            return Ok(Some(ChainFault::Row {
                 table,
                 key,
                 problem: format!("it is missing; record {seq} made it"),
@@ -207,7 +209,7 @@ impl Fold {
                 (row.get(0)?, parsed(row, 1)?, row.get(2)?);
             if self.states.get(&name) != Some(&(state, row_version)) {
                 let problem = format!("its state {state} is not the fold of the chain");
-                return Ok(Some(Fault::Row { table: "version", key: name, problem }));
+                return Ok(Some(ChainFault::Row { table: "version", key: name, problem }));
             }
         }
         Ok(None)

@@ -3,7 +3,7 @@
 use rusqlite::{Connection, OptionalExtension};
 
 use super::columns::parsed;
-use super::fold::{Fault, Fold, FoldError};
+use super::fold::{ChainFault, Fold, FoldError};
 use holdpoint_governance::lifecycle::State;
 
 /// The invariants of the store.
@@ -72,10 +72,10 @@ pub(crate) fn check_registry(connection: &Connection) -> rusqlite::Result<Vec<Vi
     Ok(found)
 }
 
-fn of_fault(fault: Fault) -> Violation {
+fn of_fault(fault: ChainFault) -> Violation {
     match fault {
-        Fault::Record { seq, problem } => violation(Invariant::Chain, &format!("record {seq}"), problem),
-        Fault::Row { table, key, problem } => {
+        ChainFault::Record { seq, problem } => violation(Invariant::Chain, &format!("record {seq}"), problem),
+        ChainFault::Row { table, key, problem } => {
             violation(Invariant::StateIsFold, &format!("{table} {key:?}"), problem)
         }
     }

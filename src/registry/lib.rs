@@ -3,7 +3,7 @@
 //! Owns the store's folder and files, the one connection that writes, the audit chain with its checkpoints and
 //! verifier, the views and the telemetry file. Must not decide anything: it takes whole transactions of plain
 //! changes, refuses those that would break an invariant, and keeps bodies (manifests, evidence, decisions) as the
-//! bytes it was given. The dispatcher gets the [`ActiveView`] and nothing else.
+//! bytes it was given. The dispatcher gets the [`ActiveVersions`] and nothing else.
 
 mod activate;
 mod apply;
@@ -46,4 +46,4 @@ pub use recovery::Interrupted;
 pub use store::{Opening, Store};
 pub use telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryLimits};
 pub use verify::{VerifyError, VerifyReport, verify};
-pub use views::{ActiveVersion, ActiveView, PAGE_ROWS_MAX, Views};
+pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};

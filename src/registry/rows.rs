@@ -9,7 +9,7 @@ use holdpoint_governance::ids::Digest;
 
 /// The tables the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) enum Table {
+pub(crate) enum ChainedTable {
     Context,
     Version,
     Family,
@@ -20,7 +20,7 @@ pub(crate) enum Table {
     Alarm,
 }
 
-impl Table {
+impl ChainedTable {
     pub(crate) const ALL: [Self; 8] = [
         Self::Context,
         Self::Version,
@@ -82,7 +82,7 @@ impl Table {
 }
 
 /// The digest of a row: each column's type and bytes.
-fn image(table: Table, row: &Row<'_>, first: usize) -> rusqlite::Result<Digest> {
+fn image(table: ChainedTable, row: &Row<'_>, first: usize) -> rusqlite::Result<Digest> {
     let count = table.columns().split(',').count();
     let mut parts: Vec<Vec<u8>> = Vec::with_capacity(count);
     for index in first..first + count {
@@ -101,7 +101,7 @@ fn image(table: Table, row: &Row<'_>, first: usize) -> rusqlite::Result<Digest> 
 /// The digest of one row, `None` where there is none.
 pub(crate) fn row_digest(
     connection: &Connection,
-    table: Table,
+    table: ChainedTable,
     key: &str,
 ) -> rusqlite::Result<Option<Digest>> {
     let sql = format!("SELECT {} FROM {} WHERE {} = ?1", table.columns(), table.name(), table.key());
@@ -111,7 +111,7 @@ pub(crate) fn row_digest(
 /// Key and digest of every row of a table.
 pub(crate) fn all_rows(
     connection: &Connection,
-    table: Table,
+    table: ChainedTable,
     mut visit: impl FnMut(String, Digest),
 ) -> rusqlite::Result<()> {
     let sql = format!("SELECT CAST({} AS TEXT), {} FROM {}", table.key(), table.columns(), table.name());

@@ -11,7 +11,7 @@ use std::thread::{self, JoinHandle};
 use ed25519_dalek::{SigningKey, VerifyingKey};
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
 
-use super::apply::{Place, apply};
+use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{Change, Receipt, Transaction};
 use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
@@ -21,8 +21,8 @@ use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
 use super::open::{Durability, damaged, open_reader, open_writer, quick_check};
 use super::recovery::{Interrupted, interrupted};
-use super::telemetry::{Batch, BatchReceipt, EpisodeKey, Telemetry, TelemetryLimits};
-use super::views::{ActiveView, Views};
+use super::telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryFile, TelemetryLimits};
+use super::views::{ActiveVersions, Views};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::AuditRecord;
 
@@ -53,7 +53,7 @@ struct Job {
 pub struct Store {
     jobs: Option<SyncSender<Job>>,
     writer: Option<JoinHandle<()>>,
-    telemetry: Mutex<Telemetry>,
+    telemetry: Mutex<TelemetryFile>,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
     layout: Layout,
     store_id: String,
@@ -95,11 +95,11 @@ impl Store {
         let store_id = store_id(&connection)?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
-        let telemetry = Telemetry::open(&layout.telemetry(), limits)?;
+        let telemetry = TelemetryFile::open(&layout.telemetry(), limits)?;
         let public_key = key.verifying_key();
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
-        let writer = Writer {
+        let writer = StoreWriter {
             connection,
             store_id: store_id.clone(),
             key,
@@ -181,8 +181,8 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be opened.
-    pub fn active_view(&self) -> Result<ActiveView, StoreError> {
-        ActiveView::open(&self.layout.database())
+    pub fn active_view(&self) -> Result<ActiveVersions, StoreError> {
+        ActiveVersions::open(&self.layout.database())
     }
 
     /// Writes the audit chain from `from_seq` on as JSON lines; see [`Views::export`].
@@ -254,7 +254,7 @@ impl Drop for Store {
 }
 
 /// Owns the connection that writes.
-struct Writer {
+struct StoreWriter {
     connection: Connection,
     store_id: String,
     key: SigningKey,
@@ -264,7 +264,7 @@ struct Writer {
     checkpoint_problem: Arc<Mutex<Option<String>>>,
 }
 
-impl Writer {
+impl StoreWriter {
     fn run(mut self, incoming: &Receiver<Job>) {
         let mut end = None;
         while let Ok(Job { transaction, answer }) = incoming.recv() {
@@ -292,7 +292,7 @@ impl Writer {
             .connection
             .transaction_with_behavior(TransactionBehavior::Immediate)
             .map_err(StoreError::sql("begin a transaction"))?;
-        let place = Place { store_id: &self.store_id, identities: &self.identities };
+        let place = ApprovalBasis { store_id: &self.store_id, identities: &self.identities };
         let answer = apply(&tx, transaction, place)?;
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
         crate::fp!("after-commit-before-ack");

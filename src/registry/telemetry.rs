@@ -102,7 +102,7 @@ fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], b
 
 /// The telemetry file.
 #[derive(Debug)]
-pub(crate) struct Telemetry {
+pub(crate) struct TelemetryFile {
     connection: Connection,
     limits: TelemetryLimits,
     unsealed: Vec<BatchReceipt>,
@@ -111,7 +111,7 @@ pub(crate) struct Telemetry {
 /// Batches between two seals at most; more than that is a caller that forgot to seal.
 const UNSEALED_MAX: usize = 10_000;
 
-impl Telemetry {
+impl TelemetryFile {
     /// Opens the file; makes it where there is none.
     pub(crate) fn open(path: &Path, limits: TelemetryLimits) -> Result<Self, StoreError> {
         let connection = open_writer(path, &TELEMETRY, Durability::Normal)?;

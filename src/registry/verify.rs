@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::checkpoint::{Checkpoint, names};
 use super::error::StoreError;
-use super::fold::{Fault, Fold, FoldError};
+use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
@@ -166,10 +166,10 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     Ok(report)
 }
 
-fn of_fault(fault: Fault) -> VerifyError {
+fn of_fault(fault: ChainFault) -> VerifyError {
     match fault {
-        Fault::Record { seq, problem } => VerifyError::Record { seq, problem },
-        Fault::Row { table, key, problem } => VerifyError::State { table, key, problem },
+        ChainFault::Record { seq, problem } => VerifyError::Record { seq, problem },
+        ChainFault::Row { table, key, problem } => VerifyError::State { table, key, problem },
     }
 }
 

@@ -5,7 +5,7 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::NewVersion;
 use super::error::StoreError;
-use super::rows::Table;
+use super::rows::ChainedTable;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::record::RecordKind;
@@ -93,7 +93,7 @@ impl Applier<'_> {
         Ok(Touched::new(
             RecordKind::VersionRegistered,
             &name,
-            vec![(Table::Version, name.clone()), (Table::Family, family)],
+            vec![(ChainedTable::Version, name.clone()), (ChainedTable::Family, family)],
         ))
     }
 
@@ -138,7 +138,7 @@ impl Applier<'_> {
         self.row_versions_before.entry(name.clone()).or_insert(row_version);
         self.row_versions.push((version.clone(), row_version + 1));
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::StateSet, version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::StateSet, version, vec![(ChainedTable::Version, name)]))
     }
 
     pub(super) fn set_flags(&mut self, version: &CapabilityId, flags: Flags) -> Result<Touched, StoreError> {
@@ -160,7 +160,7 @@ impl Applier<'_> {
             ],
         )?;
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::FlagsSet, version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::FlagsSet, version, vec![(ChainedTable::Version, name)]))
     }
 
     pub(super) fn set_scores(
@@ -182,7 +182,7 @@ impl Applier<'_> {
                changed_ms = ?7 WHERE name = ?1",
             params![name, i, p, b, r, signature, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::ScoresSet, version, vec![(Table::Version, name)]))
+        Ok(Touched::new(RecordKind::ScoresSet, version, vec![(ChainedTable::Version, name)]))
     }
 }
 

@@ -1,6 +1,6 @@
 //! What can be read: the active, candidate and history views, one version in full, requests, alarms, the chain.
 //!
-//! Reading only. [`ActiveView`] can name active versions and nothing else, so that a dispatcher that holds one
+//! Reading only. [`ActiveVersions`] can name active versions and nothing else, so that a dispatcher that holds one
 //! cannot reach a candidate.
 
 use std::io::Write;
@@ -46,14 +46,14 @@ pub struct ActiveVersion {
 
 /// The view the dispatcher gets: active versions only.
 #[derive(Debug)]
-pub struct ActiveView {
+pub struct ActiveVersions {
     connection: Connection,
 }
 
 const ACTIVE_COLUMNS: &str = "v.name, v.bundle_digest, v.manifest, v.provisional, v.restricted, f.pinned
     FROM family f JOIN version v ON v.name = f.active WHERE v.state = 'active' AND f.safe_stopped = 0";
 
-impl ActiveView {
+impl ActiveVersions {
     pub(crate) fn open(database: &Path) -> Result<Self, StoreError> {
         Ok(Self { connection: open_reader(database, &STORE)? })
     }

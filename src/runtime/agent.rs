@@ -63,7 +63,7 @@ pub trait ActiveView {
 /// What never changes about an agent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Identity {
+pub struct AgentIdentity {
     /// The agent's name.
     pub name: String,
     /// What it was made for.
@@ -75,14 +75,14 @@ pub struct Identity {
 /// The agent.
 #[derive(Clone, Debug)]
 pub struct Agent {
-    identity: Identity,
+    identity: AgentIdentity,
     episodes: u64,
 }
 
 impl Default for Agent {
     fn default() -> Self {
         Self {
-            identity: Identity {
+            identity: AgentIdentity {
                 name: "cell-agent".to_owned(),
                 purpose: "pick, align and place objects in the cell".to_owned(),
                 decision_policy: 1,

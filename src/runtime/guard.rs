@@ -12,8 +12,8 @@ use holdpoint_body::{Command, Geometry, GuardVerdict, JointVec, Telemetry, zone}
 use serde::{Deserialize, Serialize};
 
 use super::limits::Envelope;
-use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, Zone};
-use holdpoint_governance::policy::{PolicyTable, Verdict};
+use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, ZoneName};
+use holdpoint_governance::policy::{ModeRuling, PolicyTable};
 
 /// Why the guard denied or clamped a command, or what a sensor told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -144,7 +144,7 @@ impl Guard {
                     return Err(PolicyHit::NotFinite);
                 }
                 let start = seen.tool.position;
-                let human = zone::named(&self.zones, Zone::Human.name());
+                let human = zone::named(&self.zones, ZoneName::Human.name());
                 if human.is_some_and(|zone| segment_enters(zone.min_m, zone.max_m, start, pose.position)) {
                     return Err(PolicyHit::KeepOut);
                 }
@@ -183,11 +183,11 @@ impl Guard {
     /// The envelope a mode may use.
     fn mode_cap(&self, mode: ModeKey) -> Result<Envelope, PolicyHit> {
         match self.table.verdict(&mode) {
-            Verdict::Allow => Ok(self.envelope),
-            Verdict::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
-            Verdict::Review => Err(PolicyHit::ModeUnreviewed),
-            Verdict::Forbid => Err(PolicyHit::ModeForbidden),
-            Verdict::Uncovered => Err(PolicyHit::ModeUncovered),
+            ModeRuling::Allow => Ok(self.envelope),
+            ModeRuling::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
+            ModeRuling::Review => Err(PolicyHit::ModeUnreviewed),
+            ModeRuling::Forbid => Err(PolicyHit::ModeForbidden),
+            ModeRuling::Uncovered => Err(PolicyHit::ModeUncovered),
         }
     }
 
@@ -216,8 +216,8 @@ impl Guard {
     }
 
     /// The zone a point lies in; the keep-out zone counts before any other.
-    fn zone_of(&self, point: [f64; 3]) -> Option<Zone> {
-        [Zone::Human, Zone::Work, Zone::Tray, Zone::Transit]
+    fn zone_of(&self, point: [f64; 3]) -> Option<ZoneName> {
+        [ZoneName::Human, ZoneName::Work, ZoneName::Tray, ZoneName::Transit]
             .into_iter()
             .find(|zone| zone::named(&self.zones, zone.name()).is_some_and(|bounds| bounds.contains(&point)))
     }

@@ -13,7 +13,7 @@ use holdpoint_governance::profile::Profile;
 
 /// Everything around a skill but the skill.
 #[derive(Clone)]
-pub struct Terms {
+pub struct SkillTerms {
     table: Arc<PolicyTable>,
     geometry: Arc<Geometry>,
     zones: Arc<[Zone]>,
@@ -24,7 +24,7 @@ pub struct Terms {
     pub detect_ticks: u64,
 }
 
-impl Terms {
+impl SkillTerms {
     /// The terms of a profile.
     #[must_use]
     pub fn new(

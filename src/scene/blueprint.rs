@@ -23,10 +23,10 @@ use super::file::{APPLICATION, message, opening};
 use super::rows::Ids;
 
 /// A view: number, class, name, origin, contents.
-type View = (u8, &'static str, &'static str, &'static str, &'static [&'static str]);
+type BlueprintView = (u8, &'static str, &'static str, &'static str, &'static [&'static str]);
 
 const SCENE: u8 = 1;
-const VIEWS: [View; 10] = [
+const VIEWS: [BlueprintView; 10] = [
     (SCENE, "3D", "Cell and twin", "/world", &["$origin/**"]),
     (2, "TimeSeries", "Tool speed, m/s", "/plots/tool/speed", &["$origin/**"]),
     (3, "TimeSeries", "Forces, N", "/plots/tool", &["+ $origin/force/**", "+ $origin/contact/**"]),
@@ -107,7 +107,7 @@ impl Page {
         Ok(())
     }
 
-    fn view(&mut self, (number, class, name, origin, contents): View) -> io::Result<()> {
+    fn view(&mut self, (number, class, name, origin, contents): BlueprintView) -> io::Result<()> {
         let path = view_path(number);
         let queries = contents.iter().map(|query| QueryExpression((*query).into()));
         self.put(&format!("{path}/ViewContents"), &ViewContents::new(queries))?;

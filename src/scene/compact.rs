@@ -25,7 +25,7 @@ use holdpoint_text::Untrusted;
 
 /// A file that is ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ended {
+pub struct EndedFile {
     /// SHA-256 of its bytes.
     pub digest: Digest,
     /// Its size.
@@ -38,7 +38,7 @@ pub struct Ended {
 ///
 /// # Errors
 /// Where a segment cannot be read, or the file not be written.
-pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<Ended, ReadError> {
+pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
     let mut all = Vec::new();
     for segment in segments {
         all.extend(contents(segment)?.chunks);
@@ -79,7 +79,7 @@ const LAST_SEGMENT: u32 = 0xf_ffff;
 ///
 /// # Errors
 /// Where it cannot be written.
-pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ended> {
+pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<EndedFile> {
     let beside = into.with_extension("rrd.part");
     let written = write_beside(stem, chunks, &beside).and_then(|ended| {
         fs::rename(&beside, into)?;
@@ -94,7 +94,7 @@ pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ende
     written
 }
 
-fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<Ended> {
+fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<EndedFile> {
     let file = BufWriter::new(Summed { file: File::create(beside)?, sum: Sha256::new(), bytes: 0 });
     let mut framed = Framed::indexed(file)?;
     let store = store(stem);
@@ -109,7 +109,7 @@ fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<End
     }
     let summed = framed.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?;
     summed.file.sync_all()?;
-    Ok(Ended { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes, pictures })
+    Ok(EndedFile { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes, pictures })
 }
 
 /// The same rows in few chunks, ordered by entity.
@@ -166,9 +166,9 @@ impl Write for Summed {
 
 /// What is found of a file at the start.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Found {
+pub enum StartFindings {
     /// It was ended in good order, with this outcome.
-    Ended(Ended, Word<UpgradeEnd>),
+    Ended(EndedFile, Word<UpgradeEnd>),
     /// It is readable; its upgrade may go on.
     Open,
 }
@@ -177,16 +177,16 @@ pub enum Found {
 ///
 /// # Errors
 /// Where it cannot be read or written.
-pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<Found, ReadError> {
+pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
     let Contents { chunks, tail } = contents(path)?;
     let Some(tail) = tail else {
         let chunks = with_end(chunks, &Tail { outcome: None, dropped });
         write_all(stem, chunks, path).map_err(|source| ReadError::file(path, source))?;
-        return Ok(Found::Open);
+        return Ok(StartFindings::Open);
     };
-    let Some(outcome) = tail.outcome else { return Ok(Found::Open) };
+    let Some(outcome) = tail.outcome else { return Ok(StartFindings::Open) };
     let pictures = pictures(&chunks);
     let bytes = fs::read(path).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
-    Ok(Found::Ended(Ended { digest, bytes: bytes.len() as u64, pictures }, outcome))
+    Ok(StartFindings::Ended(EndedFile { digest, bytes: bytes.len() as u64, pictures }, outcome))
 }

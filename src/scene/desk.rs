@@ -6,11 +6,11 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::compact::{self, Found};
+use super::compact::{self, StartFindings};
 use super::config::shown;
-use super::drawing::Head;
+use super::drawing::RecordingHead;
 use super::limits::{OPEN_MAX, RING_MAX, RING_MS};
-use super::writer::{Open, Place, Writer};
+use super::writer::{Open, RecordingPlace, Writer};
 use super::{read, words};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Stage;
@@ -76,8 +76,8 @@ impl Desk {
             }
             let (stem, _) = segment_of(&name);
             match compact::mend(stem, &path, (0, 0)) {
-                Ok(Found::Open) => {}
-                Ok(Found::Ended(ended, outcome)) => {
+                Ok(StartFindings::Open) => {}
+                Ok(StartFindings::Ended(ended, outcome)) => {
                     let Ok(recording) = read(&path) else { continue };
                     self.closed.insert(name.clone());
                     self.reports.push(Report::Closed(Closed {
@@ -169,7 +169,7 @@ impl Desk {
     }
 
     /// The next segment's place, after those that are there.
-    fn place(&self, stem: &str) -> Place {
+    fn place(&self, stem: &str) -> RecordingPlace {
         let mut segments = Vec::new();
         let mut last = 0;
         for (name, path) in recordings(&self.folder) {
@@ -185,7 +185,7 @@ impl Desk {
         let segment = last.saturating_add(1);
         let name = if segment == 1 { format!("{stem}.rrd") } else { format!("{stem}.{segment}.rrd") };
         segments.push((segment, self.folder.join(name)));
-        Place {
+        RecordingPlace {
             stem: stem.to_owned(),
             segments: segments.into_iter().map(|(_, path)| path).collect(),
             segment,
@@ -304,7 +304,7 @@ impl Known {
         }
     }
 
-    fn head(&self, version: &CapabilityId, digest: Digest) -> Head {
+    fn head(&self, version: &CapabilityId, digest: Digest) -> RecordingHead {
         let about = About {
             version: version.clone(),
             digest,
@@ -314,7 +314,7 @@ impl Known {
             seed: self.seed,
             engine_build: format!("holdpoint {}", env!("CARGO_PKG_VERSION")),
         };
-        Head { about, scenery: self.scenery.clone() }
+        RecordingHead { about, scenery: self.scenery.clone() }
     }
 }
 

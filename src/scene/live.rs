@@ -17,14 +17,14 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Problem;
 
 /// A server and its drawing.
-pub struct Live {
+pub struct LiveServer {
     server: Server,
     store: StoreId,
     drawing: Drawing,
     begun: bool,
 }
 
-impl Live {
+impl LiveServer {
     /// Serves at an address.
     ///
     /// # Errors

@@ -28,7 +28,7 @@ struct Kept {
 
 /// Chooses pictures.
 #[derive(Debug, Default)]
-pub struct Pace {
+pub struct PictureSampler {
     /// The last two sequences: what happened in one is told when the next has begun.
     kept: VecDeque<Kept>,
     /// Ticks that are in the file: a tick names a picture there.
@@ -44,7 +44,7 @@ pub struct Pace {
 /// Two pictures that are further apart are not of one piece of work, ms.
 const PIECE_MS: u64 = 1_000;
 
-impl Pace {
+impl PictureSampler {
     /// A picture that came; gives those that are to be written now.
     pub fn came(&mut self, picture: &Arc<Picture>) -> Vec<Arc<Picture>> {
         let at_ms = picture.at_ms;

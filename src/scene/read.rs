@@ -13,12 +13,14 @@ use rerun::log::{Chunk, LogMsg};
 use rerun::{Arrows3D, Boxes3D, Component, ComponentDescriptor, Points3D, Scalars, TextLog};
 
 use super::ReadError;
-use super::drawing::{Frame, Head, Tail, paths};
+use super::drawing::{PictureFacts, RecordingHead, Tail, paths};
 use super::limits::READ_BYTES_MAX;
 use super::rows::TICK;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::picture::{Block, Body, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin};
+use holdpoint_protocol::picture::{
+    ArmPicture, Block, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin,
+};
 use holdpoint_recordings::recording::{Recording, Series};
 
 /// What a file holds of its recording, in the order in which it was written.
@@ -90,7 +92,7 @@ pub fn read(path: &Path) -> Result<Recording, ReadError> {
 
 /// What was known when a recording began: of several segments the first one's.
 #[must_use]
-pub fn head(chunks: &[Chunk]) -> Option<Head> {
+pub fn head(chunks: &[Chunk]) -> Option<RecordingHead> {
     texts(chunks, paths::HEAD).first().and_then(|text| serde_json::from_str(text).ok())
 }
 
@@ -162,11 +164,11 @@ impl Bodies {
         }
     }
 
-    fn at(&self, tick: i64, held: bool, object_half_m: f32) -> Option<Body> {
+    fn at(&self, tick: i64, held: bool, object_half_m: f32) -> Option<ArmPicture> {
         let first = |rows: &BTreeMap<i64, Vec<Turn>>| {
             rows.get(&tick).and_then(|row| row.first()).copied().unwrap_or(NO_TURN)
         };
-        Some(Body {
+        Some(ArmPicture {
             links: self.joints.get(&tick)?.clone(),
             pads: <[Point; 2]>::try_from(self.pads.get(&tick)?.as_slice()).ok()?,
             hand: first(&self.hands),
@@ -187,7 +189,7 @@ fn pictures(chunks: &[Chunk]) -> Vec<Picture> {
     let twin = Bodies::of(chunks, "world/twin");
     let contacts = column::<Position3D>(chunks, "world/contacts", &Arrows3D::descriptor_origins());
     let frames = column::<Text>(chunks, paths::FRAME, &TextLog::descriptor_text());
-    let frames: Vec<(i64, Frame)> = frames
+    let frames: Vec<(i64, PictureFacts)> = frames
         .into_iter()
         .filter_map(|(tick, row)| Some((tick, serde_json::from_str(row.first()?.as_str()).ok()?)))
         .collect();
@@ -204,7 +206,13 @@ fn pictures(chunks: &[Chunk]) -> Vec<Picture> {
     pictures
 }
 
-fn picture(tick: i64, frame: Frame, live: &Bodies, twin: &Bodies, at: Vec<Position3D>) -> Option<Picture> {
+fn picture(
+    tick: i64,
+    frame: PictureFacts,
+    live: &Bodies,
+    twin: &Bodies,
+    at: Vec<Position3D>,
+) -> Option<Picture> {
     let [held, twin_held, unexpected_contact, stopped] = frame.flags;
     let [half_m, twin_half_m] = frame.half_m;
     let [speed_m_s, force_n, contact_n] = frame.tool;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::desk::{Desk, folder_shown};
 use super::limits::{FLUSH_EVERY, PATIENCE, REPORTS_MAX, SEND_EVERY};
-use super::live::Live;
+use super::live::LiveServer;
 use super::tap::{Drain, Item, Tap, queue};
 use super::writer::Open;
 use super::{SceneConfig, SceneError};
@@ -45,7 +45,7 @@ impl Scenes {
         let (sender, reports) = sync_channel(REPORTS_MAX);
         std::thread::Builder::new()
             .name("scene".to_owned())
-            .spawn(move || Worker::new(config, open, sender).run(&drain))
+            .spawn(move || SinkWorker::new(config, open, sender).run(&drain))
             .map_err(SceneError::Thread)?;
         Ok(Self { tap, reports })
     }
@@ -123,9 +123,9 @@ impl Drop for Scenes {
 }
 
 /// The thread's state.
-struct Worker {
+struct SinkWorker {
     desk: Option<Desk>,
-    live: Option<Live>,
+    live: Option<LiveServer>,
     view: Option<SocketAddr>,
     reports: SyncSender<Report>,
     last: Option<Box<Snapshot>>,
@@ -133,7 +133,7 @@ struct Worker {
     sent: Instant,
 }
 
-impl Worker {
+impl SinkWorker {
     fn new(config: SceneConfig, open: Box<Open>, reports: SyncSender<Report>) -> Self {
         let SceneConfig { recordings, closed, view, wall_clock } = config;
         let desk = recordings.map(|folder| Desk::new(folder, closed, wall_clock, open));
@@ -210,7 +210,7 @@ impl Worker {
             self.say(Report::Serving { url: live.url().to_owned() });
             return;
         }
-        match Live::start(address) {
+        match LiveServer::start(address) {
             Ok((mut live, report)) => {
                 if let Some(snapshot) = &self.last {
                     live.look(snapshot);

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use rerun::{AnyValues, EntityPath, RecordingInfo, StoreId, components};
 
 use super::compact;
-use super::drawing::{self, Drawing, Head, Tail};
+use super::drawing::{self, Drawing, RecordingHead, Tail};
 use super::file::{Framed, message, opening, store};
 use super::limits::{FILE_BYTES_MAX, PATH_EVERY_MS};
-use super::pace::{News, Pace};
+use super::pace::{News, PictureSampler};
 use super::rows::Ids;
 use super::{ReadError, blueprint, words};
 use holdpoint_governance::alarms::AlarmState;
@@ -28,7 +28,7 @@ pub type Open = dyn Fn(&std::path::Path) -> io::Result<File> + Send;
 
 /// The file an upgrade is recorded in.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct RecordingPlace {
     /// The recording's name.
     pub stem: String,
     /// Its segments that are not closed, in order; the last one is written now.
@@ -40,12 +40,12 @@ pub struct Place {
 /// One upgrade's recording.
 pub struct Writer {
     /// Whose it is.
-    pub head: Head,
-    place: Place,
+    pub head: RecordingHead,
+    place: RecordingPlace,
     store: StoreId,
     framed: Framed<BufWriter<File>>,
     drawing: Drawing,
-    pace: Pace,
+    pace: PictureSampler,
     shadow: bool,
     active: bool,
     /// The live world's last sequence that ended.
@@ -59,7 +59,13 @@ impl Writer {
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn begin(head: Head, place: Place, wall_clock: bool, at_ms: u64, open: &Open) -> io::Result<Self> {
+    pub fn begin(
+        head: RecordingHead,
+        place: RecordingPlace,
+        wall_clock: bool,
+        at_ms: u64,
+        open: &Open,
+    ) -> io::Result<Self> {
         let path = place.segments.last().ok_or_else(|| io::Error::other("no file is named"))?;
         let mut framed = Framed::open_ended(BufWriter::new(open(path)?))?;
         let store = store(&place.stem);
@@ -74,7 +80,7 @@ impl Writer {
         drawing::head(drawing.rows(), &head);
         properties(&mut drawing, &head);
         drawing.introduce(&head.about, at_ms);
-        let pace = Pace::default();
+        let pace = PictureSampler::default();
         let mut writer = Self {
             head,
             place,
@@ -274,7 +280,7 @@ const fn matters(kind: &EventKind) -> bool {
 }
 
 /// The recording's properties, which a viewer shows in its selection panel.
-fn properties(drawing: &mut Drawing, head: &Head) {
+fn properties(drawing: &mut Drawing, head: &RecordingHead) {
     let about = &head.about;
     let text = |text: &str| components::Text::from(Untrusted::new(text).line().as_str());
     let name = format!("upgrade {}", about.version);

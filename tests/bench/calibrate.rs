@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context as _, Result, bail};
 use holdpoint::engine::cell::{Cell, Conditions};
 use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
-use holdpoint::engine::trial::episodes::{Job, Worker, batch};
+use holdpoint::engine::trial::episodes::{EpisodeJob, Worker, batch};
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
@@ -28,7 +28,7 @@ use holdpoint::lab::bench::stats::tables;
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
-use holdpoint::runtime::terms::Terms;
+use holdpoint::runtime::terms::SkillTerms;
 use holdpoint::runtime::watcher::WatcherSignal;
 use holdpoint_sim::pool::run_ordered;
 
@@ -57,15 +57,15 @@ fn main() -> Result<()> {
     let cell = Cell::builtin()?;
     let profile = Profile::builtin(ProfileName::Sim)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
-    let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+    let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let capabilities = folders
         .iter()
         .map(|folder| Ok(Capability::load(folder, capability::read(Path::new(folder))?)?))
         .collect::<Result<Vec<_>>>()?;
-    let versions: Vec<(&Capability, &Terms)> = capabilities.iter().map(|c| (c, &terms)).collect();
+    let versions: Vec<(&Capability, &SkillTerms)> = capabilities.iter().map(|c| (c, &terms)).collect();
     let mut first: Option<Vec<TaskRecord>> = None;
     for (version, capability) in capabilities.iter().enumerate() {
-        let jobs: Vec<Job> = (0..n).map(|i| Job { version, seed: from + i }).collect();
+        let jobs: Vec<EpisodeJob> = (0..n).map(|i| EpisodeJob { version, seed: from + i }).collect();
         let start = std::time::Instant::now();
         let records = batch(2, &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
         println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
@@ -101,7 +101,7 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
     let cell = Cell::builtin()?;
     let profile = Profile::builtin(ProfileName::Sim)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
-    let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+    let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let load = |folder: &str| -> Result<Capability> {
         Ok(Capability::load(folder, capability::read(Path::new(folder))?)?)
     };

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use holdpoint::console::frame;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::console::look::{Look, LookOptions};
-use holdpoint::console::model::{Model, Settings, View};
+use holdpoint::console::model::{ConsoleSettings, Model, View};
 use holdpoint::governance::lifecycle::{Flags, State};
 use holdpoint::governance::record::VersionSummary;
 use holdpoint::governance::submission::{Provenance, Risk};
@@ -72,7 +72,8 @@ fn row(what: &str, mut times: Vec<Duration>, budget: &str) {
 }
 
 fn frames() -> Vec<Duration> {
-    let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+    let settings =
+        ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
     let mut model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
     let version = |number: u64| VersionSummary {
         version: format!("family{}@1.0.{number}", number % 50).parse().unwrap(),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use clap::Parser as _;
 use holdpoint::cli::{
-    Cli, CliError, Context, EngineVerbs, Exit, Output, bench, candidate, decide, dispatch, run, status,
+    Cli, CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, dispatch, run, status,
 };
 use holdpoint::registry::Store;
 use serde_json::Value;
@@ -15,24 +15,34 @@ use crate::store::{bootstrap, commit, shadowing, transaction};
 struct NoEngine;
 
 impl EngineVerbs for NoEngine {
-    fn run(&mut self, _: &Context, _: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn run(&mut self, _: &CliContext, _: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to run"))
     }
     fn register(
         &mut self,
-        _: &Context,
+        _: &CliContext,
         _: &candidate::RegisterArgs,
         _: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to register"))
     }
-    fn status(&mut self, _: &Context, _: &status::StatusArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn status(
+        &mut self,
+        _: &CliContext,
+        _: &status::StatusArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked for the status"))
     }
-    fn decide(&mut self, _: &Context, _: &decide::Asked, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn decide(
+        &mut self,
+        _: &CliContext,
+        _: &decide::AskedDecision,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to decide"))
     }
-    fn bench(&mut self, _: &Context, _: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn bench(&mut self, _: &CliContext, _: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to measure"))
     }
 }

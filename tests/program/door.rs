@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use holdpoint::engine::cell::Cell;
 use holdpoint::engine::door::{
-    CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Signals, Told, socket_path,
+    CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Notification, Signals, socket_path,
 };
 use holdpoint::engine::pipeline::Progress;
 use holdpoint::engine::pump::Pump;
@@ -121,7 +121,7 @@ fn a_client_is_answered_and_told_what_happens() {
     let mut kinds = Vec::new();
     let mut last_seq = 0;
     loop {
-        let Some(Told::Event(event)) = told.next(PATIENCE).unwrap() else {
+        let Some(Notification::Event(event)) = told.next(PATIENCE).unwrap() else {
             panic!("nothing told: {kinds:?}")
         };
         assert!(event.seq > last_seq);
@@ -266,12 +266,12 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     let (mut read, mut missed, mut last) = (0, 0, 0);
     while last < count {
         match slow.next(PATIENCE).unwrap().expect("the rest is told") {
-            Told::Event(event) => {
+            Notification::Event(event) => {
                 assert_eq!(event.seq, last + 1, "what is missing was said before");
                 last = event.seq;
                 read += 1;
             }
-            Told::Missed(many) => {
+            Notification::Missed(many) => {
                 missed += many;
                 last += many;
             }

@@ -12,7 +12,7 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, StaticInput};
 use holdpoint::governance::submission::Package;
 use holdpoint::lab::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
-use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, Preset, Truth, truth_path};
+use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::FailureSignal;
 
@@ -24,9 +24,9 @@ const fn order(seed: u64, sets: u32, preset: Preset) -> Order {
 }
 
 /// Each generated candidate, loaded, with its entry in the truth.
-fn loaded(order: Order) -> (Vec<Capability>, Truth) {
+fn loaded(order: Order) -> (Vec<Capability>, PoolTruth) {
     let drawn = draw(order).unwrap();
-    let truth: Truth = serde_json::from_slice(&drawn.truth).unwrap();
+    let truth: PoolTruth = serde_json::from_slice(&drawn.truth).unwrap();
     let names = drawn.index.candidates.iter().map(|candidate| candidate.name.clone());
     let load = |(name, package): (String, Package)| Capability::load(&name, package).unwrap();
     (names.zip(drawn.packages).map(load).collect(), truth)

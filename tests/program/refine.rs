@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use holdpoint::governance::submission::Provenance;
 use holdpoint::lab::refine::journal::FILE;
 use holdpoint::lab::refine::settings::{RefineError, Settings};
-use holdpoint::lab::refine::{Report, refine};
+use holdpoint::lab::refine::{RefineReport, refine};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::TaskKind;
 
@@ -19,7 +19,7 @@ fn settings(out: &Path, jobs: usize) -> Settings<'_> {
 }
 
 /// Runs to the end, or until `after` evaluations were told of.
-fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<Report, RefineError> {
+fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<RefineReport, RefineError> {
     let cancel = AtomicBool::new(false);
     let mut told = 0;
     refine(&settings(out, jobs), &cancel, &mut |_| {

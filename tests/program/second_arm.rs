@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::episodes::{Job, batch};
+use holdpoint::engine::trial::episodes::{EpisodeJob, batch};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
-use holdpoint::runtime::terms::Terms;
+use holdpoint::runtime::terms::SkillTerms;
 use holdpoint_sim::robot::RobotModel;
 
 #[test]
@@ -20,10 +20,11 @@ fn a_six_axis_arm_grasps_through_the_same_code() {
     assert_ne!(cell.digest(), Cell::builtin().unwrap().digest(), "another robot is another environment");
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-    let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+    let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let grasp =
         Capability::load("grasp", capability::read(Path::new("manifests/grasp/1.0.0")).unwrap()).unwrap();
-    let jobs: Vec<Job> = (0..12).map(|index| Job { version: 0, seed: 1_000_000 + index }).collect();
+    let jobs: Vec<EpisodeJob> =
+        (0..12).map(|index| EpisodeJob { version: 0, seed: 1_000_000 + index }).collect();
     let cancel = AtomicBool::new(false);
     let records = batch(2, &cancel, &cell, &[(&grasp, &terms)], Conditions::Canonical, &jobs).unwrap();
     let done = records.iter().filter(|record| record.success).count();

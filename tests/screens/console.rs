@@ -5,7 +5,7 @@ use std::sync::Arc;
 use holdpoint::console::action::Action;
 use holdpoint::console::form::{Abort, Form, Intent};
 use holdpoint::console::frame::{draw, text_of};
-use holdpoint::console::line::Line;
+use holdpoint::console::line::EditLine;
 use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
 use holdpoint::console::model::{Frozen, Model, Notice, Operator, Overlay, Typing, View};
 use holdpoint::console::palette::Palette;
@@ -122,7 +122,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
     doubtful.zoom = 1;
     occasions.push(("doubtful", doubtful));
     let mut typing = support::at(View::Registry);
-    typing.typing = Some(Typing::Filter(Line::new("place")));
+    typing.typing = Some(Typing::Filter(EditLine::new("place")));
     occasions.push(("filter", typing));
     occasions.push(("flood", flood()));
     occasions

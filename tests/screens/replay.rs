@@ -1,9 +1,9 @@
 //! The replay of a recording as somebody sees it, and as it is printed.
 
-use holdpoint::console::line::Line;
+use holdpoint::console::line::EditLine;
 use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
 use holdpoint::console::replay::frame::draw;
-use holdpoint::console::replay::model::Model;
+use holdpoint::console::replay::model::ReplayModel;
 use holdpoint::console::replay::print;
 use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::timeline::Timeline;
@@ -20,8 +20,8 @@ use crate::upgrade;
 const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
 
 /// A replay with the cursor at a time.
-fn replayed(at_ms: u64) -> Model {
-    let mut model = Model::new(Timeline::new(upgrade::recording()), Speed::default());
+fn replayed(at_ms: u64) -> ReplayModel {
+    let mut model = ReplayModel::new(Timeline::new(upgrade::recording()), Speed::default());
     model.cursor = model.timeline.at(at_ms);
     model
 }
@@ -30,14 +30,14 @@ fn look() -> Look {
     Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
 }
 
-fn drawn(model: &Model, look: &Look, (width, height): (u16, u16)) -> Buffer {
+fn drawn(model: &ReplayModel, look: &Look, (width, height): (u16, u16)) -> Buffer {
     let area = Rect::new(0, 0, width, height);
     let mut buf = Buffer::empty(area);
     draw(model, look, area, &mut buf);
     buf
 }
 
-fn text_of(model: &Model, look: &Look, size: (u16, u16)) -> String {
+fn text_of(model: &ReplayModel, look: &Look, size: (u16, u16)) -> String {
     let buf = drawn(model, look, size);
     let line = |y| {
         let mut line = String::new();
@@ -67,11 +67,11 @@ fn every_cursor_at_every_size() {
 }
 
 /// What lies over the screen, and recordings that lack something.
-fn occasions() -> Vec<(&'static str, Model)> {
+fn occasions() -> Vec<(&'static str, ReplayModel)> {
     let mut help = replayed(766_400);
     help.help = Some(0);
     let mut typing = replayed(766_400);
-    typing.typing = Some(Line::new("12.5"));
+    typing.typing = Some(EditLine::new("12.5"));
     let mut playing = replayed(771_000);
     playing.playing = true;
     playing.speed = Speed::of(8.0).unwrap();
@@ -80,7 +80,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let without_pictures = Recording { pictures: Vec::new(), ..whole.clone() };
     let without_events = Recording { events: Vec::new(), outcome: None, ..whole.clone() };
     let bare = Recording { pictures: Vec::new(), series: Vec::new(), outcome: None, ..whole };
-    let of = |recording| Model::new(Timeline::new(recording), Speed::default());
+    let of = |recording| ReplayModel::new(Timeline::new(recording), Speed::default());
     vec![
         ("help", help),
         ("typing", typing),
@@ -127,7 +127,7 @@ fn colours_add_nothing_that_is_not_said_without_them() {
 #[test]
 fn every_window_is_drawn_and_says_that_it_is_a_replay() {
     let at = upgrade::CURSORS.map(|(_, at_ms)| replayed(at_ms));
-    let mut models: Vec<Model> = at.into_iter().collect();
+    let mut models: Vec<ReplayModel> = at.into_iter().collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
     let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
     let heights = [1, 2, 3, 4, 5, 7, 8, 9, 10, 15, 16, 23, 25, 29, 31, 60];
@@ -179,7 +179,7 @@ fn poisoned() -> Recording {
 #[test]
 fn hostile_texts_act_on_nothing() {
     for (_, at_ms) in upgrade::CURSORS {
-        let mut model = Model::new(Timeline::new(poisoned()), Speed::default());
+        let mut model = ReplayModel::new(Timeline::new(poisoned()), Speed::default());
         model.cursor = model.timeline.at(at_ms);
         for size in SIZES.into_iter().chain([(40, 12), (30, 5)]) {
             let text = text_of(&model, &look(), size);
@@ -206,7 +206,7 @@ fn senseless_numbers_are_drawn_somehow() {
     for series in &mut recording.series {
         series.points.extend([(0, f64::NAN), (u64::MAX, f64::INFINITY), (5, -1e300), (7, 1e300)]);
     }
-    let mut model = Model::new(Timeline::new(recording), Speed::default());
+    let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
     for at_ms in [0, 766_400, 851_300, u64::MAX] {
         model.cursor = model.timeline.at(at_ms);
         for charts in 0..model.timeline.groups().len() {

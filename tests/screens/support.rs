@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use holdpoint::console::keymap::Keymap;
-use holdpoint::console::model::{EngineState, Listing, Model, Operator, Settings, Told, View};
+use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, Operator, StoryLine, View};
 use holdpoint::protocol::detail::{AuditPage, Verified};
 
 pub use crate::shift::*;
 
 /// A console without anything told yet.
 pub fn blank() -> Model {
-    let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+    let settings =
+        ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
     let mut model = Model::new(settings, Arc::new(Keymap::default()), vec!["calm-dark".to_owned()]);
     model.now_ms = 60_000;
     model.snapshot_ms = 60_000;
@@ -39,7 +40,7 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.told.push_back(Told { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+        model.told.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
     }
     model
 }

@@ -8,14 +8,15 @@ mod shift;
 #[allow(dead_code, reason = "the tests use the rest")]
 mod upgrade;
 
-use holdpoint::console::options::{File, Flags, Options};
+use holdpoint::console::options::{CommandLineFlags, Options, SettingsFile};
 use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::{ReplayError, ReplayOptions, run};
 use holdpoint::console::theme::Themes;
 
 fn main() -> Result<(), ReplayError> {
     let ascii = std::env::args().any(|argument| argument == "--ascii");
-    let console = Options::new(Flags { ascii, ..Flags::default() }, File::default());
+    let console =
+        Options::new(CommandLineFlags { ascii, ..CommandLineFlags::default() }, SettingsFile::default());
     let options =
         ReplayOptions { start_tick: None, speed: Speed::default(), console, themes: Themes::default() };
     run(upgrade::recording(), options)

@@ -16,7 +16,7 @@ use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
-use holdpoint_protocol::picture::{Body, Envelope, NO_TURN, Picture, Region, Scenery, Twin};
+use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
     PromptView, QuestionView, ShadowView, Snapshot,
@@ -300,8 +300,8 @@ fn scenery() -> Scenery {
     }
 }
 
-fn body(reach: f32, held: bool) -> Body {
-    Body {
+fn body(reach: f32, held: bool) -> ArmPicture {
+    ArmPicture {
         links: vec![
             [0.0, 0.0, 0.0],
             [0.0, 0.0, 0.33],
@@ -330,7 +330,7 @@ pub fn picture() -> Picture {
         speed_m_s: 0.21,
         force_n: 4.1,
         contact_n: 0.0,
-        envelope: Some(Envelope { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
+        envelope: Some(EnvelopePicture { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
         contacts: Vec::new(),
         blocks: Vec::new(),
         unexpected_contact: false,

@@ -13,7 +13,7 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::ActivationMode;
 use holdpoint_governance::rollback::{RollbackRecord, Trigger, TriggerKind};
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
-use holdpoint_protocol::picture::{Envelope, Picture, Twin};
+use holdpoint_protocol::picture::{EnvelopePicture, Picture, Twin};
 use holdpoint_recordings::recording::{About, Recording, Series};
 
 use super::shift::{digest, id, picture, snapshot};
@@ -244,7 +244,7 @@ fn pictures() -> Vec<Picture> {
             one.version = Some(id(if with_twin { OLD } else { NEW }));
             one.speed_m_s = 0.22 + 0.18 * swing;
             one.force_n = if index == 4 && number > 115 { 31.0 } else { 6.0 + 4.0 * swing };
-            one.envelope = Some(Envelope { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 });
+            one.envelope = Some(EnvelopePicture { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 });
             one.stopped = index == 4 && number > 119;
             one.twin =
                 one.twin.filter(|_| with_twin).map(|twin| Twin { version: id(NEW), body: twin.body.clone() });

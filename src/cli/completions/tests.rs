@@ -3,7 +3,7 @@
 use std::process::Command as Process;
 
 use super::*;
-use crate::cli::Context;
+use crate::cli::CliContext;
 use crate::cli::side::Side;
 
 /// What `completions` prints.
@@ -22,7 +22,7 @@ fn printed(data: &Path, line: &[&str]) -> String {
 fn every_argument_with_a_stored_name_is_known() {
     let found: Vec<String> = places(&Cli::command())
         .into_iter()
-        .map(|Place { verbs, option, names, .. }| {
+        .map(|NameArgument { verbs, option, names, .. }| {
             let option = option.map(|option| format!(" --{option}")).unwrap_or_default();
             format!("{}{option} {}", verbs.join(" "), names.name())
         })
@@ -54,7 +54,7 @@ fn a_store_is_asked_for_its_names() {
         assert_eq!(printed(root.path(), &["--list", names]), "", "there is no store");
     }
     assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 0, "asking makes no store");
-    let context = Context { data: root.path().to_owned(), data_given: true, json: false };
+    let context = CliContext { data: root.path().to_owned(), data_given: true, json: false };
     let engine = Side::open(&context).unwrap();
     assert!(engine.is_own());
     // Also while an engine has the store.

@@ -9,7 +9,7 @@ const SECOND: &str = "grasp-1.1.0-0123abcd.2.rrd";
 const OPEN: &str = "place-1.1.0-0123abcd.rrd";
 
 /// A store with three recordings of which two are on record.
-fn store() -> (tempfile::TempDir, Context) {
+fn store() -> (tempfile::TempDir, CliContext) {
     let root = tempfile::tempdir().unwrap();
     let store = Store::open(root.path()).unwrap();
     let folder = store.layout().recordings();
@@ -34,11 +34,11 @@ fn store() -> (tempfile::TempDir, Context) {
         Transaction { command_id: "test".to_owned(), at_ms: 1, wall_ms: 0, changes: Vec::new(), audit };
     store.commit(transaction).unwrap();
     drop(store);
-    let context = Context { data: root.path().to_owned(), data_given: true, json: false };
+    let context = CliContext { data: root.path().to_owned(), data_given: true, json: false };
     (root, context)
 }
 
-fn ask(context: &Context, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
+fn ask(context: &CliContext, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
     let mut printed = Vec::new();
     let ended = run(context, &RecordingsArgs { verb }, &mut Output::to(&mut printed, json));
     (ended, String::from_utf8(printed).unwrap())

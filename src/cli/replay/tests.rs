@@ -7,7 +7,7 @@ use holdpoint_registry::{AuditBody, Store, Transaction};
 const FILES: [&str; 2] = ["grasp-1.1.0-0123abcd.rrd", "grasp-1.1.0-0123abcd.2.rrd"];
 
 /// A store with a recording in two segments; the first is on record.
-fn store() -> (tempfile::TempDir, Context) {
+fn store() -> (tempfile::TempDir, CliContext) {
     let root = tempfile::tempdir().unwrap();
     let store = Store::open(root.path()).unwrap();
     let folder = store.layout().recordings();
@@ -27,7 +27,7 @@ fn store() -> (tempfile::TempDir, Context) {
     let audit = vec![AuditBody { kind: KIND, subject: "grasp@1.1.0".to_owned(), body }];
     let command_id = "test".to_owned();
     store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
-    let context = Context { data: root.path().to_owned(), data_given: true, json: false };
+    let context = CliContext { data: root.path().to_owned(), data_given: true, json: false };
     (root, context)
 }
 
@@ -49,7 +49,7 @@ fn viewer_in(folder: &Path) -> Surroundings {
     Surroundings { path: Some(folder.into()), has_screen: true, has_terminal: false }
 }
 
-fn ask(context: &Context, args: &ReplayArgs, around: &Surroundings) -> (Result<Exit, CliError>, String) {
+fn ask(context: &CliContext, args: &ReplayArgs, around: &Surroundings) -> (Result<Exit, CliError>, String) {
     let mut printed = Vec::new();
     let ended = replay(context, args, around, &mut Output::to(&mut printed, context.json));
     (ended, String::from_utf8(printed).unwrap())

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{CliError, Subject};
+use super::{CliError, StatusSubject};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -25,14 +25,14 @@ pub(super) struct StatusReport {
     pub(super) holding: Option<String>,
     /// The profile the store was last used with.
     pub(super) profile: Option<String>,
-    pub(super) families: Vec<FamilyRow>,
+    pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
     pub(super) waiting: Vec<WaitingRow>,
     pub(super) alarms: Vec<AlarmRow>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct FamilyRow {
+pub(super) struct FamilyStatusRow {
     pub(super) family: String,
     pub(super) active: Option<CapabilityId>,
     pub(super) rollback_target: Option<CapabilityId>,
@@ -90,16 +90,16 @@ impl StatusReport {
     pub(super) fn new(
         views: &Views,
         engine: Option<&Snapshot>,
-        subject: Option<&Subject>,
+        subject: Option<&StatusSubject>,
     ) -> Result<Self, CliError> {
         let wanted = |version: &CapabilityId| match subject {
             None => true,
-            Some(Subject::Family(family)) => version.family == *family,
-            Some(Subject::Version(one)) => version == one,
+            Some(StatusSubject::Family(family)) => version.family == *family,
+            Some(StatusSubject::Version(one)) => version == one,
         };
         let family_of = subject.map(|subject| match subject {
-            Subject::Family(family) => family.to_string(),
-            Subject::Version(version) => version.family.to_string(),
+            StatusSubject::Family(family) => family.to_string(),
+            StatusSubject::Version(version) => version.family.to_string(),
         });
         let filter = VersionFilter { family: family_of.clone(), ..VersionFilter::default() };
         let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
@@ -108,7 +108,7 @@ impl StatusReport {
         let families = families
             .into_iter()
             .filter(|status| family_of.as_ref().is_none_or(|name| *name == status.name))
-            .map(|status| FamilyRow {
+            .map(|status| FamilyStatusRow {
                 provisional_episodes: engine.and_then(|engine| {
                     engine.families.iter().find(|view| view.family.as_str() == status.name)?.provisional
                 }),
@@ -155,7 +155,7 @@ impl StatusReport {
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
             (false, _) => format!("engine   not running, last profile {profile}"),
         });
-        lines.extend(self.families.iter().map(FamilyRow::line));
+        lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(WaitingRow::line));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
@@ -163,7 +163,7 @@ impl StatusReport {
     }
 }
 
-impl FamilyRow {
+impl FamilyStatusRow {
     fn line(&self) -> String {
         let name =
             |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);

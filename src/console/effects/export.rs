@@ -117,11 +117,12 @@ mod tests {
 
     use super::*;
     use crate::keymap::Keymap;
-    use crate::model::Settings;
+    use crate::model::ConsoleSettings;
 
     #[test]
     fn files_are_new_private_and_never_replace_another() {
-        let settings = Settings { read_only: false, mouse: false, tour: None, theme: "mono".to_owned() };
+        let settings =
+            ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "mono".to_owned() };
         let model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
         let folder = tempfile::tempdir().unwrap();
         let folders = [PathBuf::from("/proc/nowhere"), folder.path().join("exports")];

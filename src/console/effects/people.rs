@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use crate::model::Operator;
-use crate::prompt::Decision;
+use crate::prompt::PromptAnswer;
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
 use holdpoint_protocol::command::Command;
 use holdpoint_text::Problem;
@@ -28,7 +28,7 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
 }
 
 /// The engine's command for a decision, signed by who made it.
-pub fn sign(folder: &Path, decision: &Decision) -> Result<Command, Problem> {
+pub fn sign(folder: &Path, decision: &PromptAnswer) -> Result<Command, Problem> {
     let identity = Identity::load(folder, decision.by()).map_err(|error| Problem::of(&error))?;
     let shown = Some(decision.shown().to_owned());
     let command = decision.over().answer(&identity, decision.answer(), decision.reason(), shown);

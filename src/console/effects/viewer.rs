@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 
 use super::{bad, good};
 use crate::effects::Outcome;
-use crate::msg::What;
+use crate::msg::MsgKind;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_recordings::{folder, viewer};
 use holdpoint_text::{Hint, Untrusted};
@@ -31,7 +31,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const FAILS_WITHIN: Duration = Duration::from_secs(2);
 
 /// What a viewer is to show.
-pub(super) enum Shown {
+pub(super) enum ViewerScene {
     /// Files.
     Files(Vec<PathBuf>),
     /// The live scene.
@@ -47,11 +47,11 @@ pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<Pat
 }
 
 /// Has it shown; what came of it is told later.
-pub(super) fn open(shown: Shown, logs: PathBuf, tell: mpsc::Sender<What>) -> Outcome {
+pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<MsgKind>) -> Outcome {
     let work = move || {
         let what = match start(&shown, &logs) {
-            Ok(text) => What::Done { text, bad: false },
-            Err(text) => What::Done { text: Untrusted::new(text).line().into_string(), bad: true },
+            Ok(text) => MsgKind::Done { text, bad: false },
+            Err(text) => MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true },
         };
         // The console may have ended meanwhile.
         drop(tell.blocking_send(what));
@@ -62,18 +62,18 @@ pub(super) fn open(shown: Shown, logs: PathBuf, tell: mpsc::Sender<What>) -> Out
     }
 }
 
-fn start(shown: &Shown, logs: &Path) -> Result<String, String> {
+fn start(shown: &ViewerScene, logs: &Path) -> Result<String, String> {
     let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.sentence())?;
     if !viewer::has_screen() {
         return Err(viewer::ViewerError::NoScreen.sentence());
     }
     let (arguments, what): (Vec<OsString>, String) = match shown {
-        Shown::Files(files) => {
+        ViewerScene::Files(files) => {
             let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
             let names: Vec<String> = files.iter().filter_map(name).collect();
             (files.iter().map(|path| path.clone().into_os_string()).collect(), names.join(", "))
         }
-        Shown::Live(address) => {
+        ViewerScene::Live(address) => {
             served(*address)?;
             (vec![format!("rerun+http://{address}/proxy").into()], format!("the live scene at {address}"))
         }

@@ -6,11 +6,11 @@ macro_rules! actions {
     ($($(#[doc = $help:literal])+ $name:ident = $word:literal, $keys:literal;)*) => {
         /// What can be asked for.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub enum Action {
+        pub enum ReplayAction {
             $($(#[doc = $help])+ $name,)*
         }
 
-        impl Action {
+        impl ReplayAction {
             /// Every action, in the order of the help.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
@@ -78,37 +78,37 @@ actions! {
 
 /// What a key asks for; absent where it asks for nothing.
 #[must_use]
-pub const fn of(key: KeyEvent) -> Option<Action> {
+pub const fn of(key: KeyEvent) -> Option<ReplayAction> {
     let shift = key.modifiers.contains(KeyModifiers::SHIFT);
     if key.modifiers.intersects(KeyModifiers::CONTROL.union(KeyModifiers::ALT)) {
         return match key.code {
-            KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Leave),
+            KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(ReplayAction::Leave),
             _ => None,
         };
     }
     Some(match key.code {
-        KeyCode::Char(' ' | 'p') => Action::Play,
-        KeyCode::Right if shift => Action::SecondOn,
-        KeyCode::Left if shift => Action::SecondBack,
-        KeyCode::Right | KeyCode::Char('l') => Action::NextPicture,
-        KeyCode::Left | KeyCode::Char('h') => Action::PreviousPicture,
-        KeyCode::Char('.') => Action::SecondOn,
-        KeyCode::Char(',') => Action::SecondBack,
-        KeyCode::Up | KeyCode::Char('+' | '=') => Action::Faster,
-        KeyCode::Down | KeyCode::Char('-' | '_') => Action::Slower,
-        KeyCode::Char('n' | ']') => Action::NextEvent,
-        KeyCode::Char('N' | '[') => Action::PreviousEvent,
-        KeyCode::Char('d') => Action::NextTurn,
-        KeyCode::Char('D') => Action::PreviousTurn,
-        KeyCode::Home | KeyCode::Char('g') => Action::First,
-        KeyCode::End | KeyCode::Char('G') => Action::Last,
-        KeyCode::Char(':') => Action::Jump,
-        KeyCode::BackTab => Action::PreviousCharts,
-        KeyCode::Tab if shift => Action::PreviousCharts,
-        KeyCode::Tab => Action::NextCharts,
-        KeyCode::Char('s') => Action::SkipGaps,
-        KeyCode::Char('?') | KeyCode::F(1) => Action::Help,
-        KeyCode::Char('q') | KeyCode::Esc => Action::Leave,
+        KeyCode::Char(' ' | 'p') => ReplayAction::Play,
+        KeyCode::Right if shift => ReplayAction::SecondOn,
+        KeyCode::Left if shift => ReplayAction::SecondBack,
+        KeyCode::Right | KeyCode::Char('l') => ReplayAction::NextPicture,
+        KeyCode::Left | KeyCode::Char('h') => ReplayAction::PreviousPicture,
+        KeyCode::Char('.') => ReplayAction::SecondOn,
+        KeyCode::Char(',') => ReplayAction::SecondBack,
+        KeyCode::Up | KeyCode::Char('+' | '=') => ReplayAction::Faster,
+        KeyCode::Down | KeyCode::Char('-' | '_') => ReplayAction::Slower,
+        KeyCode::Char('n' | ']') => ReplayAction::NextEvent,
+        KeyCode::Char('N' | '[') => ReplayAction::PreviousEvent,
+        KeyCode::Char('d') => ReplayAction::NextTurn,
+        KeyCode::Char('D') => ReplayAction::PreviousTurn,
+        KeyCode::Home | KeyCode::Char('g') => ReplayAction::First,
+        KeyCode::End | KeyCode::Char('G') => ReplayAction::Last,
+        KeyCode::Char(':') => ReplayAction::Jump,
+        KeyCode::BackTab => ReplayAction::PreviousCharts,
+        KeyCode::Tab if shift => ReplayAction::PreviousCharts,
+        KeyCode::Tab => ReplayAction::NextCharts,
+        KeyCode::Char('s') => ReplayAction::SkipGaps,
+        KeyCode::Char('?') | KeyCode::F(1) => ReplayAction::Help,
+        KeyCode::Char('q') | KeyCode::Esc => ReplayAction::Leave,
         _ => return None,
     })
 }
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn every_key_of_the_table_does_what_it_says() {
-        for action in Action::ALL {
+        for action in ReplayAction::ALL {
             for name in action.keys().split(' ') {
                 let (modifiers, plain) = match name.split_once('-') {
                     Some(("shift", rest)) => (KeyModifiers::SHIFT, rest),

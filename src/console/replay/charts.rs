@@ -3,7 +3,7 @@
 //! A recording without charts of the tool still has them: its pictures carry speed, force and what was allowed.
 //! Must not draw.
 
-use holdpoint_protocol::picture::{Envelope, Picture};
+use holdpoint_protocol::picture::{EnvelopePicture, Picture};
 use holdpoint_recordings::recording::{Recording, Series};
 
 /// Last parts of names that make a series the limit of another.
@@ -18,12 +18,12 @@ pub struct Group {
     /// The first part of their names, `shadow`.
     pub name: String,
     /// The charts, at least one.
-    pub charts: Vec<Chart>,
+    pub charts: Vec<LimitedSeries>,
 }
 
 /// A series and the limit it is held to.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chart {
+pub struct LimitedSeries {
     /// What it shows, with its unit.
     pub title: String,
     /// Values over virtual time, ms.
@@ -38,7 +38,7 @@ pub struct Chart {
     pub limits_mean: bool,
 }
 
-impl Chart {
+impl LimitedSeries {
     /// The value and the limit in force at a time.
     #[must_use]
     pub fn at(&self, at_ms: u64) -> (Option<f64>, Option<f64>) {
@@ -78,7 +78,7 @@ pub fn groups(recording: &Recording) -> Vec<Group> {
     for series in all.iter().filter(|series| limit_of(&series.name).is_none() && !series.points.is_empty()) {
         let limits = all.iter().find(|other| limit_of(&other.name) == Some(series.name.as_str()));
         let name = group_of(&series.name);
-        let chart = Chart {
+        let chart = LimitedSeries {
             title: title(&series.name),
             values: series.points.clone(),
             limits: limits.map(|limits| limits.points.clone()).unwrap_or_default(),
@@ -140,7 +140,7 @@ fn title(name: &str) -> String {
 /// Speed and forces as the pictures tell them.
 fn of_pictures(pictures: &[Picture]) -> Vec<Series> {
     type Value = fn(&Picture) -> f32;
-    type Limit = fn(&Envelope) -> f32;
+    type Limit = fn(&EnvelopePicture) -> f32;
     let table: [(&str, Value, Limit); 3] = [
         ("tool/speed", |picture| picture.speed_m_s, |envelope| envelope.speed_m_s),
         ("tool/force", |picture| picture.force_n, |envelope| envelope.force_n),
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn the_value_in_force_is_the_last_one_and_its_side_is_known() {
-        let mut chart = Chart {
+        let mut chart = LimitedSeries {
             title: String::new(),
             values: vec![(10, 1.0), (20, 2.0)],
             limits: vec![(15, 1.5)],

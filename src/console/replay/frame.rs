@@ -11,7 +11,7 @@
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
-use super::model::Model;
+use super::model::ReplayModel;
 use super::views::{bar, charts, events, header, help, hints, robot, tiny};
 use crate::look::Look;
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
@@ -23,7 +23,7 @@ const HEAD: u16 = 2;
 const FOOT: u16 = 3;
 
 /// Draws everything into `area`, which may have any size.
-pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
+pub fn draw(model: &ReplayModel, look: &Look, area: Rect, buf: &mut Buffer) {
     let area = area.intersection(buf.area);
     if area.is_empty() {
         return;
@@ -46,7 +46,7 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
 }
 
 /// Robot and charts beside each other over the events.
-fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn body(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let lower = match pen.fit {
         Fit::Tiny | Fit::One => 1,
         Fit::Two => area.height * 2 / 5,

@@ -1,6 +1,6 @@
 //! What an event is on the time bar: sign, role, how grave it is, and whether it is a turn in the upgrade's story.
 
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::theme::mark::of_stage;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -8,11 +8,11 @@ use holdpoint_protocol::event::EventKind;
 
 /// A mark on the time bar. Where several fall on one column the gravest is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Mark {
+pub struct TimeMark {
     /// Its sign.
     pub glyph: Glyph,
     /// Its role.
-    pub role: Role,
+    pub role: ThemeRole,
     /// The larger, the graver.
     pub weight: u8,
     /// Whether it is a decision, an act of the monitor or a rollback.
@@ -32,37 +32,43 @@ pub const LEGEND: [(Glyph, &str); 7] = [
 
 /// The mark of an event; absent for what is only told.
 #[must_use]
-pub fn of(kind: &EventKind) -> Option<Mark> {
-    let turn = |(glyph, role): (Glyph, Role), weight| Some(Mark { glyph, role, weight, is_turn: true });
-    let aside = |glyph, role, weight| Some(Mark { glyph, role, weight, is_turn: false });
+pub fn of(kind: &EventKind) -> Option<TimeMark> {
+    let turn =
+        |(glyph, role): (Glyph, ThemeRole), weight| Some(TimeMark { glyph, role, weight, is_turn: true });
+    let aside = |glyph, role, weight| Some(TimeMark { glyph, role, weight, is_turn: false });
     match kind {
-        EventKind::RolledBack { .. } => turn((Glyph::Returned, Role::Bad), 9),
+        EventKind::RolledBack { .. } => turn((Glyph::Returned, ThemeRole::Bad), 9),
         EventKind::Monitor { decision, .. } => match decision {
-            MonitorOutcome::Rollback => turn((Glyph::Bad, Role::Bad), 8),
+            MonitorOutcome::Rollback => turn((Glyph::Bad, ThemeRole::Bad), 8),
             MonitorOutcome::Continue
             | MonitorOutcome::Escalate
             | MonitorOutcome::Restrict
             | MonitorOutcome::Settled
-            | MonitorOutcome::DoubtRemains => turn((Glyph::Warning, Role::Warning), 7),
+            | MonitorOutcome::DoubtRemains => turn((Glyph::Warning, ThemeRole::Warning), 7),
         },
         EventKind::Decided { stage, outcome, .. } => {
             let sign = of_stage(*stage, *outcome);
             turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
         }
-        EventKind::Activated { .. } => turn((Glyph::Up, Role::Good), 7),
-        EventKind::Confirmed { .. } | EventKind::Continued { .. } => turn((Glyph::Good, Role::Good), 6),
+        EventKind::Activated { .. } => turn((Glyph::Up, ThemeRole::Good), 7),
+        EventKind::Confirmed { .. } | EventKind::Continued { .. } => turn((Glyph::Good, ThemeRole::Good), 6),
         EventKind::ApprovalReceived { decision, .. } => match decision {
-            Answer::Approve => turn((Glyph::Good, Role::Good), 6),
-            Answer::Reject => turn((Glyph::Bad, Role::Bad), 8),
+            Answer::Approve => turn((Glyph::Good, ThemeRole::Good), 6),
+            Answer::Reject => turn((Glyph::Bad, ThemeRole::Bad), 8),
         },
-        EventKind::ApprovalRequested { .. } => aside(Glyph::Waiting, Role::Waiting, 5),
-        EventKind::Rung { ok: false, .. } | EventKind::Fault { .. } => aside(Glyph::Bad, Role::Bad, 7),
+        EventKind::ApprovalRequested { .. } => aside(Glyph::Waiting, ThemeRole::Waiting, 5),
+        EventKind::Rung { ok: false, .. } | EventKind::Fault { .. } => aside(Glyph::Bad, ThemeRole::Bad, 7),
         EventKind::LiveFault { fault: Some(_) } | EventKind::Drift { kind: Some(_), .. } => {
-            aside(Glyph::Warning, Role::Warning, 4)
+            aside(Glyph::Warning, ThemeRole::Warning, 4)
         }
         EventKind::Sequence { success, tasks, .. } => {
             let failed = !success || tasks.iter().any(|task| task.violation);
-            failed.then_some(Mark { glyph: Glyph::Neutral, role: Role::Bad, weight: 1, is_turn: false })
+            failed.then_some(TimeMark {
+                glyph: Glyph::Neutral,
+                role: ThemeRole::Bad,
+                weight: 1,
+                is_turn: false,
+            })
         }
         EventKind::Rung { .. }
         | EventKind::LiveFault { .. }

@@ -5,14 +5,14 @@ use std::sync::Arc;
 use super::charts::Group;
 use super::speed::Speed;
 use super::timeline::{Cursor, Timeline};
-use crate::line::Line;
+use crate::line::EditLine;
 
 /// How long an answer stands at the foot, ms.
 pub const NOTICE_MS: u64 = 5_000;
 
 /// An answer at the foot of the screen.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Notice {
+pub struct ReplayNotice {
     /// What is said.
     pub text: String,
     /// Whether something failed.
@@ -23,7 +23,7 @@ pub struct Notice {
 
 /// Everything a replay's screen is drawn from.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Model {
+pub struct ReplayModel {
     /// The recording.
     pub timeline: Arc<Timeline>,
     /// Where in it.
@@ -39,9 +39,9 @@ pub struct Model {
     /// Whether the help lies over the screen, and its first line that is shown.
     pub help: Option<u16>,
     /// The place to jump to that is being typed.
-    pub typing: Option<Line>,
+    pub typing: Option<EditLine>,
     /// The answer to the last key.
-    pub notice: Option<Notice>,
+    pub notice: Option<ReplayNotice>,
     /// The screen's clock, ms; monotonic.
     pub now_ms: u64,
     /// Playing stands on an event until then, so that it can be read, ms of the screen's clock.
@@ -50,7 +50,7 @@ pub struct Model {
     pub carried_quarters: u64,
 }
 
-impl Model {
+impl ReplayModel {
     /// A replay at its first moment, paused.
     #[must_use]
     pub fn new(timeline: Timeline, speed: Speed) -> Self {
@@ -95,6 +95,6 @@ impl Model {
     /// Says something at the foot for a while.
     pub fn tell(&mut self, text: impl Into<String>, bad: bool) {
         let until_ms = self.now_ms.saturating_add(NOTICE_MS);
-        self.notice = Some(Notice { text: text.into(), bad, until_ms });
+        self.notice = Some(ReplayNotice { text: text.into(), bad, until_ms });
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Pure: the clock is an argument. Must not show a moment that was not recorded as if it had been.
 
-use super::model::Model;
+use super::model::ReplayModel;
 use super::timeline::GAP_MS;
 use crate::words::duration;
 
@@ -17,7 +17,7 @@ const STEP_MS_MAX: u64 = 1_000;
 const FRAME_MS: (u64, u64) = (50, 250);
 
 /// The clock moved on to `now_ms`. Tells whether what is shown changed.
-pub fn pass(model: &mut Model, now_ms: u64) -> bool {
+pub fn pass(model: &mut ReplayModel, now_ms: u64) -> bool {
     let passed_ms = now_ms.saturating_sub(model.now_ms).min(STEP_MS_MAX);
     model.now_ms = now_ms;
     let over = model.notice.take_if(|notice| notice.until_ms <= now_ms).is_some();
@@ -49,7 +49,7 @@ pub fn pass(model: &mut Model, now_ms: u64) -> bool {
 }
 
 /// Jumps over a gap where the cursor stands before one.
-fn skip(model: &mut Model) -> bool {
+fn skip(model: &mut ReplayModel) -> bool {
     let at_ms = model.cursor.at_ms;
     let Some(next_ms) = model.timeline.next_moment_ms(at_ms).filter(|next_ms| next_ms - at_ms > GAP_MS)
     else {
@@ -68,7 +68,7 @@ fn skip(model: &mut Model) -> bool {
 }
 
 /// Playing stands for a moment.
-pub fn rest(model: &mut Model) {
+pub fn rest(model: &mut ReplayModel) {
     let (least_ms, most_ms) = REST_MS;
     let rest_ms = model.speed.real_ms(most_ms).clamp(least_ms, most_ms);
     model.rests_until_ms = model.now_ms.saturating_add(rest_ms);
@@ -76,7 +76,7 @@ pub fn rest(model: &mut Model) {
 
 /// In how many ms something changes by itself; absent where nothing does before a key.
 #[must_use]
-pub fn wakes_in_ms(model: &Model) -> Option<u64> {
+pub fn wakes_in_ms(model: &ReplayModel) -> Option<u64> {
     let notice = model.notice.as_ref().map(|notice| notice.until_ms.saturating_sub(model.now_ms));
     let playing = model.playing.then(|| {
         let rests_ms = model.rests_until_ms.saturating_sub(model.now_ms);

@@ -11,18 +11,18 @@ use tokio::sync::mpsc;
 
 use super::frame;
 use super::jump::ms_of_tick;
-use super::model::Model;
+use super::model::ReplayModel;
 use super::playing::wakes_in_ms;
 use super::speed::Speed;
 use super::timeline::Timeline;
-use super::update::{Effect, Msg, What, update};
+use super::update::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use crate::look::{Depth, Look, ThemeError};
 use crate::msg;
 use crate::options::Options;
 use crate::run::input;
 use crate::run::look;
 use crate::run::screen::Screen;
-use crate::terminal::guard::Guard;
+use crate::terminal::guard::RunningGuard;
 use crate::terminal::log::{LogFile, state_folder};
 use crate::terminal::{TerminalGuard, background, panic};
 use crate::theme::Themes;
@@ -84,11 +84,11 @@ pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayErr
     }
     // What is wrong with the settings is said on the terminal as it is.
     let look = look(&options.console, &options.themes, None)?;
-    let mut model = Model::new(Timeline::new(recording), options.speed);
+    let mut model = ReplayModel::new(Timeline::new(recording), options.speed);
     if let Some(tick) = options.start_tick {
         model.cursor = model.timeline.at(ms_of_tick(tick));
     }
-    let guard = Guard::start()?;
+    let guard = RunningGuard::start()?;
     panic::install();
     let ended = catch_unwind(AssertUnwindSafe(|| on_screen(model, look, &options, guard)));
     panic::uninstall();
@@ -96,7 +96,12 @@ pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayErr
 }
 
 /// Everything between taking the terminal and giving it back.
-fn on_screen(model: Model, look: Look, options: &ReplayOptions, guard: Guard) -> Result<(), ReplayError> {
+fn on_screen(
+    model: ReplayModel,
+    look: Look,
+    options: &ReplayOptions,
+    guard: RunningGuard,
+) -> Result<(), ReplayError> {
     // A replay without a log is better than none.
     let log = state_folder().and_then(|folder| LogFile::open(&folder).ok());
     let terminal = TerminalGuard::enter(log, false)?;
@@ -118,16 +123,16 @@ fn on_screen(model: Model, look: Look, options: &ReplayOptions, guard: Guard) ->
 /// A replay on the screen.
 struct Showing {
     begun: Instant,
-    model: Model,
+    model: ReplayModel,
     look: Look,
     screen: Screen,
-    inputs: mpsc::Receiver<msg::What>,
-    guard: Guard,
+    inputs: mpsc::Receiver<msg::MsgKind>,
+    guard: RunningGuard,
 }
 
 /// What came first.
-enum Came {
-    Input(Option<msg::What>),
+enum ReplayInput {
+    Input(Option<msg::MsgKind>),
     Ending,
     Time,
 }
@@ -137,14 +142,14 @@ impl Showing {
     async fn run(mut self) -> io::Result<()> {
         loop {
             let effects = match self.wait().await {
-                Came::Input(Some(what)) => self.fold_inputs(what)?,
-                Came::Input(None) | Came::Ending => return Ok(()),
-                Came::Time => self.fold(What::Tick),
+                ReplayInput::Input(Some(what)) => self.fold_inputs(what)?,
+                ReplayInput::Input(None) | ReplayInput::Ending => return Ok(()),
+                ReplayInput::Time => self.fold(ReplayMsgKind::Tick),
             };
-            if effects.contains(&Effect::Leave) {
+            if effects.contains(&ReplayEffect::Leave) {
                 return Ok(());
             }
-            if effects.contains(&Effect::Draw) {
+            if effects.contains(&ReplayEffect::Draw) {
                 #[cfg(debug_assertions)]
                 fail_if_asked();
                 let (model, look) = (&self.model, &self.look);
@@ -153,18 +158,18 @@ impl Showing {
         }
     }
 
-    async fn wait(&mut self) -> Came {
+    async fn wait(&mut self) -> ReplayInput {
         let wakes_in = wakes_in_ms(&self.model).map(Duration::from_millis);
         tokio::select! {
             biased;
-            _ = self.guard.ending() => Came::Ending,
-            what = self.inputs.recv() => Came::Input(what),
-            () = after(wakes_in) => Came::Time,
+            _ = self.guard.ending() => ReplayInput::Ending,
+            what = self.inputs.recv() => ReplayInput::Input(what),
+            () = after(wakes_in) => ReplayInput::Time,
         }
     }
 
     /// Keys that wait are folded in together, so that the frame shows their end.
-    fn fold_inputs(&mut self, first: msg::What) -> io::Result<Vec<Effect>> {
+    fn fold_inputs(&mut self, first: msg::MsgKind) -> io::Result<Vec<ReplayEffect>> {
         let mut effects = self.fold_input(first)?;
         for _ in 0..BATCH_MAX {
             let Ok(what) = self.inputs.try_recv() else { break };
@@ -173,36 +178,36 @@ impl Showing {
         Ok(effects)
     }
 
-    fn fold_input(&mut self, what: msg::What) -> io::Result<Vec<Effect>> {
+    fn fold_input(&mut self, what: msg::MsgKind) -> io::Result<Vec<ReplayEffect>> {
         let what = match what {
-            msg::What::Key(key) => What::Key(key),
-            msg::What::Paste(text) => What::Paste(text),
-            msg::What::Resize(columns, rows) => {
+            msg::MsgKind::Key(key) => ReplayMsgKind::Key(key),
+            msg::MsgKind::Paste(text) => ReplayMsgKind::Paste(text),
+            msg::MsgKind::Resize(columns, rows) => {
                 self.screen.resize(columns, rows)?;
-                What::Resize
+                ReplayMsgKind::Resize
             }
             // The mouse was not taken, and no engine is here to tell the rest.
-            msg::What::Wheel(_)
-            | msg::What::EngineStarted
-            | msg::What::Events(_)
-            | msg::What::Answer { .. }
-            | msg::What::Lagged(_)
-            | msg::What::Snapshot(_)
-            | msg::What::Picture(_)
-            | msg::What::EngineEnded(_)
-            | msg::What::Identities(_)
-            | msg::What::Operator(_)
-            | msg::What::Done { .. }
-            | msg::What::Theme(_)
-            | msg::What::EndAsked
-            | msg::What::Tick => What::Tick,
+            msg::MsgKind::Wheel(_)
+            | msg::MsgKind::EngineStarted
+            | msg::MsgKind::Events(_)
+            | msg::MsgKind::Answer { .. }
+            | msg::MsgKind::Lagged(_)
+            | msg::MsgKind::Snapshot(_)
+            | msg::MsgKind::Picture(_)
+            | msg::MsgKind::EngineEnded(_)
+            | msg::MsgKind::Identities(_)
+            | msg::MsgKind::Operator(_)
+            | msg::MsgKind::Done { .. }
+            | msg::MsgKind::Theme(_)
+            | msg::MsgKind::EndAsked
+            | msg::MsgKind::Tick => ReplayMsgKind::Tick,
         };
         Ok(self.fold(what))
     }
 
-    fn fold(&mut self, what: What) -> Vec<Effect> {
+    fn fold(&mut self, what: ReplayMsgKind) -> Vec<ReplayEffect> {
         let now_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        update(&mut self.model, Msg { now_ms, what })
+        update(&mut self.model, ReplayMsg { now_ms, what })
     }
 }
 

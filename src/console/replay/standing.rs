@@ -9,14 +9,14 @@ use holdpoint_protocol::event::{Event, EventKind};
 
 /// How a version stood.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Standing {
+pub struct VersionStanding {
     /// Its state; absent before anything was said of it.
     pub state: Option<State>,
     /// Its flags.
     pub flags: Flags,
 }
 
-impl Standing {
+impl VersionStanding {
     /// The name of the charts that matter most then.
     #[must_use]
     pub const fn charts(&self) -> &'static str {
@@ -49,8 +49,8 @@ impl Standing {
 
 /// How `version` stood after each of the events.
 #[must_use]
-pub fn after_each(version: &CapabilityId, events: &[Event]) -> Vec<Standing> {
-    let mut standing = Standing::default();
+pub fn after_each(version: &CapabilityId, events: &[Event]) -> Vec<VersionStanding> {
+    let mut standing = VersionStanding::default();
     let fold = |event: &Event| {
         apply(&mut standing, version, &event.kind);
         standing
@@ -58,8 +58,8 @@ pub fn after_each(version: &CapabilityId, events: &[Event]) -> Vec<Standing> {
     events.iter().map(fold).collect()
 }
 
-fn apply(standing: &mut Standing, version: &CapabilityId, kind: &EventKind) {
-    let Standing { state, flags } = standing;
+fn apply(standing: &mut VersionStanding, version: &CapabilityId, kind: &EventKind) {
+    let VersionStanding { state, flags } = standing;
     match kind {
         EventKind::Registered { version: of, .. } if of == version => *state = Some(State::Registered),
         EventKind::StateChanged { version: of, to, .. } if of == version => {

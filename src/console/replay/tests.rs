@@ -2,18 +2,18 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use super::super::model::{Model, NOTICE_MS};
+use super::super::model::{NOTICE_MS, ReplayModel};
 use super::super::playing::wakes_in_ms;
 use super::super::speed::Speed;
 use super::super::timeline::Timeline;
-use super::{Effect, Msg, What, update};
+use super::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
-use holdpoint_protocol::picture::{Body, NO_TURN, Picture, Scenery};
+use holdpoint_protocol::picture::{ArmPicture, NO_TURN, Picture, Scenery};
 use holdpoint_recordings::recording::{About, Recording};
 
 /// Pictures every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
@@ -21,7 +21,7 @@ fn pictures() -> Vec<Picture> {
     let mut times: Vec<u64> = (0..=10).flat_map(|step| [20_000 + step * 100, 40_000 + step * 100]).collect();
     times.push(20_500);
     times.sort_unstable();
-    let body = Body {
+    let body = ArmPicture {
         links: vec![[0.0; 3], [0.1; 3]],
         pads: [[0.1; 3]; 2],
         hand: NO_TURN,
@@ -103,27 +103,27 @@ fn recording() -> Recording {
     }
 }
 
-fn model() -> Model {
-    Model::new(Timeline::new(recording()), Speed::default())
+fn model() -> ReplayModel {
+    ReplayModel::new(Timeline::new(recording()), Speed::default())
 }
 
-fn press(model: &mut Model, code: KeyCode) -> Vec<Effect> {
+fn press(model: &mut ReplayModel, code: KeyCode) -> Vec<ReplayEffect> {
     let now_ms = model.now_ms;
-    update(model, Msg { now_ms, what: What::Key(KeyEvent::new(code, KeyModifiers::NONE)) })
+    update(model, ReplayMsg { now_ms, what: ReplayMsgKind::Key(KeyEvent::new(code, KeyModifiers::NONE)) })
 }
 
-fn keys(model: &mut Model, keys: &str) {
+fn keys(model: &mut ReplayModel, keys: &str) {
     for key in keys.chars() {
         press(model, KeyCode::Char(key));
     }
 }
 
-fn pass(model: &mut Model, real_ms: u64) -> Vec<Effect> {
+fn pass(model: &mut ReplayModel, real_ms: u64) -> Vec<ReplayEffect> {
     let now_ms = model.now_ms + real_ms;
-    update(model, Msg { now_ms, what: What::Tick })
+    update(model, ReplayMsg { now_ms, what: ReplayMsgKind::Tick })
 }
 
-fn said(model: &Model) -> &str {
+fn said(model: &ReplayModel) -> &str {
     model.notice.as_ref().map_or("", |notice| &notice.text)
 }
 
@@ -170,7 +170,7 @@ fn keys_move_the_cursor() {
                 '\u{1b}' => KeyCode::Esc,
                 other => KeyCode::Char(other),
             };
-            assert_eq!(press(&mut model, code), [Effect::Draw], "{typed}");
+            assert_eq!(press(&mut model, code), [ReplayEffect::Draw], "{typed}");
         }
         let cursor = model.cursor;
         assert_eq!(
@@ -209,8 +209,8 @@ fn ends_are_said() {
 #[test]
 fn leaves_by_q_and_esc_and_closes_first_what_is_open() {
     let mut model = model();
-    assert_eq!(press(&mut model, KeyCode::Char('q')), [Effect::Leave]);
-    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Leave]);
+    assert_eq!(press(&mut model, KeyCode::Char('q')), [ReplayEffect::Leave]);
+    assert_eq!(press(&mut model, KeyCode::Esc), [ReplayEffect::Leave]);
     keys(&mut model, "?");
     assert_eq!(model.help, Some(0));
     // What the help lies over does not move.
@@ -218,10 +218,10 @@ fn leaves_by_q_and_esc_and_closes_first_what_is_open() {
     keys(&mut model, "n");
     press(&mut model, KeyCode::Down);
     assert_eq!((model.cursor, model.help), (before, Some(1)));
-    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Draw]);
+    assert_eq!(press(&mut model, KeyCode::Esc), [ReplayEffect::Draw]);
     assert_eq!(model.help, None);
     keys(&mut model, ":q");
-    assert_eq!(press(&mut model, KeyCode::Esc), [Effect::Draw]);
+    assert_eq!(press(&mut model, KeyCode::Esc), [ReplayEffect::Draw]);
     assert!(model.typing.is_none());
     keys(&mut model, ":1");
     press(&mut model, KeyCode::Backspace);
@@ -235,7 +235,7 @@ fn playing_follows_the_clock_and_stops_at_the_end() {
     model.cursor = model.timeline.at(20_000);
     assert_eq!((pass(&mut model, 500), model.cursor.at_ms), (Vec::new(), 20_000));
     keys(&mut model, " ");
-    assert_eq!((pass(&mut model, 50), model.cursor.at_ms), (vec![Effect::Draw], 20_050));
+    assert_eq!((pass(&mut model, 50), model.cursor.at_ms), (vec![ReplayEffect::Draw], 20_050));
     keys(&mut model, "++");
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 20_250);
@@ -303,7 +303,7 @@ fn nothing_wakes_a_replay_that_stands() {
     assert_eq!(wakes_in_ms(&model), None);
     keys(&mut model, "h");
     assert_eq!(wakes_in_ms(&model), Some(NOTICE_MS));
-    assert_eq!(pass(&mut model, NOTICE_MS), [Effect::Draw]);
+    assert_eq!(pass(&mut model, NOTICE_MS), [ReplayEffect::Draw]);
     assert_eq!((model.notice.is_none(), wakes_in_ms(&model)), (true, None));
     // At most twenty frames a second, and no fewer than four.
     for (at_ms, speed, wakes_ms) in
@@ -324,8 +324,9 @@ fn charts_follow_the_stage_until_others_are_chosen() {
         points: vec![(10_000, 1.0)],
     };
     recording.series = ["monitor/time", "kappa/B", "shadow/output"].map(series).to_vec();
-    let mut model = Model::new(Timeline::new(recording), Speed::default());
-    let shown = |model: &Model| model.shown_charts().map(|(_, group)| group.name.clone()).unwrap_or_default();
+    let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
+    let shown =
+        |model: &ReplayModel| model.shown_charts().map(|(_, group)| group.name.clone()).unwrap_or_default();
     assert_eq!(shown(&model), "kappa");
     let mut seen = Vec::new();
     for _ in 0..4 {

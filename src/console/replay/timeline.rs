@@ -5,8 +5,8 @@
 //! pictures or two values.
 
 use super::charts::{self, Group};
-use super::mark::{self, Mark};
-use super::standing::{self, Standing};
+use super::mark::{self, TimeMark};
+use super::standing::{self, VersionStanding};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_recordings::recording::Recording;
@@ -19,8 +19,8 @@ pub const GAP_MS: u64 = 2_000;
 pub struct Timeline {
     recording: Recording,
     span_ms: (u64, u64),
-    standings: Vec<Standing>,
-    marks: Vec<Option<Mark>>,
+    standings: Vec<VersionStanding>,
+    marks: Vec<Option<TimeMark>>,
     moments_ms: Vec<u64>,
     stretches_ms: Vec<(u64, u64)>,
     groups: Vec<Group>,
@@ -89,14 +89,14 @@ impl Timeline {
     }
 
     /// How events are marked on the time bar: virtual time, ms, and mark, in order.
-    pub fn marks(&self) -> impl Iterator<Item = (u64, Mark)> {
+    pub fn marks(&self) -> impl Iterator<Item = (u64, TimeMark)> {
         let marked = self.recording.events.iter().zip(&self.marks);
         marked.filter_map(|(event, mark)| mark.map(|mark| (event.at_ms, mark)))
     }
 
     /// The mark of an event.
     #[must_use]
-    pub fn mark(&self, event: usize) -> Option<Mark> {
+    pub fn mark(&self, event: usize) -> Option<TimeMark> {
         self.marks.get(event).copied().flatten()
     }
 
@@ -120,7 +120,7 @@ impl Timeline {
 
     /// How the version stood at a cursor.
     #[must_use]
-    pub fn standing(&self, cursor: Cursor) -> Standing {
+    pub fn standing(&self, cursor: Cursor) -> VersionStanding {
         cursor.event.and_then(|event| self.standings.get(event)).copied().unwrap_or_default()
     }
 

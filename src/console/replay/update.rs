@@ -2,12 +2,12 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use super::action::{self, Action};
+use super::action::{self, ReplayAction};
 use super::jump::{self, Target};
-use super::model::Model;
+use super::model::ReplayModel;
 use super::playing;
 use super::timeline::Cursor;
-use crate::line::Line;
+use crate::line::EditLine;
 use crate::update::into_line;
 
 /// One second, ms.
@@ -15,16 +15,16 @@ const SECOND_MS: u64 = 1_000;
 
 /// Something happened, at a moment of the screen's own clock.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Msg {
+pub struct ReplayMsg {
     /// When, ms since the start; monotonic.
     pub now_ms: u64,
     /// What.
-    pub what: What,
+    pub what: ReplayMsgKind,
 }
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum ReplayMsgKind {
     /// A key went down (or repeats).
     Key(KeyEvent),
     /// Text was pasted.
@@ -37,7 +37,7 @@ pub enum What {
 
 /// What is to be done beside drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effect {
+pub enum ReplayEffect {
     /// Draw a frame.
     Draw,
     /// Leave the replay.
@@ -45,50 +45,50 @@ pub enum Effect {
 }
 
 /// Folds one thing in.
-pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
+pub fn update(model: &mut ReplayModel, msg: ReplayMsg) -> Vec<ReplayEffect> {
     let moved = playing::pass(model, msg.now_ms);
     match msg.what {
-        What::Tick if !moved => Vec::new(),
-        What::Tick | What::Resize => vec![Effect::Draw],
-        What::Paste(text) => {
+        ReplayMsgKind::Tick if !moved => Vec::new(),
+        ReplayMsgKind::Tick | ReplayMsgKind::Resize => vec![ReplayEffect::Draw],
+        ReplayMsgKind::Paste(text) => {
             if let Some(line) = &mut model.typing {
                 line.paste(&text);
             }
-            vec![Effect::Draw]
+            vec![ReplayEffect::Draw]
         }
-        What::Key(key) => self::key(model, key),
+        ReplayMsgKind::Key(key) => self::key(model, key),
     }
 }
 
-fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
+fn key(model: &mut ReplayModel, key: KeyEvent) -> Vec<ReplayEffect> {
     model.notice = None;
     if model.typing.is_some() {
         typed(model, key);
-        return vec![Effect::Draw];
+        return vec![ReplayEffect::Draw];
     }
     let asked = action::of(key);
     if let Some(first) = model.help {
         model.help = match (asked, key.code) {
-            (Some(Action::Leave | Action::Help), _) => None,
+            (Some(ReplayAction::Leave | ReplayAction::Help), _) => None,
             (_, KeyCode::Down | KeyCode::PageDown | KeyCode::Char('j')) => Some(first.saturating_add(1)),
             (_, KeyCode::Up | KeyCode::PageUp | KeyCode::Char('k')) => Some(first.saturating_sub(1)),
             _ => Some(first),
         };
-        return vec![Effect::Draw];
+        return vec![ReplayEffect::Draw];
     }
     match (asked, key.code) {
-        (Some(Action::Leave), _) => return vec![Effect::Leave],
+        (Some(ReplayAction::Leave), _) => return vec![ReplayEffect::Leave],
         (Some(action), _) => act(model, action),
         (None, KeyCode::Char(digit)) if digit.is_ascii_digit() && key.modifiers.is_empty() => {
-            model.typing = Some(Line::new(&digit.to_string()));
+            model.typing = Some(EditLine::new(&digit.to_string()));
         }
         (None, _) => {}
     }
-    vec![Effect::Draw]
+    vec![ReplayEffect::Draw]
 }
 
 /// A key for the line in which the place to jump to is typed.
-fn typed(model: &mut Model, key: KeyEvent) {
+fn typed(model: &mut ReplayModel, key: KeyEvent) {
     let Some(line) = &mut model.typing else { return };
     let cancels = key.code == KeyCode::Esc
         || (key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL));
@@ -106,7 +106,7 @@ fn typed(model: &mut Model, key: KeyEvent) {
     }
 }
 
-fn jump_to(model: &mut Model, text: &str) {
+fn jump_to(model: &mut ReplayModel, text: &str) {
     let target_ms = match jump::parse(text) {
         Ok(Target::At(at_ms)) => at_ms,
         Ok(Target::On(by_ms)) => model.cursor.at_ms.saturating_add(by_ms),
@@ -127,37 +127,37 @@ fn jump_to(model: &mut Model, text: &str) {
     }
 }
 
-fn act(model: &mut Model, action: Action) {
+fn act(model: &mut ReplayModel, action: ReplayAction) {
     match action {
-        Action::Play => play(model),
-        Action::NextPicture => picture_on(model),
-        Action::PreviousPicture => picture_back(model),
-        Action::SecondOn => seek(model, model.cursor.at_ms.saturating_add(SECOND_MS)),
-        Action::SecondBack => seek(model, model.cursor.at_ms.saturating_sub(SECOND_MS)),
-        Action::Faster => model.speed = model.speed.faster(),
-        Action::Slower => model.speed = model.speed.slower(),
-        Action::NextEvent => event_on(model, false),
-        Action::PreviousEvent => event_back(model, false),
-        Action::NextTurn => event_on(model, true),
-        Action::PreviousTurn => event_back(model, true),
-        Action::First => seek(model, model.timeline.span_ms().0),
-        Action::Last => seek(model, model.timeline.span_ms().1),
-        Action::Jump => model.typing = Some(Line::default()),
-        Action::NextCharts => turn_charts(model, 1),
-        Action::PreviousCharts => turn_charts(model, model.timeline.groups().len().saturating_sub(1)),
-        Action::SkipGaps => {
+        ReplayAction::Play => play(model),
+        ReplayAction::NextPicture => picture_on(model),
+        ReplayAction::PreviousPicture => picture_back(model),
+        ReplayAction::SecondOn => seek(model, model.cursor.at_ms.saturating_add(SECOND_MS)),
+        ReplayAction::SecondBack => seek(model, model.cursor.at_ms.saturating_sub(SECOND_MS)),
+        ReplayAction::Faster => model.speed = model.speed.faster(),
+        ReplayAction::Slower => model.speed = model.speed.slower(),
+        ReplayAction::NextEvent => event_on(model, false),
+        ReplayAction::PreviousEvent => event_back(model, false),
+        ReplayAction::NextTurn => event_on(model, true),
+        ReplayAction::PreviousTurn => event_back(model, true),
+        ReplayAction::First => seek(model, model.timeline.span_ms().0),
+        ReplayAction::Last => seek(model, model.timeline.span_ms().1),
+        ReplayAction::Jump => model.typing = Some(EditLine::default()),
+        ReplayAction::NextCharts => turn_charts(model, 1),
+        ReplayAction::PreviousCharts => turn_charts(model, model.timeline.groups().len().saturating_sub(1)),
+        ReplayAction::SkipGaps => {
             model.skips_gaps = !model.skips_gaps;
             let text =
                 if model.skips_gaps { "gaps are skipped while playing" } else { "gaps are played through" };
             model.tell(text, false);
         }
-        Action::Help => model.help = Some(0),
-        Action::Leave => {}
+        ReplayAction::Help => model.help = Some(0),
+        ReplayAction::Leave => {}
     }
 }
 
 /// At the end playing begins anew.
-fn play(model: &mut Model) {
+fn play(model: &mut ReplayModel) {
     model.playing = !model.playing;
     let (from_ms, to_ms) = model.timeline.span_ms();
     if model.playing && model.cursor.at_ms >= to_ms {
@@ -165,23 +165,23 @@ fn play(model: &mut Model) {
     }
 }
 
-fn seek(model: &mut Model, at_ms: u64) {
+fn seek(model: &mut ReplayModel, at_ms: u64) {
     go(model, model.timeline.at(at_ms));
 }
 
-fn go(model: &mut Model, cursor: Cursor) {
+fn go(model: &mut ReplayModel, cursor: Cursor) {
     model.cursor = cursor;
     model.carried_quarters = 0;
     model.rests_until_ms = 0;
 }
 
 /// On an event, playing stands for a moment, so that it can be read before what follows.
-fn go_to_event(model: &mut Model, cursor: Cursor) {
+fn go_to_event(model: &mut ReplayModel, cursor: Cursor) {
     go(model, cursor);
     playing::rest(model);
 }
 
-fn picture_on(model: &mut Model) {
+fn picture_on(model: &mut ReplayModel) {
     model.playing = false;
     let next = model.cursor.picture.map_or(0, |picture| picture + 1);
     match model.timeline.on_picture(next) {
@@ -191,7 +191,7 @@ fn picture_on(model: &mut Model) {
 }
 
 /// The picture before; the present one where that is not fresh any more.
-fn picture_back(model: &mut Model) {
+fn picture_back(model: &mut ReplayModel) {
     model.playing = false;
     let is_old = model.picture_age_ms().is_some_and(|age_ms| age_ms > super::FRESH_MS);
     let before = model.cursor.picture.and_then(|picture| picture.checked_sub(usize::from(!is_old)));
@@ -201,7 +201,7 @@ fn picture_back(model: &mut Model) {
     }
 }
 
-fn event_on(model: &mut Model, turns: bool) {
+fn event_on(model: &mut ReplayModel, turns: bool) {
     let mut next = model.cursor.event.map_or(0, |event| event + 1);
     while turns && model.timeline.event(next).is_some() && !is_turn(model, next) {
         next += 1;
@@ -214,7 +214,7 @@ fn event_on(model: &mut Model, turns: bool) {
 }
 
 /// The event before the cursor; while playing, the one before what has just passed.
-fn event_back(model: &mut Model, turns: bool) {
+fn event_back(model: &mut ReplayModel, turns: bool) {
     let passed_ms = if model.playing { model.speed.quarters(SECOND_MS) / 4 } else { 0 };
     let at_ms = model.cursor.at_ms.saturating_sub(passed_ms);
     let is_before = |event: &usize| {
@@ -230,12 +230,12 @@ fn event_back(model: &mut Model, turns: bool) {
     }
 }
 
-fn is_turn(model: &Model, event: usize) -> bool {
+fn is_turn(model: &ReplayModel, event: usize) -> bool {
     model.timeline.mark(event).is_some_and(|mark| mark.is_turn)
 }
 
 /// Other charts. Those that the stage asks for follow the stage again.
-fn turn_charts(model: &mut Model, by: usize) {
+fn turn_charts(model: &mut ReplayModel, by: usize) {
     let count = model.timeline.groups().len();
     let Some((shown, _)) = model.shown_charts() else {
         return model.tell("this recording holds no charts", false);

@@ -10,7 +10,7 @@ use ratatui::crossterm::event::{
 };
 use tokio::sync::mpsc;
 
-use crate::msg::What;
+use crate::msg::MsgKind;
 
 /// Inputs that wait at most; the thread waits with reading while so many do.
 const WAITING_MAX: usize = 256;
@@ -28,7 +28,7 @@ const ANSWER_KEYS_MAX: usize = 64;
 ///
 /// # Errors
 /// Where no thread can be had.
-pub fn start() -> io::Result<mpsc::Receiver<What>> {
+pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     let (sender, receiver) = mpsc::channel(WAITING_MAX);
     std::thread::Builder::new().name("console-input".to_owned()).spawn(move || {
         let mut answers = LateAnswer::default();
@@ -44,14 +44,14 @@ pub fn start() -> io::Result<mpsc::Receiver<What>> {
 }
 
 /// What an event is to the console; absent where it is nothing.
-fn what(event: Event, answers: &mut LateAnswer) -> Option<What> {
+fn what(event: Event, answers: &mut LateAnswer) -> Option<MsgKind> {
     match event {
         Event::Key(key) if key.kind == KeyEventKind::Release => None,
         Event::Key(key) if answers.swallow(key) => None,
-        Event::Key(key) => Some(What::Key(key)),
-        Event::Paste(text) => Some(What::Paste(bounded(text))),
-        Event::Mouse(mouse) => wheel(mouse).map(What::Wheel),
-        Event::Resize(columns, rows) => Some(What::Resize(columns, rows)),
+        Event::Key(key) => Some(MsgKind::Key(key)),
+        Event::Paste(text) => Some(MsgKind::Paste(bounded(text))),
+        Event::Mouse(mouse) => wheel(mouse).map(MsgKind::Wheel),
+        Event::Resize(columns, rows) => Some(MsgKind::Resize(columns, rows)),
         // Losing the focus changes nothing that is shown.
         Event::FocusGained | Event::FocusLost => None,
     }
@@ -152,9 +152,10 @@ mod tests {
         let released = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Release);
         assert_eq!(what(Event::Key(released), &mut answers), None);
         let repeated = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Repeat);
-        assert_eq!(what(Event::Key(repeated), &mut answers), Some(What::Key(repeated)));
+        assert_eq!(what(Event::Key(repeated), &mut answers), Some(MsgKind::Key(repeated)));
         assert_eq!(what(Event::FocusGained, &mut answers), None);
-        let Some(What::Paste(text)) = what(Event::Paste("é".repeat(PASTE_BYTES_MAX)), &mut answers) else {
+        let Some(MsgKind::Paste(text)) = what(Event::Paste("é".repeat(PASTE_BYTES_MAX)), &mut answers)
+        else {
             panic!("a paste is a paste");
         };
         assert_eq!(text.len(), PASTE_BYTES_MAX);

@@ -25,12 +25,12 @@ pub enum Want {
 
 /// The pace of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Pace {
+pub struct FramePace {
     last_ms: Option<u64>,
     want: Option<Want>,
 }
 
-impl Pace {
+impl FramePace {
     /// A frame is wanted; the most urgent wish counts.
     pub fn want(&mut self, want: Want) {
         self.want = self.want.max(Some(want));
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn keys_come_first_and_nothing_is_drawn_without_a_change() {
-        let mut pace = Pace::default();
+        let mut pace = FramePace::default();
         assert_eq!(pace.due_ms(), None);
         pace.want(Want::Story);
         assert!(pace.is_due(0));
@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn frames_are_at_most_so_many_a_second() {
         for (want, frames_max) in [(Want::Story, 15), (Want::Picture, 19), (Want::Key, 100)] {
-            let mut pace = Pace::default();
+            let mut pace = FramePace::default();
             let mut frames = 0;
             for now_ms in 1..=1_000 {
                 pace.want(want);

@@ -22,13 +22,13 @@ use crate::terminal::modes;
 const FRAME_BYTES: usize = 64 * 1024;
 
 /// Collects a frame and writes it at once; what asks for a flush in between is not listened to.
-struct Writer {
+struct FrameWriter {
     tty: File,
     frame: Vec<u8>,
     held: Rc<Cell<bool>>,
 }
 
-impl Write for Writer {
+impl Write for FrameWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.frame.extend_from_slice(bytes);
         Ok(bytes.len())
@@ -52,7 +52,7 @@ impl Write for Writer {
 
 /// The screen.
 pub struct Screen {
-    terminal: Terminal<CrosstermBackend<Writer>>,
+    terminal: Terminal<CrosstermBackend<FrameWriter>>,
     held: Rc<Cell<bool>>,
 }
 
@@ -66,7 +66,7 @@ impl Screen {
         force_color_output(true);
         let tty = File::from(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdout(), 3)?);
         let held = Rc::new(Cell::new(false));
-        let writer = Writer { tty, frame: Vec::with_capacity(FRAME_BYTES), held: Rc::clone(&held) };
+        let writer = FrameWriter { tty, frame: Vec::with_capacity(FRAME_BYTES), held: Rc::clone(&held) };
         Ok(Self { terminal: Terminal::new(CrosstermBackend::new(writer))?, held })
     }
 

@@ -11,17 +11,17 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use super::pace::{Pace, Want};
+use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use super::{Cause, Left, farewell, input};
 use crate::effect::Effect;
-use crate::effects::{Hands, Outcome, Place, ReadCandidate};
+use crate::effects::{EffectTarget, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
 use crate::model::{Model, View};
-use crate::msg::{Msg, What};
+use crate::msg::{Msg, MsgKind};
 use crate::terminal::TerminalGuard;
-use crate::terminal::guard::{Ending, Guard};
+use crate::terminal::guard::{Ending, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
 use holdpoint_engine::host::{Host, HostConfig, StopError, Update};
@@ -59,13 +59,13 @@ pub(super) struct Session {
     look: Look,
     screen: Screen,
     terminal: TerminalGuard,
-    guard: Guard,
-    inputs: mpsc::Receiver<What>,
+    guard: RunningGuard,
+    inputs: mpsc::Receiver<MsgKind>,
     /// How errands went that took long.
-    errands: mpsc::Receiver<What>,
+    errands: mpsc::Receiver<MsgKind>,
     hands: Hands,
     operator: Option<String>,
-    pace: Pace,
+    pace: FramePace,
     /// Until when the engine may take to end, once it was asked to.
     leaving: Option<Instant>,
     cause: Cause,
@@ -76,9 +76,9 @@ pub(super) struct Session {
 }
 
 /// What came first.
-enum Came {
-    Input(Option<What>),
-    Errand(What),
+enum SessionInput {
+    Input(Option<MsgKind>),
+    Errand(MsgKind),
     Update(Option<Update>),
     Snapshot,
     Picture,
@@ -95,7 +95,7 @@ impl Session {
         look: Look,
         screen: Screen,
         terminal: TerminalGuard,
-        guard: Guard,
+        guard: RunningGuard,
     ) -> io::Result<Self> {
         let view = parts.view;
         let host = Host::start(parts.host);
@@ -112,7 +112,7 @@ impl Session {
             errands,
             hands: Hands::new(host, candidates, themes, exports, tell, view),
             operator: parts.operator,
-            pace: Pace::default(),
+            pace: FramePace::default(),
             leaving: None,
             cause: Cause::Asked,
             blind: false,
@@ -138,21 +138,21 @@ impl Session {
         self.leaving.is_some_and(|until| self.ended.is_some() || Instant::now() >= until)
     }
 
-    async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> Came {
+    async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> SessionInput {
         let frame = self.pace.due_ms().filter(|_| !self.blind).map(|due_ms| self.moment(due_ms));
         let leaving = self.leaving;
         let host = &mut self.hands.host;
         tokio::select! {
             biased;
-            ending = self.guard.ending(), if self.cause == Cause::Asked => Came::Ending(ending),
-            what = self.inputs.recv(), if !self.blind => Came::Input(what),
-            Some(what) = self.errands.recv() => Came::Errand(what),
-            () = until(frame) => Came::Frame,
-            () = until(leaving) => Came::Late,
-            told = host.updates.recv(), if self.ended.is_none() => Came::Update(told),
-            Ok(()) = host.snapshots.changed() => Came::Snapshot,
-            Ok(()) = host.pictures.changed() => Came::Picture,
-            _ = ticks.tick() => Came::Tick,
+            ending = self.guard.ending(), if self.cause == Cause::Asked => SessionInput::Ending(ending),
+            what = self.inputs.recv(), if !self.blind => SessionInput::Input(what),
+            Some(what) = self.errands.recv() => SessionInput::Errand(what),
+            () = until(frame) => SessionInput::Frame,
+            () = until(leaving) => SessionInput::Late,
+            told = host.updates.recv(), if self.ended.is_none() => SessionInput::Update(told),
+            Ok(()) = host.snapshots.changed() => SessionInput::Snapshot,
+            Ok(()) = host.pictures.changed() => SessionInput::Picture,
+            _ = ticks.tick() => SessionInput::Tick,
         }
     }
 
@@ -164,24 +164,24 @@ impl Session {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    fn fold(&mut self, came: Came) {
+    fn fold(&mut self, came: SessionInput) {
         match came {
-            Came::Input(Some(what)) => self.input(what),
+            SessionInput::Input(Some(what)) => self.input(what),
             // The thread that reads has given up: the terminal is gone.
-            Came::Input(None) => self.told_to_end(true),
-            Came::Errand(what) => self.take(what, Want::Key),
-            Came::Update(Some(told)) => self.engine(told),
-            Came::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
-            Came::Snapshot => {
+            SessionInput::Input(None) => self.told_to_end(true),
+            SessionInput::Errand(what) => self.take(what, Want::Key),
+            SessionInput::Update(Some(told)) => self.engine(told),
+            SessionInput::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
+            SessionInput::Snapshot => {
                 let newest = self.hands.host.snapshots.borrow_and_update().clone();
                 if let Some(snapshot) = newest {
-                    self.take(What::Snapshot(snapshot), Want::Story);
+                    self.take(MsgKind::Snapshot(snapshot), Want::Story);
                 }
             }
-            Came::Picture => self.picture(),
-            Came::Ending(ending) => self.told_to_end(ending == Ending::Gone),
-            Came::Tick => self.take(What::Tick, Want::Story),
-            Came::Frame | Came::Late => {}
+            SessionInput::Picture => self.picture(),
+            SessionInput::Ending(ending) => self.told_to_end(ending == Ending::Gone),
+            SessionInput::Tick => self.take(MsgKind::Tick, Want::Story),
+            SessionInput::Frame | SessionInput::Late => {}
         }
     }
 
@@ -198,8 +198,8 @@ impl Session {
         }
     }
 
-    fn input(&mut self, what: What) {
-        if let What::Resize(columns, rows) = what
+    fn input(&mut self, what: MsgKind) {
+        if let MsgKind::Resize(columns, rows) = what
             && self.screen.resize(columns, rows).is_err()
         {
             self.told_to_end(true);
@@ -213,14 +213,14 @@ impl Session {
                 if let Some(name) = self.operator.take() {
                     self.carry_out(Effect::UseIdentity(name));
                 }
-                What::EngineStarted
+                MsgKind::EngineStarted
             }
-            Update::Events(events) => What::Events(events),
-            Update::Answer { id, reply } => What::Answer { id, reply: Box::new(reply) },
-            Update::Lagged { missed } => What::Lagged(missed),
+            Update::Events(events) => MsgKind::Events(events),
+            Update::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
+            Update::Lagged { missed } => MsgKind::Lagged(missed),
             Update::Ended(how) => {
                 self.ended = Some(how.clone());
-                What::EngineEnded(how)
+                MsgKind::EngineEnded(how)
             }
         };
         self.take(what, Want::Story);
@@ -230,7 +230,7 @@ impl Session {
         let newest = self.hands.host.pictures.borrow_and_update().clone();
         let Some(picture) = newest else { return };
         let seen = self.model.view == View::Overview && self.model.frozen.is_none();
-        self.fold_one(What::Picture(picture));
+        self.fold_one(MsgKind::Picture(picture));
         if seen {
             self.pace.want(Want::Picture);
         }
@@ -245,17 +245,17 @@ impl Session {
             self.cause = Cause::Told;
         }
         if first {
-            self.take(What::EndAsked, Want::Key);
+            self.take(MsgKind::EndAsked, Want::Key);
         }
     }
 
     /// Folds one thing in and asks for a frame.
-    fn take(&mut self, what: What, want: Want) {
+    fn take(&mut self, what: MsgKind, want: Want) {
         self.fold_one(what);
         self.pace.want(want);
     }
 
-    fn fold_one(&mut self, what: What) {
+    fn fold_one(&mut self, what: MsgKind) {
         let now_ms = self.now_ms();
         let effects = update(&mut self.model, Msg { now_ms, what });
         for effect in effects {
@@ -267,7 +267,7 @@ impl Session {
     fn carry_out(&mut self, effect: Effect) {
         let mut open = VecDeque::from([effect]);
         while let Some(effect) = open.pop_front() {
-            let mut place = Place {
+            let mut place = EffectTarget {
                 screen: &mut self.screen,
                 terminal: &self.terminal,
                 look: &mut self.look,

@@ -39,12 +39,12 @@ pub enum Ending {
 
 /// The running guard. Dropping it ends the watch.
 #[derive(Debug)]
-pub struct Guard {
+pub struct RunningGuard {
     endings: mpsc::Receiver<Ending>,
     done: CancellationToken,
 }
 
-impl Guard {
+impl RunningGuard {
     /// Starts the watch.
     ///
     /// # Errors
@@ -78,7 +78,7 @@ impl Guard {
     }
 }
 
-impl Drop for Guard {
+impl Drop for RunningGuard {
     fn drop(&mut self) {
         self.done.cancel();
     }

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::paint::{Colour, NAMES, Paint};
-use super::{Role, Theme, names};
+use super::{Theme, ThemeRole, names};
 use holdpoint_text::Hint;
 
 /// The largest theme file, bytes.
@@ -60,17 +60,17 @@ impl Hint for ThemeError {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct ThemeFile {
     inherits: Option<Spanned<String>>,
     #[serde(default)]
-    roles: BTreeMap<Spanned<String>, Entry>,
+    roles: BTreeMap<Spanned<String>, ThemeEntry>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
-    fg: Option<Spanned<Value>>,
-    bg: Option<Spanned<Value>>,
+struct ThemeEntry {
+    fg: Option<Spanned<ThemeValue>>,
+    bg: Option<Spanned<ThemeValue>>,
     #[serde(default)]
     bold: bool,
     #[serde(default)]
@@ -83,7 +83,7 @@ struct Entry {
 
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-enum Value {
+enum ThemeValue {
     Number(u64),
     Text(String),
 }
@@ -103,7 +103,7 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
             format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len()),
         ));
     }
-    let parsed: File = toml::from_str(text)
+    let parsed: ThemeFile = toml::from_str(text)
         .map_err(|error| fail(line(&error.span().unwrap_or(0..0)), error.message().to_owned()))?;
     let mut theme = match &parsed.inherits {
         None => Theme::plain(name),
@@ -119,8 +119,8 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     name.clone_into(&mut theme.name);
     let mut problems: Vec<(usize, String)> = Vec::new();
     for (word, entry) in &parsed.roles {
-        let Some(role) = Role::parse(word.get_ref()) else {
-            let allowed: Vec<&str> = Role::ALL.iter().map(|role| role.word()).collect();
+        let Some(role) = ThemeRole::parse(word.get_ref()) else {
+            let allowed: Vec<&str> = ThemeRole::ALL.iter().map(|role| role.word()).collect();
             let what = format!("there is no role {:?}; allowed are {}", word.get_ref(), allowed.join(", "));
             problems.push((line(&word.span()), what));
             continue;
@@ -141,18 +141,18 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     }
 }
 
-impl Entry {
+impl ThemeEntry {
     fn paint(&self) -> Result<Paint, (Range<usize>, String)> {
-        let colour = |key: &str, value: &Option<Spanned<Value>>| {
+        let colour = |key: &str, value: &Option<Spanned<ThemeValue>>| {
             let Some(value) = value else { return Ok(None) };
             let parsed = match value.get_ref() {
-                Value::Text(text) if text == "default" => return Ok(None),
-                Value::Text(text) => Colour::parse(text),
-                Value::Number(number) => u8::try_from(*number).ok().map(Colour::Indexed),
+                ThemeValue::Text(text) if text == "default" => return Ok(None),
+                ThemeValue::Text(text) => Colour::parse(text),
+                ThemeValue::Number(number) => u8::try_from(*number).ok().map(Colour::Indexed),
             };
             let shown = match value.get_ref() {
-                Value::Text(text) => format!("{text:?}"),
-                Value::Number(number) => number.to_string(),
+                ThemeValue::Text(text) => format!("{text:?}"),
+                ThemeValue::Number(number) => number.to_string(),
             };
             let what = format!(
                 "{key}: {shown} is no colour; allowed are default, 0 to 255, \"#rrggbb\" and {}",

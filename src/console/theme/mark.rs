@@ -1,6 +1,6 @@
 //! The table of states: glyph, word and role together, so that no state is told by colour alone.
 
-use super::Role;
+use super::ThemeRole;
 use crate::look::Glyph;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
@@ -21,10 +21,10 @@ pub struct Mark {
     /// Its word.
     pub word: &'static str,
     /// Its role.
-    pub role: Role,
+    pub role: ThemeRole,
 }
 
-const fn mark(glyph: Glyph, word: &'static str, role: Role) -> Mark {
+const fn mark(glyph: Glyph, word: &'static str, role: ThemeRole) -> Mark {
     Mark { glyph, word, role }
 }
 
@@ -33,9 +33,9 @@ impl Mark {
     #[must_use]
     pub const fn priority(priority: Priority) -> Self {
         match priority {
-            Priority::Critical => mark(Glyph::Critical, "CRIT", Role::Critical),
-            Priority::High => mark(Glyph::High, "HIGH", Role::High),
-            Priority::Low => mark(Glyph::Low, "LOW", Role::Low),
+            Priority::Critical => mark(Glyph::Critical, "CRIT", ThemeRole::Critical),
+            Priority::High => mark(Glyph::High, "HIGH", ThemeRole::High),
+            Priority::Low => mark(Glyph::Low, "LOW", ThemeRole::Low),
         }
     }
 
@@ -43,12 +43,12 @@ impl Mark {
     #[must_use]
     pub const fn alarm_state(state: AlarmState) -> Self {
         match state {
-            AlarmState::Unacknowledged => mark(Glyph::Warning, "unacknowledged", Role::Text),
-            AlarmState::ReturnedUnacknowledged => mark(Glyph::Returned, "returned", Role::Text),
-            AlarmState::Acknowledged => mark(Glyph::Good, "acknowledged", Role::Quiet),
-            AlarmState::Latched => mark(Glyph::Latched, "latched", Role::Warning),
-            AlarmState::Shelved => mark(Glyph::Paused, "shelved", Role::Quiet),
-            AlarmState::Normal => mark(Glyph::Neutral, "normal", Role::Quiet),
+            AlarmState::Unacknowledged => mark(Glyph::Warning, "unacknowledged", ThemeRole::Text),
+            AlarmState::ReturnedUnacknowledged => mark(Glyph::Returned, "returned", ThemeRole::Text),
+            AlarmState::Acknowledged => mark(Glyph::Good, "acknowledged", ThemeRole::Quiet),
+            AlarmState::Latched => mark(Glyph::Latched, "latched", ThemeRole::Warning),
+            AlarmState::Shelved => mark(Glyph::Paused, "shelved", ThemeRole::Quiet),
+            AlarmState::Normal => mark(Glyph::Neutral, "normal", ThemeRole::Quiet),
         }
     }
 
@@ -56,60 +56,64 @@ impl Mark {
     #[must_use]
     pub const fn profile(profile: ProfileName) -> Self {
         match profile {
-            ProfileName::Sim => mark(Glyph::Sim, "SIM", Role::BannerSim),
-            ProfileName::Real => mark(Glyph::Real, "REAL", Role::BannerReal),
-            ProfileName::Human => mark(Glyph::Human, "HUMAN", Role::BannerHuman),
+            ProfileName::Sim => mark(Glyph::Sim, "SIM", ThemeRole::BannerSim),
+            ProfileName::Real => mark(Glyph::Real, "REAL", ThemeRole::BannerReal),
+            ProfileName::Human => mark(Glyph::Human, "HUMAN", ThemeRole::BannerHuman),
         }
     }
 
     /// Of a profile that this build does not know: treated as the gravest.
-    pub const NO_PROFILE: Self = mark(Glyph::Unknown, "UNKNOWN", Role::BannerHuman);
+    pub const NO_PROFILE: Self = mark(Glyph::Unknown, "UNKNOWN", ThemeRole::BannerHuman);
 
     /// Of a version: what asks for attention first, then what runs, then where it stands.
     #[must_use]
     pub const fn version(state: State, flags: &Flags) -> Self {
         match state {
-            _ if flags.rollback_pending => mark(Glyph::Warning, "rolling back", Role::Bad),
-            _ if flags.paused => mark(Glyph::Paused, "held", Role::Held),
-            _ if flags.awaiting_approval => mark(Glyph::Waiting, "awaiting approval", Role::Waiting),
-            State::Active if flags.restricted => mark(Glyph::Warning, "active, restricted", Role::Warning),
-            State::Active if flags.provisional => mark(Glyph::Running, "active, provisional", Role::Running),
-            State::Active => mark(Glyph::Good, "active", Role::Good),
-            State::Rejected => mark(Glyph::Bad, "rejected", Role::Bad),
-            State::RolledBack => mark(Glyph::Bad, "rolled back", Role::Bad),
-            State::Demoted => mark(Glyph::Warning, "demoted", Role::Warning),
-            State::Superseded => mark(Glyph::Neutral, "superseded", Role::Muted),
-            _ if flags.running.is_some() => mark(Glyph::Running, "running", Role::Running),
-            State::Registered => mark(Glyph::Neutral, "registered", Role::Text),
-            State::Validated => mark(Glyph::Neutral, "validated", Role::Text),
-            State::Sandboxed => mark(Glyph::Neutral, "sandboxed", Role::Text),
-            State::Shadowed => mark(Glyph::Neutral, "shadowed", Role::Text),
+            _ if flags.rollback_pending => mark(Glyph::Warning, "rolling back", ThemeRole::Bad),
+            _ if flags.paused => mark(Glyph::Paused, "held", ThemeRole::Held),
+            _ if flags.awaiting_approval => mark(Glyph::Waiting, "awaiting approval", ThemeRole::Waiting),
+            State::Active if flags.restricted => {
+                mark(Glyph::Warning, "active, restricted", ThemeRole::Warning)
+            }
+            State::Active if flags.provisional => {
+                mark(Glyph::Running, "active, provisional", ThemeRole::Running)
+            }
+            State::Active => mark(Glyph::Good, "active", ThemeRole::Good),
+            State::Rejected => mark(Glyph::Bad, "rejected", ThemeRole::Bad),
+            State::RolledBack => mark(Glyph::Bad, "rolled back", ThemeRole::Bad),
+            State::Demoted => mark(Glyph::Warning, "demoted", ThemeRole::Warning),
+            State::Superseded => mark(Glyph::Neutral, "superseded", ThemeRole::Muted),
+            _ if flags.running.is_some() => mark(Glyph::Running, "running", ThemeRole::Running),
+            State::Registered => mark(Glyph::Neutral, "registered", ThemeRole::Text),
+            State::Validated => mark(Glyph::Neutral, "validated", ThemeRole::Text),
+            State::Sandboxed => mark(Glyph::Neutral, "sandboxed", ThemeRole::Text),
+            State::Shadowed => mark(Glyph::Neutral, "shadowed", ThemeRole::Text),
         }
     }
 
     /// Of a family that nobody may act for.
-    pub const SAFE_STOPPED: Self = mark(Glyph::Bad, "safe-stopped", Role::Bad);
+    pub const SAFE_STOPPED: Self = mark(Glyph::Bad, "safe-stopped", ThemeRole::Bad);
 
     /// Of something done, in good order.
-    pub const DONE: Self = mark(Glyph::Good, "done", Role::Good);
+    pub const DONE: Self = mark(Glyph::Good, "done", ThemeRole::Good);
 
     /// Of something refused or failed.
-    pub const FAILED: Self = mark(Glyph::Bad, "failed", Role::Bad);
+    pub const FAILED: Self = mark(Glyph::Bad, "failed", ThemeRole::Bad);
 
     /// Of something that runs.
-    pub const RUNNING: Self = mark(Glyph::Running, "running", Role::Running);
+    pub const RUNNING: Self = mark(Glyph::Running, "running", ThemeRole::Running);
 
     /// Of something whose turn has not come.
-    pub const AHEAD: Self = mark(Glyph::Ahead, "ahead", Role::Muted);
+    pub const AHEAD: Self = mark(Glyph::Ahead, "ahead", ThemeRole::Muted);
 
     /// Of something that waits for a person.
-    pub const WAITING: Self = mark(Glyph::Waiting, "waits", Role::Waiting);
+    pub const WAITING: Self = mark(Glyph::Waiting, "waits", ThemeRole::Waiting);
 
     /// Of something a person holds.
-    pub const HELD: Self = mark(Glyph::Paused, "held", Role::Held);
+    pub const HELD: Self = mark(Glyph::Paused, "held", ThemeRole::Held);
 
     /// Of something not measured.
-    pub const UNKNOWN: Self = mark(Glyph::Unknown, "no data", Role::Unknown);
+    pub const UNKNOWN: Self = mark(Glyph::Unknown, "no data", ThemeRole::Unknown);
 
     /// One mark of each kind, for the preview.
     #[must_use]
@@ -143,13 +147,13 @@ impl Mark {
 }
 
 /// Sign and role of an outcome, which is told in its own word beside them.
-pub type Sign = (Glyph, Role);
+pub type Sign = (Glyph, ThemeRole);
 
-const GOOD: Sign = (Glyph::Good, Role::Good);
-const BAD: Sign = (Glyph::Bad, Role::Bad);
-const DOUBT: Sign = (Glyph::Warning, Role::Warning);
-const UNKNOWN: Sign = (Glyph::Unknown, Role::Unknown);
-const PLAIN: Sign = (Glyph::Neutral, Role::Text);
+const GOOD: Sign = (Glyph::Good, ThemeRole::Good);
+const BAD: Sign = (Glyph::Bad, ThemeRole::Bad);
+const DOUBT: Sign = (Glyph::Warning, ThemeRole::Warning);
+const UNKNOWN: Sign = (Glyph::Unknown, ThemeRole::Unknown);
+const PLAIN: Sign = (Glyph::Neutral, ThemeRole::Text);
 
 /// The sign of a dimension's outcome.
 #[must_use]

@@ -15,7 +15,7 @@ use ratatui::style::Style;
 pub use file::{FILE_BYTES_MAX, ThemeError};
 pub use mark::Mark;
 pub use paint::{Colour, Paint, escape};
-pub use role::Role;
+pub use role::ThemeRole;
 pub use themes::{OWN_MAX, Themes};
 
 /// How many colours a terminal shows.
@@ -71,7 +71,7 @@ pub fn names() -> Vec<&'static str> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Theme {
     name: String,
-    paints: BTreeMap<Role, Paint>,
+    paints: BTreeMap<ThemeRole, Paint>,
 }
 
 impl Theme {
@@ -99,7 +99,7 @@ impl Theme {
         file::parse(stem, name, text)
     }
 
-    fn set(&mut self, role: Role, paint: Paint) {
+    fn set(&mut self, role: ThemeRole, paint: Paint) {
         self.paints.insert(role, paint);
     }
 
@@ -111,13 +111,13 @@ impl Theme {
 
     /// How a role looks at a depth.
     #[must_use]
-    pub fn style(&self, role: Role, depth: Depth) -> Style {
+    pub fn style(&self, role: ThemeRole, depth: Depth) -> Style {
         self.paints.get(&role).copied().unwrap_or_default().style(depth)
     }
 
     /// Whether a role has a look of its own.
     #[must_use]
-    pub fn names_role(&self, role: Role) -> bool {
+    pub fn names_role(&self, role: ThemeRole) -> bool {
         self.paints.contains_key(&role)
     }
 }
@@ -131,7 +131,7 @@ mod tests {
         for name in names() {
             let theme = Theme::builtin(name).unwrap();
             assert_eq!(theme.name(), name);
-            let missing: Vec<_> = Role::ALL.iter().filter(|role| !theme.names_role(**role)).collect();
+            let missing: Vec<_> = ThemeRole::ALL.iter().filter(|role| !theme.names_role(**role)).collect();
             assert!(missing.is_empty(), "{name}: {missing:?}");
         }
     }
@@ -170,7 +170,10 @@ mod tests {
         let theme = Theme::with_file("mine.toml", text).unwrap();
         let parent = Theme::builtin("calm-dark").unwrap();
         assert_eq!(theme.name(), "mine");
-        assert_ne!(theme.style(Role::Critical, Depth::True), parent.style(Role::Critical, Depth::True));
-        assert_eq!(theme.style(Role::High, Depth::True), parent.style(Role::High, Depth::True));
+        assert_ne!(
+            theme.style(ThemeRole::Critical, Depth::True),
+            parent.style(ThemeRole::Critical, Depth::True)
+        );
+        assert_eq!(theme.style(ThemeRole::High, Depth::True), parent.style(ThemeRole::High, Depth::True));
     }
 }

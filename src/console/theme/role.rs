@@ -4,11 +4,11 @@ macro_rules! roles {
     ($($(#[doc = $help:literal])+ $name:ident = $word:literal;)*) => {
         /// A meaning that a theme gives a look.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub enum Role {
+        pub enum ThemeRole {
             $($(#[doc = $help])+ $name,)*
         }
 
-        impl Role {
+        impl ThemeRole {
             /// Every role, in the order of theme files and of the preview.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
@@ -106,7 +106,7 @@ roles! {
     KeepOut = "keep-out";
 }
 
-impl Role {
+impl ThemeRole {
     /// The role of a name.
     #[must_use]
     pub fn parse(word: &str) -> Option<Self> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{asking, tell};
 use crate::effect::{Effect, Question};
-use crate::model::{EngineState, LOG_MAX, Model, Overlay, Told, View};
+use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Reply;
@@ -31,7 +31,7 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             model.changes += 1;
         }
         let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
-        model.told.push_back(Told { seq: event.seq, at_ms: event.at_ms, text });
+        model.told.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
         if model.told.len() > LOG_MAX {
             model.told.pop_front();
         }

@@ -17,7 +17,7 @@ pub(super) use typing::into_line;
 use super::action::Action;
 use super::effect::Effect;
 use super::model::{EngineState, Frozen, Model, NOTICE_MS, Notice, Overlay, View};
-use super::msg::{Msg, What};
+use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
 
 /// Halvings of a chart's range at most.
@@ -33,53 +33,53 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         model.notice = None;
     }
     match msg.what {
-        What::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
-        What::Key(key) => on_key(model, key),
-        What::Paste(text) => typing::paste(model, &text),
-        What::Wheel(rows) => moving::wheel(model, rows),
-        What::Resize(columns, rows) => {
+        MsgKind::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
+        MsgKind::Key(key) => on_key(model, key),
+        MsgKind::Paste(text) => typing::paste(model, &text),
+        MsgKind::Wheel(rows) => moving::wheel(model, rows),
+        MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
             Vec::new()
         }
-        What::EngineStarted => engine::started(model),
-        What::Events(events) => engine::events(model, events),
-        What::Answer { id, reply } => engine::answer(model, &id, *reply),
-        What::Lagged(missed) => {
+        MsgKind::EngineStarted => engine::started(model),
+        MsgKind::Events(events) => engine::events(model, events),
+        MsgKind::Answer { id, reply } => engine::answer(model, &id, *reply),
+        MsgKind::Lagged(missed) => {
             model.missed = model.missed.saturating_add(missed);
             model.changes += 1;
             Vec::new()
         }
-        What::Snapshot(snapshot) => engine::snapshot(model, snapshot),
-        What::Picture(picture) => {
+        MsgKind::Snapshot(snapshot) => engine::snapshot(model, snapshot),
+        MsgKind::Picture(picture) => {
             model.picture = Some(picture);
             Vec::new()
         }
-        What::EngineEnded(how) => {
+        MsgKind::EngineEnded(how) => {
             if let Err(why) = &how {
                 tell(model, format!("the engine ended: {why}"), true);
             }
             model.engine = EngineState::Ended(how);
             Vec::new()
         }
-        What::Identities(identities) => {
+        MsgKind::Identities(identities) => {
             model.identities = identities;
             Vec::new()
         }
-        What::Operator(operator) => {
+        MsgKind::Operator(operator) => {
             tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
             model.operator = Some(operator);
             Vec::new()
         }
-        What::Done { text, bad } => {
+        MsgKind::Done { text, bad } => {
             tell(model, text, bad);
             Vec::new()
         }
-        What::Theme(name) => {
+        MsgKind::Theme(name) => {
             model.settings.theme = name;
             Vec::new()
         }
-        What::EndAsked => vec![Effect::End],
-        What::Tick => asking::refresh(model),
+        MsgKind::EndAsked => vec![Effect::End],
+        MsgKind::Tick => asking::refresh(model),
     }
 }
 

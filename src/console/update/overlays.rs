@@ -7,7 +7,7 @@ use crate::action::Action;
 use crate::effect::Effect;
 use crate::form::{FormFocus, Intent};
 use crate::model::{Model, Overlay};
-use crate::prompt::{Block, Focus};
+use crate::prompt::{Focus, Obstacle};
 use holdpoint_governance::approval::Answer;
 
 pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
@@ -65,7 +65,7 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
         Some(Action::Reject) => {
             // The key that rejects leads to the reason first.
             if prompt.reason.text().trim().is_empty() {
-                prompt.refused = Some(Block::Reason);
+                prompt.refused = Some(Obstacle::Reason);
                 prompt.focus = Focus::Reason;
                 return Vec::new();
             }

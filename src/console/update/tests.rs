@@ -10,9 +10,9 @@ use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::Intent;
 use crate::keymap::Keymap;
-use crate::model::{EngineState, Model, Operator, Overlay, Settings, Typing, View};
-use crate::msg::{Msg, What};
-use crate::prompt::{Block, GUARD_MS};
+use crate::model::{ConsoleSettings, EngineState, Model, Operator, Overlay, Typing, View};
+use crate::msg::{Msg, MsgKind};
+use crate::prompt::{GUARD_MS, Obstacle};
 use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -70,30 +70,31 @@ struct Desk {
 
 impl Desk {
     fn new(tier: u8) -> Self {
-        let settings = Settings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
+        let settings =
+            ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
         let themes = vec!["calm-dark".to_owned(), "mono".to_owned()];
         let model = Model::new(settings, Arc::new(Keymap::default()), themes);
         let mut desk = Self { model, now_ms: 1_000 };
-        desk.tell(What::EngineStarted);
-        desk.tell(What::Snapshot(Arc::new(snapshot(tier, 'e'))));
+        desk.tell(MsgKind::EngineStarted);
+        desk.tell(MsgKind::Snapshot(Arc::new(snapshot(tier, 'e'))));
         desk.sit("ana");
         desk
     }
 
     fn sit(&mut self, name: &str) {
-        self.tell(What::Operator(Operator { name: name.to_owned(), role: "engineer".to_owned() }));
+        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: "engineer".to_owned() }));
     }
 
-    fn tell(&mut self, what: What) -> Vec<Effect> {
+    fn tell(&mut self, what: MsgKind) -> Vec<Effect> {
         update(&mut self.model, Msg { now_ms: self.now_ms, what })
     }
 
     fn press(&mut self, code: KeyCode) -> Vec<Effect> {
-        self.tell(What::Key(KeyEvent::new(code, KeyModifiers::NONE)))
+        self.tell(MsgKind::Key(KeyEvent::new(code, KeyModifiers::NONE)))
     }
 
     fn control(&mut self, letter: char) -> Vec<Effect> {
-        self.tell(What::Key(KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL)))
+        self.tell(MsgKind::Key(KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL)))
     }
 
     fn keys(&mut self, text: &str) -> Vec<Effect> {
@@ -116,7 +117,7 @@ impl Desk {
         self.press(KeyCode::Tab);
     }
 
-    fn block(&self) -> Option<Block> {
+    fn block(&self) -> Option<Obstacle> {
         match &self.model.overlay {
             Some(Overlay::Prompt(prompt)) => prompt.refused,
             _ => None,
@@ -171,7 +172,7 @@ fn reflex_keys_paste_and_letters_never_approve() {
         let mut desk = Desk::new(tier);
         desk.open_prompt();
         for text in ["Y", "Y\n", "aaaa\tY\r\n", "N"] {
-            assert!(!decides(&desk.tell(What::Paste(text.to_owned()))), "tier {tier}: paste {text:?}");
+            assert!(!decides(&desk.tell(MsgKind::Paste(text.to_owned()))), "tier {tier}: paste {text:?}");
         }
         for letter in ('!'..='~').filter(|letter| *letter != 'Y') {
             let mut desk = Desk::new(tier);
@@ -201,7 +202,7 @@ fn keys_inside_the_guard_time_never_approve() {
         desk.now_ms += wait_ms;
         assert_eq!(decides(&desk.keys("Y")), counts, "{wait_ms} ms");
         if !counts {
-            assert_eq!(desk.block(), Some(Block::Guard));
+            assert_eq!(desk.block(), Some(Obstacle::Guard));
         }
     }
 }
@@ -210,9 +211,9 @@ fn keys_inside_the_guard_time_never_approve() {
 fn tiers_ask_for_more_and_more() {
     // Short id typed, reason typed; what stands against Y in tiers 0, 1 and 2.
     let table = [
-        ("", "", [None, Some(Block::ShortId), Some(Block::ShortId)]),
-        ("aaab", "", [None, Some(Block::ShortId), Some(Block::ShortId)]),
-        ("aaaa", "", [None, None, Some(Block::Reason)]),
+        ("", "", [None, Some(Obstacle::ShortId), Some(Obstacle::ShortId)]),
+        ("aaab", "", [None, Some(Obstacle::ShortId), Some(Obstacle::ShortId)]),
+        ("aaaa", "", [None, None, Some(Obstacle::Reason)]),
         ("aaaa", "looks right", [None, None, None]),
     ];
     for (short_id, reason, blocks) in table {
@@ -265,13 +266,13 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         desk.fill("aaaa", "");
         let mut changed = snapshot(1, 'e');
         change(&mut changed);
-        desk.tell(What::Snapshot(Arc::new(changed.clone())));
+        desk.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         assert!(!decides(&desk.keys("Y")), "{what}");
-        assert_eq!(desk.block(), Some(Block::Stale), "{what}");
+        assert_eq!(desk.block(), Some(Obstacle::Stale), "{what}");
         // Going back to what it was does not make it fresh: somebody must read it.
-        desk.tell(What::Snapshot(Arc::new(snapshot(1, 'e'))));
+        desk.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'e'))));
         assert!(!decides(&desk.keys("Y")), "{what}, and back");
-        desk.tell(What::Snapshot(Arc::new(changed.clone())));
+        desk.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         desk.keys("r");
         let Some(Overlay::Prompt(prompt)) = &desk.model.overlay else {
             assert!(changed.prompts.is_empty());
@@ -288,7 +289,7 @@ fn another_approval_is_no_change_of_evidence() {
     desk.open_prompt();
     let mut now = snapshot(0, 'e');
     now.prompts[0].approved_by = vec!["bo".to_owned()];
-    desk.tell(What::Snapshot(Arc::new(now)));
+    desk.tell(MsgKind::Snapshot(Arc::new(now)));
     assert!(decides(&desk.keys("Y")));
 }
 
@@ -297,16 +298,16 @@ fn people_who_cannot_approve_are_told_why() {
     // Who sits there, who has approved, what stands against Y.
     let table = [
         (Some("ana"), None, None),
-        (Some("cora"), None, Some(Block::OwnWork)),
-        (Some("ana"), Some("ana"), Some(Block::Approved)),
+        (Some("cora"), None, Some(Obstacle::OwnWork)),
+        (Some("ana"), Some("ana"), Some(Obstacle::Approved)),
         (Some("bo"), Some("ana"), None),
-        (None, None, Some(Block::NoIdentity)),
+        (None, None, Some(Obstacle::NoIdentity)),
     ];
     for (who, approved, block) in table {
         let mut desk = Desk::new(0);
         let mut now = snapshot(0, 'e');
         now.prompts[0].approved_by = approved.into_iter().map(ToOwned::to_owned).collect();
-        desk.tell(What::Snapshot(Arc::new(now)));
+        desk.tell(MsgKind::Snapshot(Arc::new(now)));
         match who {
             Some(name) => desk.sit(name),
             None => desk.model.operator = None,
@@ -322,7 +323,7 @@ fn rejecting_needs_a_reason_and_its_key_again() {
     let mut desk = Desk::new(2);
     desk.open_prompt();
     assert!(!decides(&desk.keys("N")));
-    assert_eq!(desk.block(), Some(Block::Reason));
+    assert_eq!(desk.block(), Some(Obstacle::Reason));
     assert!(!decides(&desk.keys("too hard a grip")), "this goes into the field");
     desk.press(KeyCode::Esc);
     let effects = desk.keys("N");
@@ -346,7 +347,7 @@ fn read_only_refuses_everything_that_changes_something() {
     desk.model.settings.read_only = true;
     desk.open_prompt();
     assert!(!decides(&desk.keys("Y")));
-    assert_eq!(desk.block(), Some(Block::ReadOnly));
+    assert_eq!(desk.block(), Some(Obstacle::ReadOnly));
     for line in ["demo", "register x", "pace 5", "drift off"] {
         desk.model.overlay = None;
         desk.keys(":");
@@ -370,7 +371,7 @@ fn abort_takes_two_keys_everywhere() {
         ] {
             let mut desk = Desk::new(1);
             desk.model.view = view;
-            desk.tell(What::Key(key));
+            desk.tell(MsgKind::Key(key));
             let effects = desk.keys("y");
             // On the registry's family row the active version is under the cursor, and it is settled.
             assert!(abort(&effects), "{view:?} {key:?}: {effects:?}");
@@ -405,7 +406,7 @@ fn abort_stops_the_most_urgent_thing() {
     let mut desk = Desk::new(1);
     let mut now = snapshot(1, 'e');
     now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
-    desk.tell(What::Snapshot(Arc::new(now)));
+    desk.tell(MsgKind::Snapshot(Arc::new(now)));
     desk.keys("x");
     let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("a form opens") };
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
@@ -527,11 +528,11 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
     assert!(desk.model.pending.contains_key(id));
     let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
     let reply = Box::new(serde_json::from_value(refused).unwrap());
-    desk.tell(What::Answer { id: id.clone(), reply });
+    desk.tell(MsgKind::Answer { id: id.clone(), reply });
     let notice = desk.model.notice.clone().unwrap();
     assert!(notice.bad && notice.text.contains("change the pace: no. Hint: later"), "{notice:?}");
     assert!(!desk.model.pending.contains_key(id));
-    desk.tell(What::Snapshot(Arc::new(snapshot(2, 'f'))));
+    desk.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
     assert!(desk.model.overlay.is_none(), "prompts never steal the focus");
 }
 
@@ -573,7 +574,7 @@ fn frozen_charts_stand_still_while_the_status_goes_on() {
     let mut now = snapshot(0, 'e');
     now.at_ms = 99_000;
     now.alarm_summary.shelved = 3;
-    desk.tell(What::Snapshot(Arc::new(now)));
+    desk.tell(MsgKind::Snapshot(Arc::new(now)));
     assert_eq!(desk.model.charted().unwrap().at_ms, 60_000);
     assert_eq!(desk.model.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
     desk.keys("f");
@@ -585,7 +586,7 @@ fn an_old_snapshot_is_stale() {
     let mut desk = Desk::new(0);
     assert_eq!(desk.model.stale_ms(), None);
     desk.now_ms += 12_000;
-    desk.tell(What::Tick);
+    desk.tell(MsgKind::Tick);
     assert_eq!(desk.model.stale_ms(), Some(12_000));
 }
 
@@ -593,5 +594,5 @@ fn an_old_snapshot_is_stale() {
 fn every_loss_of_the_terminal_ends_without_a_decision() {
     let mut desk = Desk::new(0);
     desk.open_prompt();
-    assert_eq!(desk.tell(What::EndAsked), [Effect::End]);
+    assert_eq!(desk.tell(MsgKind::EndAsked), [Effect::End]);
 }

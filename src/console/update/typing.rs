@@ -6,14 +6,14 @@ use tui_input::InputRequest;
 use super::{act, asking, show, tell};
 use crate::commands::{self, Asked};
 use crate::effect::{Effect, Question};
-use crate::line::Line;
+use crate::line::EditLine;
 use crate::model::{Model, Overlay, Typing, View};
 
 /// Command lines remembered.
 const HISTORY_MAX: usize = 100;
 
 pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
-    model.typing = Some(Typing::Command(Line::default()));
+    model.typing = Some(Typing::Command(EditLine::default()));
     Vec::new()
 }
 
@@ -21,7 +21,7 @@ pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
 pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
     if matches!(model.view, View::Overview | View::Registry | View::Audit) {
         let present = model.filters.get(&model.view).map_or("", String::as_str);
-        model.typing = Some(Typing::Filter(Line::new(present)));
+        model.typing = Some(Typing::Filter(EditLine::new(present)));
     } else {
         tell(model, "this view shows everything: nothing here may be filtered away", false);
     }
@@ -48,7 +48,7 @@ pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
 }
 
 /// Types a key into a line. False where the key is no text and edits nothing.
-pub(crate) fn into_line(line: &mut Line, key: KeyEvent) -> bool {
+pub(crate) fn into_line(line: &mut EditLine, key: KeyEvent) -> bool {
     if let Some(request) = edit(key) {
         line.edit(request);
         return true;
@@ -161,9 +161,9 @@ fn complete(model: &mut Model) {
         .map(|candidate| candidate.version.to_string())
         .collect();
     let people: Vec<String> = model.identities.iter().map(|who| who.name.clone()).collect();
-    let known = commands::Known { versions: &versions, people: &people, themes: &model.themes };
+    let known = commands::KnownNames { versions: &versions, people: &people, themes: &model.themes };
     if let Some(text) = commands::complete(line.text(), &known).into_iter().next() {
-        model.typing = Some(Typing::Command(Line::new(&text)));
+        model.typing = Some(Typing::Command(EditLine::new(&text)));
     }
 }
 
@@ -179,9 +179,9 @@ fn recall(model: &mut Model, earlier: bool) {
     };
     let recalled = place.and_then(|place| model.history.get(place));
     if let Some(text) = recalled {
-        model.typing = Some(Typing::Command(Line::new(text)));
+        model.typing = Some(Typing::Command(EditLine::new(text)));
     } else if !earlier {
-        model.typing = Some(Typing::Command(Line::default()));
+        model.typing = Some(Typing::Command(EditLine::default()));
     }
 }
 

@@ -11,7 +11,7 @@
 use ratatui::layout::Rect;
 
 use super::status::priority_words;
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
 use crate::rows::AlarmItem;
 use crate::theme::Mark;
@@ -32,17 +32,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
     let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
     if items.is_empty() {
-        pen.text(inside, 0, Role::Muted, "No alarm: everything is normal");
+        pen.text(inside, 0, ThemeRole::Muted, "No alarm: everything is normal");
         return;
     }
     let look = pen.look;
     let header = Row::new()
         .to_column(2)
-        .cell(Role::Muted, "priority", 9)
-        .cell(Role::Muted, "state", 17)
-        .cell(Role::Muted, "since", 10)
-        .cell(Role::Muted, "times", 7)
-        .with(Role::Muted, "what");
+        .cell(ThemeRole::Muted, "priority", 9)
+        .cell(ThemeRole::Muted, "state", 17)
+        .cell(ThemeRole::Muted, "since", 10)
+        .cell(ThemeRole::Muted, "times", 7)
+        .with(ThemeRole::Muted, "what");
     pen.row(inside, 0, &header);
     let detail_rows = DETAIL_ROWS.min(inside.height / 2);
     let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_rows));
@@ -68,7 +68,7 @@ fn row(item: AlarmItem<'_>, look: &Look) -> Row {
         | AlarmState::ReturnedUnacknowledged
         | AlarmState::Latched => false,
     };
-    let role = if quiet { Role::Quiet } else { priority.role };
+    let role = if quiet { ThemeRole::Quiet } else { priority.role };
     let times = if alarm.chattering {
         format!("{} {}", alarm.raises, look.glyph(Glyph::Warning))
     } else {
@@ -82,37 +82,40 @@ fn row(item: AlarmItem<'_>, look: &Look) -> Row {
         .with(role, &priority_words(look, alarm.priority))
         .to_column(9)
         .cell(state.role, &look.words(state), 16)
-        .with(Role::Text, " ")
-        .cell(Role::Muted, &seconds(alarm.since_ms), 10)
-        .cell(if alarm.chattering { Role::Warning } else { Role::Text }, &times, 7)
-        .with(if quiet { Role::Quiet } else { Role::Text }, &text)
+        .with(ThemeRole::Text, " ")
+        .cell(ThemeRole::Muted, &seconds(alarm.since_ms), 10)
+        .cell(if alarm.chattering { ThemeRole::Warning } else { ThemeRole::Text }, &times, 7)
+        .with(if quiet { ThemeRole::Quiet } else { ThemeRole::Text }, &text)
 }
 
 /// Everything about an alarm, in sentences.
 fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
     let text = crate::widgets::row::wrap(&alarm.text, width, 2);
-    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(Role::Text, line)).collect();
+    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
     let since = duration(now_ms.saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };
     let chatter = if alarm.chattering { ", chattering: shown as one" } else { "" };
     rows.push(Row::of(
-        Role::Muted,
+        ThemeRole::Muted,
         &format!("about {}, for {since}, raised {times}{chatter}", alarm.subject),
     ));
-    rows.push(Row::of(Role::Text, &attention(alarm)));
+    rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
     if let Some((by, why, until_ms)) = &alarm.shelf {
         let back = seconds(*until_ms);
         let below = Mark::alarm_state(alarm.state_below).word;
-        rows.push(Row::of(Role::Text, &format!("shelved by {by} until {back}, then {below} again: {why}")));
+        rows.push(Row::of(
+            ThemeRole::Text,
+            &format!("shelved by {by} until {back}, then {below} again: {why}"),
+        ));
     }
     if alarm.latching {
         let latched = look.glyph(Glyph::Latched);
-        rows.push(Row::of(Role::Muted, &format!("{latched} stays until it is reset with a reason")));
+        rows.push(Row::of(ThemeRole::Muted, &format!("{latched} stays until it is reset with a reason")));
     }
     if let AlarmItem::Group { count, .. } = item {
         let more = format!("stands for {count} alarms of {} that came in this flood", alarm.subject);
-        rows.push(Row::of(Role::Warning, &more));
+        rows.push(Row::of(ThemeRole::Warning, &more));
     }
     rows
 }

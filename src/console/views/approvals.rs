@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::overview::{left, waiting_row};
 use crate::action::Action;
-use crate::look::Role;
+use crate::look::ThemeRole;
 use crate::model::Model;
 use crate::prompt::Prompt;
 use crate::rows::WaitingItem;
@@ -29,7 +29,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (upper, lower) = cut(area, height);
     let inside = pen.pane(upper, "Waits for people", true, &place(items.len(), model.row()));
     if items.is_empty() {
-        pen.text(inside, 0, Role::Muted, "Nothing waits for a person");
+        pen.text(inside, 0, ThemeRole::Muted, "Nothing waits for a person");
         return;
     }
     let now_ms = model.engine_ms();
@@ -44,9 +44,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             let key = model.keymap.key(Action::Open);
             let open = model.snapshot.as_deref().and_then(|now| Prompt::open(question, now, model.now_ms));
             let mut lines =
-                vec![(Role::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
+                vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
             let text = open.map(|prompt| prompt.text()).unwrap_or_default();
-            lines.extend(text.into_iter().map(|line| (Role::Text, line)));
+            lines.extend(text.into_iter().map(|line| (ThemeRole::Text, line)));
             lines
         }
     };
@@ -62,22 +62,22 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let last = inside.height - 1;
         let more = format!("{} more lines in the prompt", hidden + 1);
         pen.clear(Rect { y: inside.y + last, height: 1, ..inside });
-        pen.row(inside, last, &Row::of(Role::Muted, &more));
+        pen.row(inside, last, &Row::of(ThemeRole::Muted, &more));
     }
 }
 
 /// A monitor's question in sentences.
-fn asked(model: &Model, question: &QuestionView) -> Vec<(Role, String)> {
+fn asked(model: &Model, question: &QuestionView) -> Vec<(ThemeRole, String)> {
     let key = |action| model.keymap.key(action);
     let mut lines = vec![(
-        Role::Waiting,
+        ThemeRole::Waiting,
         format!("The monitor of {} cannot decide by itself and asks a person", question.version),
     )];
-    lines.extend(question.reasons.iter().map(|reason| (Role::Text, reason_line(reason))));
+    lines.extend(question.reasons.iter().map(|reason| (ThemeRole::Text, reason_line(reason))));
     let left = left(question.deadline_ms, model.engine_ms());
-    lines.push((Role::Warning, format!("Nobody answers within {left}: it is rolled back")));
+    lines.push((ThemeRole::Warning, format!("Nobody answers within {left}: it is rolled back")));
     lines.push((
-        Role::Text,
+        ThemeRole::Text,
         format!(
             "{} lets it go on, {} rolls it back, {} tightens its envelope; each asks for a reason",
             key(Action::Continue),

@@ -10,7 +10,7 @@
 use ratatui::layout::Rect;
 
 use crate::action::Action;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Pen, below, cut};
@@ -35,17 +35,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         } else {
             "No record fits the filter"
         };
-        pen.text(below(inside, at), 0, Role::Muted, text);
+        pen.text(below(inside, at), 0, ThemeRole::Muted, text);
         return;
     }
     let subject = if pen.fit >= Fit::Full { 24 } else { 14 };
     let header = Row::new()
         .to_column(2)
-        .cell(Role::Muted, "number", 8)
-        .cell(Role::Muted, "time", 10)
-        .cell(Role::Muted, "kind", 16)
-        .cell(Role::Muted, "subject", subject + 1)
-        .with(Role::Muted, "content");
+        .cell(ThemeRole::Muted, "number", 8)
+        .cell(ThemeRole::Muted, "time", 10)
+        .cell(ThemeRole::Muted, "kind", 16)
+        .cell(ThemeRole::Muted, "subject", subject + 1)
+        .with(ThemeRole::Muted, "content");
     pen.row(inside, at, &header);
     at += 1;
     let room = inside.height.saturating_sub(at);
@@ -62,26 +62,27 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn line(row: &AuditRecord, subject: usize) -> Row {
     let content: String = row.body.chars().take(CONTENT_CHARS).collect();
     Row::new()
-        .cell(Role::Muted, &row.seq.to_string(), 8)
-        .cell(Role::Muted, &seconds(row.at_ms), 10)
-        .cell(Role::Text, &row.kind.to_string(), 15)
-        .with(Role::Text, " ")
-        .cell(Role::Text, &row.subject, subject)
-        .with(Role::Text, " ")
-        .with(Role::Muted, &content)
+        .cell(ThemeRole::Muted, &row.seq.to_string(), 8)
+        .cell(ThemeRole::Muted, &seconds(row.at_ms), 10)
+        .cell(ThemeRole::Text, &row.kind.to_string(), 15)
+        .with(ThemeRole::Text, " ")
+        .cell(ThemeRole::Text, &row.subject, subject)
+        .with(ThemeRole::Text, " ")
+        .with(ThemeRole::Muted, &content)
 }
 
 /// What the last check came to.
 fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     let key = model.keymap.key(Action::Verify);
     match &model.verified {
-        None => {
-            Row::of(Role::Unknown, &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)))
-                .with(Role::Key, &key)
-                .with(Role::Text, " checks it")
-        }
+        None => Row::of(
+            ThemeRole::Unknown,
+            &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)),
+        )
+        .with(ThemeRole::Key, &key)
+        .with(ThemeRole::Text, " checks it"),
         Some(verified) if verified.holds => Row::of(
-            Role::Good,
+            ThemeRole::Good,
             &format!(
                 "{} chain holds, {} records checked: {}",
                 pen.look.glyph(Glyph::Good),
@@ -90,7 +91,7 @@ fn verified(model: &Model, pen: &Pen<'_>) -> Row {
             ),
         ),
         Some(verified) => Row::of(
-            Role::Bad,
+            ThemeRole::Bad,
             &format!(
                 "{} CHAIN BROKEN after {} records: {}",
                 pen.look.glyph(Glyph::Bad),
@@ -105,6 +106,6 @@ fn record(row: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
     let hash = format!("hash {}", row.hash.short());
     let inside = pen.pane(area, &format!("Record {}", row.seq), false, &hash);
     let head = format!("{} {} {}", seconds(row.at_ms), row.kind, row.subject);
-    let at = pen.text(inside, 0, Role::Title, &head);
-    pen.text(inside, at, Role::Text, &row.body);
+    let at = pen.text(inside, 0, ThemeRole::Title, &head);
+    pen.text(inside, at, ThemeRole::Text, &row.body);
 }

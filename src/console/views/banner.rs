@@ -6,7 +6,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::{EngineState, Model};
 use crate::theme::Mark;
 use crate::widgets::pen::Pen;
@@ -18,7 +18,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut row = profile(model, pen).and(doubts(model, pen, width));
     let identity = identity(model);
-    let clock = Row::of(Role::Muted, &format!(" {}", seconds(model.engine_ms())));
+    let clock = Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms())));
     for piece in identity {
         if row.width() + piece.width() + clock.width() <= width {
             row = row.and(piece);
@@ -32,40 +32,42 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 fn profile(model: &Model, pen: &Pen<'_>) -> Row {
     let Some(snapshot) = &model.snapshot else {
-        return Row::of(Role::Title, " Holdpoint ");
+        return Row::of(ThemeRole::Title, " Holdpoint ");
     };
     let mark = Mark::profile(snapshot.profile);
     Row::of(mark.role, &format!(" {} ", pen.look.words(mark)))
-        .with(Role::Title, &format!(" {} ", super::short(&snapshot.robot, 24)))
+        .with(ThemeRole::Title, &format!(" {} ", super::short(&snapshot.robot, 24)))
 }
 
 /// Whatever makes the screen less than it seems.
 fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let mut row = Row::new();
-    let mut say = |role: Role, text: &str| {
-        row.push(Role::Text, " ");
+    let mut say = |role: ThemeRole, text: &str| {
+        row.push(ThemeRole::Text, " ");
         row.push(role, text);
     };
     if model.settings.read_only {
-        say(Role::ReadOnly, " READ-ONLY ");
+        say(ThemeRole::ReadOnly, " READ-ONLY ");
     }
     match &model.engine {
-        EngineState::Starting => say(Role::Running, &format!("{} starting", pen.look.glyph(Glyph::Running))),
+        EngineState::Starting => {
+            say(ThemeRole::Running, &format!("{} starting", pen.look.glyph(Glyph::Running)));
+        }
         EngineState::Running => {}
-        EngineState::Ended(Ok(())) => say(Role::Problem, "ENGINE ENDED"),
-        EngineState::Ended(Err(why)) => say(Role::Problem, &format!("ENGINE ENDED {why}")),
+        EngineState::Ended(Ok(())) => say(ThemeRole::Problem, "ENGINE ENDED"),
+        EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE ENDED {why}")),
     }
     if let Some(age_ms) = model.stale_ms() {
-        say(Role::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
+        say(ThemeRole::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }
     if let Some(why) = model.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
         let why = super::short(why, width / 4);
-        say(Role::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
+        say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
     }
     if let Some(frozen) = &model.frozen {
         let secs = model.now_ms.saturating_sub(frozen.at_ms) / 1000;
         let glyph = pen.look.glyph(Glyph::Paused);
-        say(Role::Stale, &format!("{glyph} frozen {:02}:{:02}", secs / 60, secs % 60));
+        say(ThemeRole::Stale, &format!("{glyph} frozen {:02}:{:02}", secs / 60, secs % 60));
     }
     row
 }
@@ -74,13 +76,13 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 fn identity(model: &Model) -> Vec<Row> {
     let who = match &model.operator {
         Some(who) => Row::of(
-            Role::Text,
+            ThemeRole::Text,
             &format!("  {} ({})", super::short(&who.name, 24), super::short(&who.role, 16)),
         ),
-        None => Row::of(Role::Warning, "  nobody: `:as NAME`"),
+        None => Row::of(ThemeRole::Warning, "  nobody: `:as NAME`"),
     };
     match &model.snapshot {
-        Some(snapshot) => vec![who, Row::of(Role::Muted, &format!("  seed {}", snapshot.seed))],
+        Some(snapshot) => vec![who, Row::of(ThemeRole::Muted, &format!("  seed {}", snapshot.seed))],
         None => vec![who],
     }
 }

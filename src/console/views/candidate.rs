@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::candidate_rows::item;
 use super::{pipeline, tabs};
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{Model, View};
 use crate::rows::CandidateItem;
 use crate::theme::Mark;
@@ -34,14 +34,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(
             area,
             0,
-            Role::Muted,
+            ThemeRole::Muted,
             "No candidate yet: choose a version in the registry, or submit one (`:demo`)",
         );
         return;
     };
     let Some(detail) = model.subject_detail() else {
         let glyph = pen.look.glyph(Glyph::Running);
-        pen.text(area, 0, Role::Muted, &format!("{glyph} Asking the engine about {subject}"));
+        pen.text(area, 0, ThemeRole::Muted, &format!("{glyph} Asking the engine about {subject}"));
         return;
     };
     let head = heading(model, detail, pen.look, usize::from(area.width), pen.fit);
@@ -50,7 +50,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let pane = model.pane();
     let rows = model.candidate_rows(pane);
     let cursor = if model.view == View::Candidate { model.row() } else { 0 };
-    let place = Row::of(Role::Muted, &place(rows.len(), cursor));
+    let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
     let width = usize::from(area.width);
     pen.row(area, 0, &tabs::panes(model).to_column(width.saturating_sub(place.width())).and(place));
     let area = below(area, 1);
@@ -67,9 +67,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// What and against what, where it stands, what its author says.
 fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
-    let mut first = Row::of(Role::Title, &detail.version.to_string());
+    let mut first = Row::of(ThemeRole::Title, &detail.version.to_string());
     if let Some(against) = &detail.against {
-        first.push(Role::Muted, &format!(" against {against}"));
+        first.push(ThemeRole::Muted, &format!(" against {against}"));
     }
     let candidate = model.candidate(&detail.version);
     if let Some(candidate) = candidate {
@@ -78,19 +78,19 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
     }
     let short = super::short;
     first.push(
-        Role::Muted,
+        ThemeRole::Muted,
         &format!("  {}, {}, risk {}", short(&detail.author, 20), detail.provenance, detail.risk),
     );
     let mut rows = vec![first];
     let lines = if fit >= Fit::Two { 2 } else { 1 };
-    rows.extend(wrap(&detail.summary, width, lines).iter().map(|line| Row::of(Role::Text, line)));
+    rows.extend(wrap(&detail.summary, width, lines).iter().map(|line| Row::of(ThemeRole::Text, line)));
     if fit >= Fit::Two {
         if let Some(candidate) = candidate {
             rows.push(pipeline::strip(candidate, look, width));
         }
         let parent = detail.parent.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string);
         rows.push(Row::of(
-            Role::Muted,
+            ThemeRole::Muted,
             &format!(
                 "digest {}  evidence {}  made from {}  registered {}",
                 detail.digest.short(),
@@ -101,7 +101,10 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
         ));
     }
     if let Some(composite) = detail.composite {
-        rows.push(Row::of(Role::Muted, &format!("composite {composite:.3}, reported and never decisive")));
+        rows.push(Row::of(
+            ThemeRole::Muted,
+            &format!("composite {composite:.3}, reported and never decisive"),
+        ));
     }
     rows
 }
@@ -111,7 +114,7 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, pen: &mut Pen<'_>, area: Rec
     if rows.is_empty() {
         let nothing =
             "Nothing here: this stage has not been reached, or the version was commissioned unjudged";
-        pen.text(area, 0, Role::Muted, nothing);
+        pen.text(area, 0, ThemeRole::Muted, nothing);
         return;
     }
     let look = pen.look;
@@ -135,8 +138,8 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, pen: &mut Pen<'_>, area: Rec
         }
         let taken = pen.rows(inner, at, &item(row, look, width));
         if index == cursor {
-            pen.row(marks, at, &Row::of(Role::Text, look.glyph(Glyph::Here)));
-            pen.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+            pen.row(marks, at, &Row::of(ThemeRole::Text, look.glyph(Glyph::Here)));
+            pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
         }
         at = at.saturating_add(taken);
     }
@@ -155,6 +158,6 @@ fn timeline(rows: &[CandidateItem<'_>], pen: &mut Pen<'_>, area: Rect) {
         }
     }
     if rows.is_empty() {
-        pen.text(area, 0, Role::Muted, "No decision yet");
+        pen.text(area, 0, ThemeRole::Muted, "No decision yet");
     }
 }

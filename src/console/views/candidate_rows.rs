@@ -1,6 +1,6 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::rows::CandidateItem;
 use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
@@ -22,28 +22,28 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
         CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
         CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
-        CandidateItem::Reason(reason) => text(Role::Text, &reason_line(reason), width),
+        CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
-            text(Role::Warning, &format!("{glyph} condition: {}", condition_words(condition)), width)
+            text(ThemeRole::Warning, &format!("{glyph} condition: {}", condition_words(condition)), width)
         }
         CandidateItem::Untested(what) => {
             let glyph = look.glyph(Glyph::Unknown);
-            text(Role::Unknown, &format!("{glyph} not tested: {what}"), width)
+            text(ThemeRole::Unknown, &format!("{glyph} not tested: {what}"), width)
         }
         CandidateItem::Difference(difference) => differs(difference, width),
         CandidateItem::Mode(mode) => {
-            vec![Row::of(Role::Title, &format!("mode {}", super::short(mode, width)))]
+            vec![Row::of(ThemeRole::Title, &format!("mode {}", super::short(mode, width)))]
         }
         CandidateItem::Drill(drill) => vec![drilled(drill, look, width)],
         CandidateItem::Decision(decision) => decided(decision, look, width),
         CandidateItem::Record(record) => vec![
             Row::new()
-                .cell(Role::Muted, &record.seq.to_string(), 7)
-                .cell(Role::Muted, &seconds(record.at_ms), 10)
-                .cell(Role::Text, &record.kind.to_string(), 15)
-                .with(Role::Muted, " ")
-                .with(Role::Text, &super::short(&record.body, 400)),
+                .cell(ThemeRole::Muted, &record.seq.to_string(), 7)
+                .cell(ThemeRole::Muted, &seconds(record.at_ms), 10)
+                .cell(ThemeRole::Text, &record.kind.to_string(), 15)
+                .with(ThemeRole::Muted, " ")
+                .with(ThemeRole::Text, &super::short(&record.body, 400)),
         ],
     }
 }
@@ -67,7 +67,7 @@ fn condition_words(condition: &Condition) -> String {
     }
 }
 
-fn text(role: Role, text: &str, width: usize) -> Vec<Row> {
+fn text(role: ThemeRole, text: &str, width: usize) -> Vec<Row> {
     let mut lines = wrap(text, width.saturating_sub(2), LINES_MAX).into_iter();
     let first = lines.next().map(|line| Row::of(role, &line));
     let rest = lines.map(|line| Row::of(role, &format!("  {line}")));
@@ -79,17 +79,17 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
     let sign = kappa_sign(result.dimension, look.ascii());
     let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
-        .cell(Role::Text, result.dimension.words(), 10)
-        .with(Role::Value, &format!("{value} "));
+        .cell(ThemeRole::Text, result.dimension.words(), 10)
+        .with(ThemeRole::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
     let tail = Row::new()
-        .cell(Role::Muted, &interval, 16)
-        .with(Role::Limit, &format!(" limit {:.2} ", result.threshold))
+        .cell(ThemeRole::Muted, &interval, 16)
+        .with(ThemeRole::Limit, &format!(" limit {:.2} ", result.threshold))
         .cell(role, result.outcome.name(), 13);
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
     row = row.and(against_limit(look, result.kappa, result.threshold, bar)).and(tail);
     if !result.measured && row.width() + 10 <= width {
-        row.push(Role::Muted, " estimated");
+        row.push(ThemeRole::Muted, " estimated");
     }
     row
 }
@@ -98,16 +98,16 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
 fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
     let mut row = values(measure, width);
     let Some([low, high]) = measure.interval else {
-        row.push(Role::Muted, "  not compared");
+        row.push(ThemeRole::Muted, "  not compared");
         return row;
     };
-    row.push(Role::Muted, &format!(" worse by {low:+.3}..{high:+.3}"));
+    row.push(ThemeRole::Muted, &format!(" worse by {low:+.3}..{high:+.3}"));
     if let Some(limit) = measure.limit {
         // The rules judge; what may lie beyond the limit is only pointed at.
         if high > limit {
-            row.push(Role::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
+            row.push(ThemeRole::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
         }
-        row.push(Role::Limit, &format!(" max {limit:.3}"));
+        row.push(ThemeRole::Limit, &format!(" max {limit:.3}"));
     }
     row
 }
@@ -116,9 +116,9 @@ fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
 fn measured(measure: &Measure, width: usize) -> Row {
     let mut row = values(measure, width);
     if let Some([low, high]) = measure.interval {
-        row.push(Role::Muted, &format!(" [{low:.3}, {high:.3}]"));
+        row.push(ThemeRole::Muted, &format!(" [{low:.3}, {high:.3}]"));
     }
-    row.push(Role::Muted, &format!(" n {}", measure.n));
+    row.push(ThemeRole::Muted, &format!(" n {}", measure.n));
     row
 }
 
@@ -130,20 +130,20 @@ fn values(measure: &Measure, width: usize) -> Row {
         (false, true) => (38, 8),
         (false, false) => (14, 8),
     };
-    let row = Row::new().cell(Role::Text, &measure.name, name_width).cell_right(
-        Role::Value,
+    let row = Row::new().cell(ThemeRole::Text, &measure.name, name_width).cell_right(
+        ThemeRole::Value,
         &number(measure.candidate),
         value_width,
     );
     match measure.active {
-        Some(active) => row.with(Role::Muted, &format!(" against {active:.3}")),
+        Some(active) => row.with(ThemeRole::Muted, &format!(" against {active:.3}")),
         None => row,
     }
 }
 
 fn differs(difference: &Difference, width: usize) -> Vec<Row> {
-    let mut rows = vec![Row::of(Role::Title, &super::short(&difference.field, width))];
-    let mut line = |sign: &'static str, role: Role, value: &str| {
+    let mut rows = vec![Row::of(ThemeRole::Title, &super::short(&difference.field, width))];
+    let mut line = |sign: &'static str, role: ThemeRole, value: &str| {
         let lines = wrap(value, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {sign} {line}"))));
     };
@@ -152,8 +152,8 @@ fn differs(difference: &Difference, width: usize) -> Vec<Row> {
         Some(Value::String(text)) => text.clone(),
         Some(other) => other.to_string(),
     };
-    line("-", Role::Removed, &said(&difference.old, "(not there)"));
-    line("+", Role::Added, &said(&difference.new, "(gone)"));
+    line("-", ThemeRole::Removed, &said(&difference.old, "(not there)"));
+    line("+", ThemeRole::Added, &said(&difference.new, "(gone)"));
     rows
 }
 
@@ -163,16 +163,16 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
     let limit = share(drill.active).unwrap_or(0.0);
     let worse = share(drill.candidate).is_some_and(|share| share < limit);
     let (glyph, role) = match share(drill.candidate) {
-        None => (Glyph::Unknown, Role::Unknown),
-        Some(_) if worse => (Glyph::Warning, Role::Warning),
-        Some(_) => (Glyph::Good, Role::Good),
+        None => (Glyph::Unknown, ThemeRole::Unknown),
+        Some(_) if worse => (Glyph::Warning, ThemeRole::Warning),
+        Some(_) => (Glyph::Good, ThemeRole::Good),
     };
     let row = Row::of(role, look.glyph(glyph))
-        .with(Role::Text, " ")
-        .cell(Role::Text, drill.kind.name(), 12)
-        .cell_right(Role::Value, &format!("{passed} of {all}"), 12)
-        .with(Role::Text, " ");
-    let tail = Row::of(Role::Muted, &format!(" active {active_passed} of {active_all} (the line)"));
+        .with(ThemeRole::Text, " ")
+        .cell(ThemeRole::Text, drill.kind.name(), 12)
+        .cell_right(ThemeRole::Value, &format!("{passed} of {all}"), 12)
+        .with(ThemeRole::Text, " ");
+    let tail = Row::of(ThemeRole::Muted, &format!(" active {active_passed} of {active_all} (the line)"));
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
     row.and(against_limit(look, share(drill.candidate), limit, bar)).and(tail)
 }
@@ -181,29 +181,29 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
 fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
     let (glyph, role) = of_ruling(&decision.ruling);
     let mut rows = vec![
-        Row::of(Role::Muted, &format!("{} ", seconds(decision.at_ms)))
-            .with(Role::Title, &format!("{} ", decision.ruling.stage()))
+        Row::of(ThemeRole::Muted, &format!("{} ", seconds(decision.at_ms)))
+            .with(ThemeRole::Title, &format!("{} ", decision.ruling.stage()))
             .with(role, &format!("{} {}", look.glyph(glyph), super::short(&decision.ruling.outcome(), 40))),
     ];
-    let mut say = |role: Role, line: &str| {
+    let mut say = |role: ThemeRole, line: &str| {
         let lines = wrap(line, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {line}"))));
     };
     say(
-        Role::Muted,
+        ThemeRole::Muted,
         &format!("rule {} ({}), record {}", decision.rule.name(), decision.rule.source(), decision.record),
     );
     for reason in &decision.reasons {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
-        say(Role::Text, &format!("{sign} {code}: {}{measured}", reason.text));
+        say(ThemeRole::Text, &format!("{sign} {code}: {}{measured}", reason.text));
     }
     for change in &decision.change {
-        say(Role::Text, &format!("would change it: {change}"));
+        say(ThemeRole::Text, &format!("would change it: {change}"));
     }
     for then in &decision.then {
-        say(Role::Muted, &format!("then: {then}"));
+        say(ThemeRole::Muted, &format!("then: {then}"));
     }
     rows
 }

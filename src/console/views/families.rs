@@ -6,7 +6,7 @@
 //! last sequences •••••••✖••••••••  94 % of 50
 //! ```
 
-use crate::look::Role;
+use crate::look::ThemeRole;
 use crate::model::Model;
 use crate::theme::Mark;
 use crate::widgets::bar::outcomes;
@@ -22,7 +22,7 @@ const TREND_MAX: usize = 30;
 #[must_use]
 pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let Some(snapshot) = model.charted() else {
-        return vec![Row::of(Role::Muted, "The engine is starting")];
+        return vec![Row::of(ThemeRole::Muted, "The engine is starting")];
     };
     let name_width =
         snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
@@ -30,11 +30,14 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         snapshot.families.iter().map(|family| row(family, pen, name_width.min(16))).collect();
     rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
-        rows.push(Row::of(Role::Bad, &format!("{} broken: {}", pen.look.words(Mark::FAILED), fault.name())));
+        rows.push(Row::of(
+            ThemeRole::Bad,
+            &format!("{} broken: {}", pen.look.words(Mark::FAILED), fault.name()),
+        ));
     }
     if let Some(drift) = &snapshot.live.drift {
         let glyph = pen.look.glyph(crate::look::Glyph::Warning);
-        rows.push(Row::of(Role::Warning, &format!("{glyph} drift: {drift}")));
+        rows.push(Row::of(ThemeRole::Warning, &format!("{glyph} drift: {drift}")));
     }
     rows
 }
@@ -47,29 +50,29 @@ fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize) -> Row {
         Some(_) => Mark::version(State::Active, &flags),
     };
     let mut row = Row::new()
-        .cell(Role::Text, &family.family.to_string(), name_width)
-        .with(Role::Text, "  ")
+        .cell(ThemeRole::Text, &family.family.to_string(), name_width)
+        .with(ThemeRole::Text, "  ")
         .cell(mark.role, &pen.look.words(mark), 21)
-        .with(Role::Text, " ");
+        .with(ThemeRole::Text, " ");
     match &family.active {
-        Some(active) => row.push(Role::Title, &active.to_string()),
-        None => row.push(Role::Bad, "no active version"),
+        Some(active) => row.push(ThemeRole::Title, &active.to_string()),
+        None => row.push(ThemeRole::Bad, "no active version"),
     }
     if let Some((worked, needed)) = family.provisional {
-        row.push(Role::Text, &format!("  {worked} of {needed}"));
+        row.push(ThemeRole::Text, &format!("  {worked} of {needed}"));
     }
     if let Some(pinned) = &family.pinned {
-        row.push(Role::Muted, &format!("  back: {}", pinned.version));
+        row.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));
     }
     row
 }
 
 fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {
     let Some(share) = live.recent_success else {
-        return Row::of(Role::Muted, "no sequence worked yet");
+        return Row::of(ThemeRole::Muted, "no sequence worked yet");
     };
     let tail = format!("  {:.0} % of the last {}", share * 100.0, live.recent);
     let head = "success ";
     let room = width.saturating_sub(head.len() + tail.len()).min(TREND_MAX);
-    Row::of(Role::Muted, head).and(outcomes(pen.look, &live.outcomes, room)).with(Role::Text, &tail)
+    Row::of(ThemeRole::Muted, head).and(outcomes(pen.look, &live.outcomes, room)).with(ThemeRole::Text, &tail)
 }

@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::hints::field;
 use crate::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
 
@@ -36,7 +36,7 @@ pub fn draw(form: &Form, pen: &mut Pen<'_>, area: Rect) {
 
 fn body(form: &Form, width: usize) -> Vec<Row> {
     let lines = form.consequences.iter().flat_map(|line| wrap(line, width, 4));
-    let mut rows: Vec<Row> = lines.map(|line| Row::of(Role::Text, &line)).collect();
+    let mut rows: Vec<Row> = lines.map(|line| Row::of(ThemeRole::Text, &line)).collect();
     if !rows.is_empty() {
         rows.push(Row::new());
     }
@@ -45,12 +45,12 @@ fn body(form: &Form, width: usize) -> Vec<Row> {
 
 fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let mut rows = Vec::new();
-    let label = |text: &str| Row::new().cell(Role::Muted, text, 9);
+    let label = |text: &str| Row::new().cell(ThemeRole::Muted, text, 9);
     let focuses = form.focuses();
     if focuses.contains(&FormFocus::Minutes) {
         let has = form.focus == FormFocus::Minutes;
         let hint = format!("  1 to {SHELVE_MINUTES_MAX}");
-        rows.push(label("Minutes").and(field(pen, &form.minutes, 8, has)).with(Role::Muted, &hint));
+        rows.push(label("Minutes").and(field(pen, &form.minutes, 8, has)).with(ThemeRole::Muted, &hint));
     }
     if focuses.contains(&FormFocus::Reason) {
         let has = form.focus == FormFocus::Reason;
@@ -58,20 +58,23 @@ fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     }
     if let Some(problem) = &form.problem {
         let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
-        rows.extend(wrap(&text, width, 3).iter().map(|line| Row::of(Role::Problem, line)));
+        rows.extend(wrap(&text, width, 3).iter().map(|line| Row::of(ThemeRole::Problem, line)));
     }
     let buttons = Row::new()
         .and(button(pen, "Cancel", form.focus == FormFocus::Cancel))
-        .with(Role::Text, "  ")
+        .with(ThemeRole::Text, "  ")
         .and(button(pen, form.intent.verb(), form.focus == FormFocus::Confirm));
     rows.push(buttons);
     if form.is_one_key() {
-        let row = Row::of(Role::Key, "y")
-            .with(Role::Text, " does it · ".replace('·', if pen.look.ascii() { "|" } else { "·" }).as_str())
-            .with(Role::Key, "n")
-            .with(Role::Text, " or ")
-            .with(Role::Key, "Esc")
-            .with(Role::Text, " leaves everything as it is");
+        let row = Row::of(ThemeRole::Key, "y")
+            .with(
+                ThemeRole::Text,
+                " does it · ".replace('·', if pen.look.ascii() { "|" } else { "·" }).as_str(),
+            )
+            .with(ThemeRole::Key, "n")
+            .with(ThemeRole::Text, " or ")
+            .with(ThemeRole::Key, "Esc")
+            .with(ThemeRole::Text, " leaves everything as it is");
         rows.push(row);
     }
     rows
@@ -81,8 +84,8 @@ fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
 #[must_use]
 pub fn button(pen: &Pen<'_>, word: &str, has_keys: bool) -> Row {
     if has_keys {
-        Row::of(Role::Selected, &format!("{}[{word}]", pen.look.glyph(Glyph::Here)))
+        Row::of(ThemeRole::Selected, &format!("{}[{word}]", pen.look.glyph(Glyph::Here)))
     } else {
-        Row::of(Role::Text, &format!("  {word} "))
+        Row::of(ThemeRole::Text, &format!("  {word} "))
     }
 }

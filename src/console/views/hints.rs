@@ -7,7 +7,7 @@
 use ratatui::layout::Rect;
 
 use crate::action::Action;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::{Model, Overlay, Typing, View};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -18,7 +18,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         typed(typing, pen, usize::from(area.width))
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
-            if notice.bad { (Role::Problem, Glyph::Warning) } else { (Role::Notice, Glyph::Good) };
+            if notice.bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
         Row::of(role, &format!("{} {}", pen.look.glyph(glyph), super::short(&notice.text, 400)))
     } else {
         keys(model, &actions(model), usize::from(area.width))
@@ -32,15 +32,15 @@ fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
         Typing::Command(line) => (":", line),
         Typing::Filter(line) => ("/", line),
     };
-    Row::of(Role::Key, sign).and(field(pen, line, width.saturating_sub(1), true))
+    Row::of(ThemeRole::Key, sign).and(field(pen, line, width.saturating_sub(1), true))
 }
 
 /// A field's text; with its cursor where it has the keys.
 #[must_use]
-pub fn field(pen: &Pen<'_>, line: &crate::line::Line, width: usize, has_keys: bool) -> Row {
+pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys: bool) -> Row {
     let (text, cursor) = (line.text(), line.cursor());
     if !has_keys {
-        return Row::of(Role::Text, &super::short(text, width));
+        return Row::of(ThemeRole::Text, &super::short(text, width));
     }
     // One column is for the cursor; what does not fit before it is left off at the front.
     let before: String = text.chars().take(cursor).collect();
@@ -48,13 +48,15 @@ pub fn field(pen: &Pen<'_>, line: &crate::line::Line, width: usize, has_keys: bo
     let room = width.saturating_sub(1);
     let skipped = before.chars().count().saturating_sub(room);
     let before: String = before.chars().skip(skipped).collect();
-    Row::of(Role::Field, &before).with(Role::Key, pen.look.glyph(Glyph::Cursor)).with(Role::Field, &after)
+    Row::of(ThemeRole::Field, &before)
+        .with(ThemeRole::Key, pen.look.glyph(Glyph::Cursor))
+        .with(ThemeRole::Field, &after)
 }
 
 /// The actions that mean something here, the weightiest first.
 #[must_use]
 pub fn actions(model: &Model) -> Vec<Action> {
-    use Action as A;
+    use crate::action::Action as A;
     let here: &[Action] = match (&model.overlay, model.view) {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
@@ -89,7 +91,7 @@ fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
         }
     }
     let off = actions.iter().any(|action| action.changes_something());
-    let why = Row::of(Role::KeyOff, "(off: read-only)");
+    let why = Row::of(ThemeRole::KeyOff, "(off: read-only)");
     let row = row.and(tail);
     if model.settings.read_only && off && row.width() + why.width() <= width { row.and(why) } else { row }
 }
@@ -102,9 +104,9 @@ fn hint(model: &Model, action: Action) -> Row {
     }
     let word = label(model, action);
     if model.settings.read_only && action.changes_something() {
-        return Row::of(Role::KeyOff, &format!("[{key} {word}]  "));
+        return Row::of(ThemeRole::KeyOff, &format!("[{key} {word}]  "));
     }
-    Row::of(Role::Key, &key).with(Role::Text, &format!(" {word}  "))
+    Row::of(ThemeRole::Key, &key).with(ThemeRole::Text, &format!(" {word}  "))
 }
 
 /// What an action is called in a hint.

@@ -24,7 +24,7 @@ pub mod tour;
 
 use ratatui::layout::Rect;
 
-use super::look::{Glyph, Role};
+use super::look::{Glyph, ThemeRole};
 use super::widgets::list::GUTTER;
 use super::widgets::pen::Pen;
 use super::widgets::row::{Row, safe};
@@ -55,12 +55,12 @@ pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title:
     let line = look.glyph(Glyph::Horizontal);
     let (first, last) = (frame.y, frame.bottom() - 1);
     for x in frame.left()..frame.right() {
-        pen.cell(x, first, line, Role::Rule);
-        pen.cell(x, last, line, Role::Rule);
+        pen.cell(x, first, line, ThemeRole::Rule);
+        pen.cell(x, last, line, ThemeRole::Rule);
     }
     for y in first..=last {
-        pen.cell(frame.left(), y, look.glyph(Glyph::Vertical), Role::Rule);
-        pen.cell(frame.right() - 1, y, look.glyph(Glyph::Vertical), Role::Rule);
+        pen.cell(frame.left(), y, look.glyph(Glyph::Vertical), ThemeRole::Rule);
+        pen.cell(frame.right() - 1, y, look.glyph(Glyph::Vertical), ThemeRole::Rule);
     }
     let corners = [
         (frame.left(), first, Glyph::Corner),
@@ -69,12 +69,12 @@ pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title:
         (frame.right() - 1, last, Glyph::CornerLowRight),
     ];
     for (x, y, glyph) in corners {
-        pen.cell(x, y, look.glyph(glyph), Role::Rule);
+        pen.cell(x, y, look.glyph(glyph), ThemeRole::Rule);
     }
     let inner = Rect { x: frame.x + 2, width: width - 4, ..frame };
     let title = format!(" {} ", short(title, usize::from(inner.width).saturating_sub(2)));
-    pen.row(inner, 0, &Row::of(Role::Focus, &title));
-    let place = Row::of(Role::Muted, &format!(" {right} "));
+    pen.row(inner, 0, &Row::of(ThemeRole::Focus, &title));
+    let place = Row::of(ThemeRole::Muted, &format!(" {right} "));
     let taken = u16::try_from(place.width()).unwrap_or(u16::MAX);
     if !right.is_empty() && usize::from(taken) + title.len() + 2 < usize::from(inner.width) {
         pen.row(Rect { x: inner.right() - taken, width: taken, ..inner }, 0, &place);

@@ -13,7 +13,7 @@
 use ratatui::layout::Rect;
 
 use super::{families, pipeline, robot, story, tabs};
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::rows::WaitingItem;
 use crate::widgets::list::place;
@@ -122,13 +122,13 @@ fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 pub fn waiting_row(item: &WaitingItem<'_>, now_ms: u64, pen: &Pen<'_>) -> Row {
     let glyph = pen.look.glyph(Glyph::Waiting);
     match item {
-        WaitingItem::Question(question) => Row::of(Role::Waiting, &format!("{glyph} question "))
-            .with(Role::Text, &question.version.to_string())
-            .with(Role::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
-        WaitingItem::Prompt(prompt) => Row::of(Role::Waiting, &format!("{glyph} approval "))
-            .with(Role::Text, &prompt.version.to_string())
-            .with(Role::Text, &format!("  {} of {}", prompt.approved_by.len(), prompt.needed))
-            .with(Role::Muted, &format!("  held in {}", left(prompt.deadline_ms, now_ms))),
+        WaitingItem::Question(question) => Row::of(ThemeRole::Waiting, &format!("{glyph} question "))
+            .with(ThemeRole::Text, &question.version.to_string())
+            .with(ThemeRole::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
+        WaitingItem::Prompt(prompt) => Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
+            .with(ThemeRole::Text, &prompt.version.to_string())
+            .with(ThemeRole::Text, &format!("  {} of {}", prompt.approved_by.len(), prompt.needed))
+            .with(ThemeRole::Muted, &format!("  held in {}", left(prompt.deadline_ms, now_ms))),
     }
 }
 

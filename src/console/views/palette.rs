@@ -10,7 +10,7 @@
 use ratatui::layout::Rect;
 
 use super::hints::field;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::palette::Palette;
 use crate::widgets::list::place;
@@ -26,7 +26,7 @@ pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
     let cursor = palette.cursor.min(rows.len().saturating_sub(1));
     let inside =
         super::window(pen, area, WIDTH_MAX, area.height, "Keys and commands", &place(rows.len(), cursor));
-    let line = Row::of(Role::Key, &format!("{} ", pen.look.glyph(Glyph::Here))).and(field(
+    let line = Row::of(ThemeRole::Key, &format!("{} ", pen.look.glyph(Glyph::Here))).and(field(
         pen,
         &palette.line,
         usize::from(inside.width.saturating_sub(2)),
@@ -35,20 +35,20 @@ pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
     pen.row(inside, 0, &line);
     let list = below(inside, 1);
     if rows.is_empty() {
-        pen.text(list, 0, Role::Muted, "Nothing fits; Backspace widens the search");
+        pen.text(list, 0, ThemeRole::Muted, "Nothing fits; Backspace widens the search");
         return;
     }
     pen.list(list, rows.len(), Some(cursor), |index, _| {
         let Some(action) = rows.get(index) else { return Row::new() };
         let keys = model.keymap.keys(*action).join(" ");
         let off = model.settings.read_only && action.changes_something();
-        let role = if off { Role::KeyOff } else { Role::Text };
+        let role = if off { ThemeRole::KeyOff } else { ThemeRole::Text };
         let row = Row::new()
-            .cell(if off { Role::KeyOff } else { Role::Key }, &keys, 14)
+            .cell(if off { ThemeRole::KeyOff } else { ThemeRole::Key }, &keys, 14)
             .with(role, " ")
             .cell(role, action.word(), 16)
             .with(role, " ")
             .with(role, action.help());
-        if off { row.with(Role::KeyOff, " (off: read-only)") } else { row }
+        if off { row.with(ThemeRole::KeyOff, " (off: read-only)") } else { row }
     });
 }

@@ -11,7 +11,7 @@
 use ratatui::layout::Rect;
 
 use crate::action::Action;
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
 use crate::theme::Mark;
 use crate::widgets::bar::progress;
@@ -59,8 +59,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
             Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
         let taken = pen.rows(inner, at, &block);
         if focused && index == cursor {
-            pen.row(area, at, &Row::of(Role::Text, pen.look.glyph(Glyph::Here)));
-            pen.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+            pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
+            pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
         }
         at = at.saturating_add(taken);
     }
@@ -69,20 +69,20 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
 /// What to do where there is nothing yet.
 fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     if !model.filter().is_empty() {
-        pen.text(area, 0, Role::Muted, "No candidate fits the filter");
+        pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
         return;
     }
     if model.snapshot.is_none() {
-        pen.text(area, 0, Role::Muted, "The engine is starting");
+        pen.text(area, 0, ThemeRole::Muted, "The engine is starting");
         return;
     }
     let keys = model.keymap.key(Action::Help);
     let lines = [
-        (Role::Title, "No candidate yet. To see one judged:".to_owned()),
-        (Role::Text, String::new()),
-        (Role::Text, "  :demo          a demonstration candidate".to_owned()),
-        (Role::Text, "  :register DIR  the candidate in a folder".to_owned()),
-        (Role::Text, format!("  {keys:<14} the keys of this view")),
+        (ThemeRole::Title, "No candidate yet. To see one judged:".to_owned()),
+        (ThemeRole::Text, String::new()),
+        (ThemeRole::Text, "  :demo          a demonstration candidate".to_owned()),
+        (ThemeRole::Text, "  :register DIR  the candidate in a folder".to_owned()),
+        (ThemeRole::Text, format!("  {keys:<14} the keys of this view")),
     ];
     let mut at = 0;
     for (role, line) in lines {
@@ -94,10 +94,10 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
     let mark = Mark::version(candidate.state, &candidate.flags);
     let mut rows = vec![
-        Row::of(Role::Title, &candidate.version.to_string())
+        Row::of(ThemeRole::Title, &candidate.version.to_string())
             .with(mark.role, &format!("  {}", look.words(mark)))
             .with(
-                Role::Muted,
+                ThemeRole::Muted,
                 &format!(
                     "  {}, {}, risk {}",
                     super::short(&candidate.author, 24),
@@ -114,7 +114,7 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
     } else if let Some(reason) =
         candidate.reasons.first().filter(|_| chosen || candidate.state == State::Rejected)
     {
-        rows.push(Row::of(Role::Muted, &super::short(&reason_line(reason), width)));
+        rows.push(Row::of(ThemeRole::Muted, &super::short(&reason_line(reason), width)));
     }
     rows
 }
@@ -150,7 +150,7 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
         for (mark, stage) in marks.clone() {
             let between = if row.width() == 0 { "" } else { gap };
             let space = if gap.len() > 1 { " " } else { "" };
-            row.push(Role::Text, between);
+            row.push(ThemeRole::Text, between);
             row.push(mark.role, &format!("{}{space}{stage}", look.glyph(mark.glyph)));
         }
         if row.width() <= width {
@@ -177,17 +177,17 @@ fn running(view: &ProgressView, now_ms: u64, look: &Look, width: usize, chosen: 
     };
     let count = format!(" {} of {} ", view.done, view.budget);
     let bar = (width / 4).clamp(6, 24);
-    let mut head = progress(look, view.done, view.budget, bar).with(Role::Text, &count);
+    let mut head = progress(look, view.done, view.budget, bar).with(ThemeRole::Text, &count);
     let what = super::short(&view.what, width.saturating_sub(head.width() + time.len() + 2));
     let time = format!("  {time}");
-    head.push(Role::Muted, &what);
+    head.push(ThemeRole::Muted, &what);
     if head.width() + time.len() <= width {
-        head.push(Role::Text, &time);
+        head.push(ThemeRole::Text, &time);
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
         let early = wrap(&format!("ends early: {}", view.early), width, EARLY_ROWS_MAX);
-        rows.extend(early.iter().map(|line| Row::of(Role::Muted, line)));
+        rows.extend(early.iter().map(|line| Row::of(ThemeRole::Muted, line)));
     }
     rows
 }

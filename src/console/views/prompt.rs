@@ -16,9 +16,9 @@ use unicode_width::UnicodeWidthStr as _;
 use super::form::button;
 use super::hints::field;
 use crate::action::Action;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
-use crate::prompt::{Block, Focus, Prompt};
+use crate::prompt::{Focus, Obstacle, Prompt};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
@@ -36,9 +36,9 @@ pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
     let first = usize::from(prompt.scroll).min(text.len().saturating_sub(room));
     let title = format!("Decide on {}", prompt.seen.version);
     let inside = pen.pane(upper, &title, true, &extent(model, first, room, text.len()));
-    let role = if prompt.stale.is_some() { Role::Muted } else { Role::Text };
+    let role = if prompt.stale.is_some() { ThemeRole::Muted } else { ThemeRole::Text };
     for (at, line) in (0..inside.height).zip(text.iter().skip(first)) {
-        let role = if first == 0 && at == 0 && prompt.stale.is_none() { Role::Title } else { role };
+        let role = if first == 0 && at == 0 && prompt.stale.is_none() { ThemeRole::Title } else { role };
         pen.row(inside, at, &Row::of(role, line));
     }
     pen.rows(lower, 0, &foot);
@@ -93,29 +93,29 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             stale.what,
             seconds(stale.at_ms)
         );
-        rows.push(Row::of(Role::Stale, &text));
+        rows.push(Row::of(ThemeRole::Stale, &text));
     }
     rows.push(fields(prompt, pen, width));
     rows.extend(missing(model, prompt, width));
     let key = |action| model.keymap.key(action);
     let approve = !blocks(model, prompt, Answer::Approve).is_empty();
     // Without a reason the key that rejects leads to its field.
-    let reject = blocks(model, prompt, Answer::Reject).iter().any(|block| *block != Block::Reason);
-    let role = |off: bool| if off { Role::KeyOff } else { Role::Key };
+    let reject = blocks(model, prompt, Answer::Reject).iter().any(|block| *block != Obstacle::Reason);
+    let role = |off: bool| if off { ThemeRole::KeyOff } else { ThemeRole::Key };
     let named = |off: bool, key: String, word: &str| {
         if off {
             Row::of(role(off), &format!("[{key} {word}]  "))
         } else {
-            Row::of(role(off), &key).with(Role::Text, &format!(" {word}  "))
+            Row::of(role(off), &key).with(ThemeRole::Text, &format!(" {word}  "))
         }
     };
     rows.push(
         named(approve, key(Action::Approve), "Promote")
             .and(named(reject, key(Action::Reject), "Reject"))
-            .with(Role::Key, "Enter")
-            .with(Role::Text, " or ")
-            .with(Role::Key, &key(Action::Back))
-            .with(Role::Text, " Hold: decide later"),
+            .with(ThemeRole::Key, "Enter")
+            .with(ThemeRole::Text, " or ")
+            .with(ThemeRole::Key, &key(Action::Back))
+            .with(ThemeRole::Text, " Hold: decide later"),
     );
     rows
 }
@@ -125,17 +125,17 @@ fn fields(prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Row {
     let mut row = button(pen, "Hold", prompt.focus == Focus::Hold);
     if prompt.focuses().contains(&Focus::ShortId) {
         let has = prompt.focus == Focus::ShortId;
-        row.push(if has { Role::Focus } else { Role::Muted }, "  short id ");
+        row.push(if has { ThemeRole::Focus } else { ThemeRole::Muted }, "  short id ");
         let wanted = format!(" ({})", prompt.wanted_id());
-        row = row.and(field(pen, &prompt.short_id, 6, has)).with(Role::Muted, &wanted);
+        row = row.and(field(pen, &prompt.short_id, 6, has)).with(ThemeRole::Muted, &wanted);
     }
     let has = prompt.focus == Focus::Reason;
-    row.push(if has { Role::Focus } else { Role::Muted }, "  reason ");
+    row.push(if has { ThemeRole::Focus } else { ThemeRole::Muted }, "  reason ");
     let left = width.saturating_sub(row.width());
     row.and(field(pen, &prompt.reason, left, has))
 }
 
-fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Block> {
+fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Obstacle> {
     prompt.blocks(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms)
 }
 
@@ -143,9 +143,10 @@ fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Block> {
 fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
     let approve = blocks(model, prompt, Answer::Approve);
     let reject = blocks(model, prompt, Answer::Reject);
-    let hints = |blocks: &[Block]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
-    let both: Vec<Block> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
-    let rest = |all: &[Block]| all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>();
+    let hints = |blocks: &[Obstacle]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
+    let both: Vec<Obstacle> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
+    let rest =
+        |all: &[Obstacle]| all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>();
     let said = [("First", both.clone()), ("to promote", rest(&approve)), ("to reject", rest(&reject))];
     let said: Vec<String> = said
         .iter()
@@ -153,9 +154,9 @@ fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
         .map(|(head, blocks)| format!("{head}: {}", hints(blocks)))
         .collect();
     let text = wrap(&said.join(", "), width, 4);
-    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(Role::Warning, line)).collect();
+    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Warning, line)).collect();
     if let Some(block) = prompt.refused {
-        rows.push(Row::of(Role::Problem, &format!("That key did nothing: {}", block.hint())));
+        rows.push(Row::of(ThemeRole::Problem, &format!("That key did nothing: {}", block.hint())));
     }
     rows
 }

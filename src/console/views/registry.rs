@@ -11,7 +11,7 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
 use crate::rows::RegistryItem;
 use crate::theme::Mark;
@@ -56,14 +56,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
     let head = tabs::panes(model);
     let place = format!("{}  {right}", place(items.len(), cursor));
-    let place = Row::of(Role::Muted, place.trim_end());
+    let place = Row::of(ThemeRole::Muted, place.trim_end());
     let width = usize::from(area.width);
     pen.row(area, 0, &head.to_column(width.saturating_sub(place.width())).and(place));
     let area = below(area, 1);
     if items.is_empty() {
         let text =
             if model.filter().is_empty() { "No version of this kind" } else { "No version fits the filter" };
-        pen.text(area, 0, Role::Muted, text);
+        pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
     let columns = Columns::of(pen.fit);
@@ -75,8 +75,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
-            Row::of(Role::Title, &format!("{glyph} {family}")).with(
-                Role::Muted,
+            Row::of(ThemeRole::Title, &format!("{glyph} {family}")).with(
+                ThemeRole::Muted,
                 &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
             )
         }
@@ -89,13 +89,13 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn header(columns: &Columns, look: &Look) -> Row {
     let mut row = Row::new()
         .to_column(usize::from(GUTTER))
-        .cell(Role::Muted, "version", columns.name)
-        .cell(Role::Muted, "state", columns.state)
-        .with(Role::Text, " ");
+        .cell(ThemeRole::Muted, "version", columns.name)
+        .cell(ThemeRole::Muted, "state", columns.state)
+        .with(ThemeRole::Text, " ");
     for dimension in DIMENSIONS {
-        row = row.cell(Role::Muted, kappa_sign(dimension, look.ascii()), 5 + columns.bar + 1);
+        row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), 5 + columns.bar + 1);
     }
-    row.with(Role::Muted, " age")
+    row.with(ThemeRole::Muted, " age")
 }
 
 fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
@@ -103,19 +103,19 @@ fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Column
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     let name = format!("  {}{baseline}", row.version.version);
     let mut line = Row::new()
-        .cell(Role::Text, &name, columns.name)
+        .cell(ThemeRole::Text, &name, columns.name)
         .cell(mark.role, &look.words(mark), columns.state)
-        .with(Role::Text, " ");
+        .with(ThemeRole::Text, " ");
     for (kappa, limit) in row.kappas.into_iter().zip(limits) {
         let (role, text) = match kappa {
-            None => (Role::Unknown, "?".to_owned()),
-            Some(kappa) if kappa >= limit => (Role::Value, format!("{kappa:.2}")),
-            Some(kappa) => (Role::Past, format!("{kappa:.2}")),
+            None => (ThemeRole::Unknown, "?".to_owned()),
+            Some(kappa) if kappa >= limit => (ThemeRole::Value, format!("{kappa:.2}")),
+            Some(kappa) => (ThemeRole::Past, format!("{kappa:.2}")),
         };
         line = line.cell(role, &text, 5).and(against_limit(look, kappa, limit, columns.bar));
         // Without a bar, a sign says that the limit is not reached.
         let below = kappa.is_some_and(|kappa| !(kappa >= limit));
-        line = line.with(Role::Past, if below { look.glyph(Glyph::Down) } else { " " });
+        line = line.with(ThemeRole::Past, if below { look.glyph(Glyph::Down) } else { " " });
     }
     // Minutes are enough here.
     let age_ms = now_ms.saturating_sub(row.changed_ms);
@@ -124,7 +124,7 @@ fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Column
     } else {
         duration(age_ms)
     };
-    line.with(Role::Muted, &format!(" {age}"))
+    line.with(ThemeRole::Muted, &format!(" {age}"))
 }
 
 /// What the snapshot and the page know of the version under the cursor.
@@ -132,22 +132,22 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     let Some(RegistryItem::Version(row)) = item else {
         pen.pane(area, "Family", false, "");
         let text = "l opens the branch, h closes it; the family stands for its active version";
-        pen.text(below(area, 1), 0, Role::Muted, text);
+        pen.text(below(area, 1), 0, ThemeRole::Muted, text);
         return;
     };
     let inside = pen.pane(area, &row.version.to_string(), false, "");
     let limits = model.registry.page.thresholds;
     let mut sentence = Row::of(
-        Role::Text,
+        ThemeRole::Text,
         &format!("by {}, {}, risk {}", super::short(&row.author, 24), row.provenance, row.risk),
     );
     for (dimension, limit) in DIMENSIONS.into_iter().zip(limits) {
         let sign = kappa_sign(dimension, pen.look.ascii());
-        sentence.push(Role::Muted, &format!("  {sign} at least {limit:.2}"));
+        sentence.push(ThemeRole::Muted, &format!("  {sign} at least {limit:.2}"));
     }
     pen.row(inside, 0, &sentence);
     let Some(candidate) = model.candidate(&row.version) else { return };
     let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
     let reason = candidate.reasons.first().map(reason_line).unwrap_or_default();
-    pen.text(below(inside, 1), 0, Role::Text, &format!("{composite}{reason}"));
+    pen.text(below(inside, 1), 0, ThemeRole::Text, &format!("{composite}{reason}"));
 }

@@ -12,21 +12,21 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::widgets::dots::{Dots, Ink};
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_body::TaskKind;
-use holdpoint_protocol::picture::{Body, Picture, Point, Region, Scenery};
+use holdpoint_protocol::picture::{ArmPicture, Picture, Point, Region, Scenery};
 
-const SCENERY: Ink = Ink { role: Role::Scenery, ascii: ".", dashed: false };
-const WORKSPACE: Ink = Ink { role: Role::Scenery, ascii: ":", dashed: true };
-const KEEP_OUT: Ink = Ink { role: Role::KeepOut, ascii: "X", dashed: true };
-const ROBOT: Ink = Ink { role: Role::Robot, ascii: "#", dashed: false };
-const TWIN: Ink = Ink { role: Role::Twin, ascii: "+", dashed: true };
-const OBJECT: Ink = Ink { role: Role::Object, ascii: "O", dashed: false };
-const CONTACT: Ink = Ink { role: Role::Contact, ascii: "!", dashed: false };
+const SCENERY: Ink = Ink { role: ThemeRole::Scenery, ascii: ".", dashed: false };
+const WORKSPACE: Ink = Ink { role: ThemeRole::Scenery, ascii: ":", dashed: true };
+const KEEP_OUT: Ink = Ink { role: ThemeRole::KeepOut, ascii: "X", dashed: true };
+const ROBOT: Ink = Ink { role: ThemeRole::Robot, ascii: "#", dashed: false };
+const TWIN: Ink = Ink { role: ThemeRole::Twin, ascii: "+", dashed: true };
+const OBJECT: Ink = Ink { role: ThemeRole::Object, ascii: "O", dashed: false };
+const CONTACT: Ink = Ink { role: ThemeRole::Contact, ascii: "!", dashed: false };
 
 /// The metre grid that a view's bounds are rounded to, m: a moving arm does not change the scale all the time.
 const STEP_M: f32 = 0.2;
@@ -44,7 +44,7 @@ const BELOW_ROWS_MIN: u16 = 10;
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let Some(picture) = model.pictured() else {
         let missing = "No picture: the live cell has not been seen yet, or it is no simulated one";
-        pen.text(area, 0, Role::Muted, missing);
+        pen.text(area, 0, ThemeRole::Muted, missing);
         return;
     };
     let nothing = Scenery::default();
@@ -82,11 +82,11 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     let mut rows = Vec::new();
     let mut alarming = Row::new();
     if picture.stopped {
-        alarming = alarming.with(Role::Bad, &format!("{} stopped  ", look.glyph(Glyph::Bad)));
+        alarming = alarming.with(ThemeRole::Bad, &format!("{} stopped  ", look.glyph(Glyph::Bad)));
     }
     if picture.unexpected_contact {
         alarming =
-            alarming.with(Role::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
+            alarming.with(ThemeRole::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
     }
     if alarming.width() > 0 {
         rows.push(alarming);
@@ -96,15 +96,15 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     let held = if picture.body.held { "held" } else { "free" };
     rows.push(
         // A version's name begins with its task.
-        Row::of(Role::Title, if version.is_empty() { task } else { &version })
-            .with(Role::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
-            .with(if picture.body.held { Role::Object } else { Role::Muted }, held),
+        Row::of(ThemeRole::Title, if version.is_empty() { task } else { &version })
+            .with(ThemeRole::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
+            .with(if picture.body.held { ThemeRole::Object } else { ThemeRole::Muted }, held),
     );
     if let Some(twin) = &picture.twin {
         let held = if twin.body.held { ", held" } else { "" };
         rows.push(
-            Row::of(Role::Twin, &format!("twin, dashed: {}{held}", twin.version))
-                .with(Role::Muted, "; it drives nothing"),
+            Row::of(ThemeRole::Twin, &format!("twin, dashed: {}{held}", twin.version))
+                .with(ThemeRole::Muted, "; it drives nothing"),
         );
     }
     rows
@@ -166,7 +166,7 @@ impl Scale {
 
 fn view(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
     let title = if plane == Plane::Side { "side view" } else { "top view" };
-    pen.row(area, 0, &Row::of(Role::Muted, title));
+    pen.row(area, 0, &Row::of(ThemeRole::Muted, title));
     let area = below(area, 1).intersection(pen.buf.area);
     if area.is_empty() {
         return;
@@ -197,7 +197,7 @@ fn view(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect, pla
     dots.draw(pen, area);
 }
 
-fn arm(dots: &mut Dots, scale: &Scale, body: &Body, ink: Ink, object: Ink) {
+fn arm(dots: &mut Dots, scale: &Scale, body: &ArmPicture, ink: Ink, object: Ink) {
     for pair in body.links.windows(2) {
         if let [from, to] = pair {
             dots.line(scale.at(*from), scale.at(*to), ink);
@@ -240,7 +240,7 @@ fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
             cell.is_some_and(|cell| cell.symbol().chars().any(char::is_alphabetic))
         });
         if place.intersection(area) == place && !named {
-            pen.row(place, 0, &Row::of(Role::Muted, name.as_str()));
+            pen.row(place, 0, &Row::of(ThemeRole::Muted, name.as_str()));
         }
     }
 }

@@ -12,7 +12,7 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::widgets::bar::against_limit;
 use crate::widgets::chart::Chart;
@@ -31,12 +31,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let candidate = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
     let Some(subject) = &subject else {
-        pen.text(area, 0, Role::Muted, "No candidate yet, and so no twin");
+        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
         return;
     };
     let shadow = candidate.and_then(|candidate| candidate.shadow.as_ref());
-    let mut head = Row::of(Role::Title, &subject.to_string());
-    head.push(Role::Text, &extent(model, candidate, shadow));
+    let mut head = Row::of(ThemeRole::Title, &subject.to_string());
+    head.push(ThemeRole::Text, &extent(model, candidate, shadow));
     pen.row(area, 0, &head);
     let area = below(area, 1);
     match pen.fit {
@@ -96,7 +96,7 @@ fn zoomed<T>(series: &[T], zoom: u8) -> &[T] {
 
 fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: Rect) {
     let Some(shadow) = shadow.filter(|shadow| !shadow.series.is_empty()) else {
-        pen.text(area, 0, Role::Muted, "No sequence has been shadowed yet");
+        pen.text(area, 0, ThemeRole::Muted, "No sequence has been shadowed yet");
         return;
     };
     let means = [shadow.output, shadow.governance, shadow.envelope];
@@ -129,12 +129,12 @@ fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     for monitor in monitors(model) {
         let restricted = if monitor.restricted { ", restricted" } else { "" };
         rows.push(
-            Row::of(Role::Title, &monitor.version.to_string())
-                .with(Role::Muted, &format!("  {} of {}{restricted}", monitor.episodes, monitor.needed)),
+            Row::of(ThemeRole::Title, &monitor.version.to_string())
+                .with(ThemeRole::Muted, &format!("  {} of {}{restricted}", monitor.episodes, monitor.needed)),
         );
         for (name, value, limit) in &monitor.charts {
             let past = value >= limit;
-            let role = if past { Role::Past } else { Role::Text };
+            let role = if past { ThemeRole::Past } else { ThemeRole::Text };
             let sign = if past { look.glyph(Glyph::Warning) } else { " " };
             let numbers = format!(" {value:.2} of {limit:.2}");
             let row = Row::of(role, sign).with(role, " ").cell(role, name, 11);
@@ -153,11 +153,11 @@ fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row
     let mut row = Row::new();
     for (text, role) in bar.parts() {
         let role = match role {
-            Role::Value | Role::Past => {
+            ThemeRole::Value | ThemeRole::Past => {
                 if past {
-                    Role::Past
+                    ThemeRole::Past
                 } else {
-                    Role::Value
+                    ThemeRole::Value
                 }
             }
             other => other,
@@ -170,14 +170,14 @@ fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row
 fn list(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let rows = model.disagreement_rows();
     if rows.is_empty() {
-        pen.text(area, 0, Role::Muted, "Twin and live world have agreed so far");
+        pen.text(area, 0, ThemeRole::Muted, "Twin and live world have agreed so far");
         return;
     }
     pen.list(area, rows.len(), focused.then(|| model.row()), |index, _| {
         rows.get(index).map_or_else(Row::new, |row| {
-            Row::of(Role::Muted, &format!("sequence {} seed {}  ", row.index, row.seed))
-                .with(Role::Value, &format!("{:.2}  ", row.output))
-                .with(Role::Text, &row.text)
+            Row::of(ThemeRole::Muted, &format!("sequence {} seed {}  ", row.index, row.seed))
+                .with(ThemeRole::Value, &format!("{:.2}  ", row.output))
+                .with(ThemeRole::Text, &row.text)
         })
     });
 }

@@ -7,7 +7,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
 use crate::theme::Mark;
 use crate::widgets::pen::Pen;
@@ -27,7 +27,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.row(
             area,
             0,
-            &Row::of(Role::Muted, text).to_column(width.saturating_sub(waits.width())).and(waits),
+            &Row::of(ThemeRole::Muted, text).to_column(width.saturating_sub(waits.width())).and(waits),
         );
         return;
     };
@@ -41,7 +41,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(Wording::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
-    let role = if highest(snapshot).is_some() { Role::Text } else { Role::Muted };
+    let role = if highest(snapshot).is_some() { ThemeRole::Text } else { ThemeRole::Muted };
     let row = head.with(role, &text).and(counts).to_column(room + 1).and(waits);
     pen.row(area, 0, &row);
 }
@@ -69,10 +69,10 @@ fn head(snapshot: &Snapshot, look: &Look) -> Row {
     let mut row = Row::new();
     if let Some(alarm) = highest(snapshot) {
         row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
-        row.push(Role::Text, " ");
+        row.push(ThemeRole::Text, " ");
     } else {
-        row.push(Role::Good, look.glyph(Glyph::Good));
-        row.push(Role::Text, " ");
+        row.push(ThemeRole::Good, look.glyph(Glyph::Good));
+        row.push(ThemeRole::Text, " ");
     }
     row
 }
@@ -112,33 +112,33 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
         (Wording::Full, true) => " | ",
         (Wording::Short | Wording::Signs, _) => " ",
     };
-    let mut say = |count: u32, role: Role, text: String| {
+    let mut say = |count: u32, role: ThemeRole, text: String| {
         if count > 0 {
-            row.push(Role::Muted, between);
+            row.push(ThemeRole::Muted, between);
             row.push(role, &text);
         }
     };
     if summary.flood {
-        say(1, Role::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
+        say(1, ThemeRole::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
     }
     if wording == Wording::Full {
-        say(critical, Role::Critical, format!("{critical} crit"));
-        say(high, Role::High, format!("{high} high"));
-        say(low, Role::Low, format!("{low} low"));
+        say(critical, ThemeRole::Critical, format!("{critical} crit"));
+        say(high, ThemeRole::High, format!("{high} high"));
+        say(low, ThemeRole::Low, format!("{low} low"));
     } else {
         let glyph = |priority| look.glyph(Mark::priority(priority).glyph);
-        say(critical, Role::Critical, format!("{}{critical}", glyph(Priority::Critical)));
-        say(high, Role::High, format!("{}{high}", glyph(Priority::High)));
-        say(low, Role::Low, format!("{}{low}", glyph(Priority::Low)));
+        say(critical, ThemeRole::Critical, format!("{}{critical}", glyph(Priority::Critical)));
+        say(high, ThemeRole::High, format!("{}{high}", glyph(Priority::High)));
+        say(low, ThemeRole::Low, format!("{}{low}", glyph(Priority::Low)));
     }
     let [acknowledged, latched, shelved] = match wording {
         Wording::Full => ["acknowledged ", "latched ", "shelved "],
         Wording::Short => ["ack ", "latched ", "shelved "],
         Wording::Signs => ["a", "l", "s"],
     };
-    say(summary.acknowledged, Role::Quiet, format!("{acknowledged}{}", summary.acknowledged));
-    say(summary.latched, Role::Warning, format!("{latched}{}", summary.latched));
-    say(summary.shelved, Role::Quiet, format!("{shelved}{}", summary.shelved));
+    say(summary.acknowledged, ThemeRole::Quiet, format!("{acknowledged}{}", summary.acknowledged));
+    say(summary.latched, ThemeRole::Warning, format!("{latched}{}", summary.latched));
+    say(summary.shelved, ThemeRole::Quiet, format!("{shelved}{}", summary.shelved));
     row
 }
 
@@ -147,15 +147,18 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
 pub fn waiting(model: &Model, look: &Look) -> Row {
     let mut row = Row::new();
     if model.missed > 0 {
-        row.push(Role::Warning, &format!("{} missed {} ", look.glyph(Glyph::Warning), model.missed));
+        row.push(ThemeRole::Warning, &format!("{} missed {} ", look.glyph(Glyph::Warning), model.missed));
     }
     if !model.pending.is_empty() {
-        row.push(Role::Running, &format!("{} {} asked ", look.glyph(Glyph::Running), model.pending.len()));
+        row.push(
+            ThemeRole::Running,
+            &format!("{} {} asked ", look.glyph(Glyph::Running), model.pending.len()),
+        );
     }
     let waiting =
         model.snapshot.as_ref().map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
     if waiting > 0 {
-        row.push(Role::Waiting, &format!("{} {waiting} wait", look.glyph(Glyph::Waiting)));
+        row.push(ThemeRole::Waiting, &format!("{} {waiting} wait", look.glyph(Glyph::Waiting)));
     }
     row
 }

@@ -7,7 +7,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::Role;
+use crate::look::ThemeRole;
 use crate::model::Model;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -16,13 +16,13 @@ use crate::words::seconds;
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     if model.told.is_empty() {
-        pen.text(area, 0, Role::Muted, "Nothing has happened yet");
+        pen.text(area, 0, ThemeRole::Muted, "Nothing has happened yet");
         return;
     }
     let cursor = focused.then(|| model.row());
     pen.list(area, model.told.len(), cursor, |index, _| {
         model.told.iter().rev().nth(index).map_or_else(Row::new, |told| {
-            Row::of(Role::Muted, &format!("{}  ", seconds(told.at_ms))).with(Role::Text, &told.text)
+            Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms))).with(ThemeRole::Text, &told.text)
         })
     });
 }

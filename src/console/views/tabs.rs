@@ -6,7 +6,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::Role;
+use crate::look::ThemeRole;
 use crate::model::{Model, View};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -51,11 +51,11 @@ fn line(tabs: &[(&str, &str)], here: usize) -> Row {
     for (index, (key, title)) in tabs.iter().enumerate() {
         let gap = if key.is_empty() || title.is_empty() { "" } else { " " };
         if index == here {
-            row.push(Role::Focus, &format!("[{key}{gap}{title}]"));
+            row.push(ThemeRole::Focus, &format!("[{key}{gap}{title}]"));
         } else {
-            row.push(Role::Text, " ");
-            row.push(Role::Key, key);
-            row.push(Role::Muted, &format!("{gap}{title} "));
+            row.push(ThemeRole::Text, " ");
+            row.push(ThemeRole::Key, key);
+            row.push(ThemeRole::Muted, &format!("{gap}{title} "));
         }
     }
     row

@@ -11,7 +11,7 @@ use ratatui::layout::Rect;
 
 use super::{banner, hints, overview, palette, prompt, status};
 use crate::action::Action;
-use crate::look::Role;
+use crate::look::ThemeRole;
 use crate::model::{Model, Overlay};
 use crate::theme::Mark;
 use crate::widgets::pen::{Pen, above, below};
@@ -49,9 +49,9 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             let head = status::priority_words(pen.look, alarm.priority);
             let left = width.saturating_sub(head.len() + waits.width());
             Row::of(Mark::priority(alarm.priority).role, &head)
-                .with(Role::Text, &format!(" {} ", super::short(&alarm.text, left)))
+                .with(ThemeRole::Text, &format!(" {} ", super::short(&alarm.text, left)))
         }
-        None => Row::of(Role::Muted, if model.snapshot.is_some() { "no alarm " } else { "no engine " }),
+        None => Row::of(ThemeRole::Muted, if model.snapshot.is_some() { "no alarm " } else { "no engine " }),
     };
     row.and(waits)
 }
@@ -62,12 +62,12 @@ fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     let key = |action| model.keymap.key(action);
-    let row = Row::of(Role::Key, &key(Action::Quit))
-        .with(Role::Text, " quits  ")
-        .with(Role::Key, &key(Action::Abort))
-        .with(Role::Text, " abort  ")
-        .with(Role::Key, &key(Action::Help))
-        .with(Role::Text, " keys");
+    let row = Row::of(ThemeRole::Key, &key(Action::Quit))
+        .with(ThemeRole::Text, " quits  ")
+        .with(ThemeRole::Key, &key(Action::Abort))
+        .with(ThemeRole::Text, " abort  ")
+        .with(ThemeRole::Key, &key(Action::Help))
+        .with(ThemeRole::Text, " keys");
     pen.row(area, 0, &row);
 }
 
@@ -78,7 +78,7 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             pen.text(
                 area,
                 0,
-                Role::Warning,
+                ThemeRole::Warning,
                 "Make the window larger to read what is open, or leave it with Esc",
             );
             return;
@@ -98,13 +98,13 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let alarm = item.alarm();
         let mark = Mark::priority(alarm.priority);
         Row::of(mark.role, &status::priority_words(pen.look, alarm.priority)).with(
-            Role::Text,
+            ThemeRole::Text,
             &format!(" {} {}", Mark::alarm_state(alarm.state).word, super::short(&alarm.text, 200)),
         )
     });
     let rows: Vec<Row> = alarms.chain(rows.iter().cloned()).collect();
     let left = pen.rows(area, 0, &rows);
     if left == 0 {
-        pen.text(below(area, 0), 0, Role::Muted, "Nothing waits");
+        pen.text(below(area, 0), 0, ThemeRole::Muted, "Nothing waits");
     }
 }

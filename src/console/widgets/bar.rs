@@ -1,7 +1,7 @@
 //! Bars with their limit drawn in, progress, and small trends. Each reads the same without colours.
 
 use super::row::Row;
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 
 /// A share of 0 to 1 as a bar of `width` columns with a limit that is to be reached.
 #[must_use]
@@ -14,20 +14,20 @@ pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) 
         Some(value) => columns(value, width).max(limit_at),
     };
     let role = match value {
-        None => Role::Unknown,
-        Some(value) if value >= limit => Role::Value,
-        Some(_) => Role::Past,
+        None => ThemeRole::Unknown,
+        Some(value) if value >= limit => ThemeRole::Value,
+        Some(_) => ThemeRole::Past,
     };
     let piece = |from: usize, to: usize| {
         let full = filled.clamp(from, to) - from;
         let empty = (to - from) - full;
         Row::of(role, &look.glyph(Glyph::Full).repeat(full))
-            .with(Role::Muted, &look.glyph(Glyph::Empty).repeat(empty))
+            .with(ThemeRole::Muted, &look.glyph(Glyph::Empty).repeat(empty))
     };
     if width == 0 {
         return Row::new();
     }
-    piece(0, limit_at).with(Role::Limit, look.glyph(Glyph::Limit)).and(piece(limit_at + 1, width))
+    piece(0, limit_at).with(ThemeRole::Limit, look.glyph(Glyph::Limit)).and(piece(limit_at + 1, width))
 }
 
 /// How much of something is done.
@@ -35,8 +35,8 @@ pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) 
 pub fn progress(look: &Look, done: u64, budget: u64, width: usize) -> Row {
     let share = if budget == 0 { 0.0 } else { done as f64 / budget as f64 };
     let filled = columns(share, width);
-    Row::of(Role::Running, &look.glyph(Glyph::Full).repeat(filled))
-        .with(Role::Muted, &look.glyph(Glyph::Empty).repeat(width - filled))
+    Row::of(ThemeRole::Running, &look.glyph(Glyph::Full).repeat(filled))
+        .with(ThemeRole::Muted, &look.glyph(Glyph::Empty).repeat(width - filled))
 }
 
 /// Outcomes as signs, the newest last; what does not fit is left off at the front.
@@ -46,7 +46,8 @@ pub fn outcomes(look: &Look, outcomes: &[bool], width: usize) -> Row {
     let mut row = Row::new();
     for run in shown.chunk_by(|a, b| a == b) {
         let good = run.first().copied().unwrap_or(true);
-        let (glyph, role) = if good { (Glyph::Neutral, Role::Text) } else { (Glyph::Bad, Role::Bad) };
+        let (glyph, role) =
+            if good { (Glyph::Neutral, ThemeRole::Text) } else { (Glyph::Bad, ThemeRole::Bad) };
         row.push(role, &look.glyph(glyph).repeat(run.len()));
     }
     row

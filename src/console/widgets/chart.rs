@@ -7,7 +7,7 @@ use ratatui::layout::Rect;
 use super::dots::{ACROSS, DOWN, Dots, Ink};
 use super::pen::Pen;
 use super::row::Row;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 
 /// Columns left of a chart, for its numbers.
 const SCALE: u16 = 6;
@@ -72,7 +72,7 @@ impl Chart<'_> {
         for (x, (least, most)) in (0i64..).step_by(step).zip(&columns) {
             let past = self.limit.is_some_and(|limit| f64::from(*most) > limit);
             let ink = Ink {
-                role: if past { Role::Past } else { Role::Value },
+                role: if past { ThemeRole::Past } else { ThemeRole::Value },
                 ascii: if past { "X" } else { "*" },
                 dashed: false,
             };
@@ -97,23 +97,23 @@ impl Chart<'_> {
         let width = usize::from(SCALE - 1);
         let number =
             |value: f64| if value.abs() < 100.0 { format!("{value:.2}") } else { format!("{value:.0}") };
-        pen.row(area, 0, &Row::new().cell_right(Role::Muted, &number(high), width));
+        pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, &number(high), width));
         if area.height > 1 {
-            pen.row(area, area.height - 1, &Row::new().cell_right(Role::Muted, &number(low), width));
+            pen.row(area, area.height - 1, &Row::new().cell_right(ThemeRole::Muted, &number(low), width));
         }
         let Some(limit) = self.limit.filter(|limit| limit.is_finite()) else { return };
         let at = usize::try_from(y(limit)).map_or(0, |dot| dot / DOWN);
         let at = u16::try_from(at).unwrap_or(0).min(area.height - 1);
         let line = if pen.look.ascii() { "-" } else { "╌" };
         for x in plot.left()..plot.right() {
-            pen.cell(x, area.y + at, line, Role::Limit);
+            pen.cell(x, area.y + at, line, ThemeRole::Limit);
         }
-        pen.row(area, at, &Row::new().cell_right(Role::Limit, &number(limit), width));
+        pen.row(area, at, &Row::new().cell_right(ThemeRole::Limit, &number(limit), width));
         let label = format!(" {} limit {} ", pen.look.glyph(Glyph::Limit), number(limit));
         let label_width = u16::try_from(label.chars().count()).unwrap_or(0);
         if plot.width > 2 * label_width {
             let x = plot.right() - label_width;
-            pen.row(Rect { x, width: label_width, ..plot }, at, &Row::of(Role::Limit, &label));
+            pen.row(Rect { x, width: label_width, ..plot }, at, &Row::of(ThemeRole::Limit, &label));
         }
     }
 }

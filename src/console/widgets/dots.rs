@@ -5,7 +5,7 @@
 use ratatui::layout::Rect;
 
 use super::pen::Pen;
-use crate::look::Role;
+use crate::look::ThemeRole;
 
 /// Dots across a cell.
 pub const ACROSS: usize = 2;
@@ -20,7 +20,7 @@ const LINE_MAX: i64 = 20_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ink {
     /// Its role.
-    pub role: Role,
+    pub role: ThemeRole,
     /// Its sign in ASCII.
     pub ascii: &'static str,
     /// Whether every other pair of dots is left off: what is no more than a ghost.
@@ -28,9 +28,9 @@ pub struct Ink {
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Cell {
+struct DotCell {
     bits: u8,
-    ink: Option<(Role, &'static str)>,
+    ink: Option<(ThemeRole, &'static str)>,
 }
 
 /// A grid of dots.
@@ -38,7 +38,7 @@ struct Cell {
 pub struct Dots {
     columns: usize,
     rows: usize,
-    cells: Vec<Cell>,
+    cells: Vec<DotCell>,
 }
 
 /// Bits of braille by column and row of the dot.
@@ -49,7 +49,7 @@ impl Dots {
     #[must_use]
     pub fn new(area: Rect) -> Self {
         let (columns, rows) = (usize::from(area.width), usize::from(area.height));
-        Self { columns, rows, cells: vec![Cell::default(); columns * rows] }
+        Self { columns, rows, cells: vec![DotCell::default(); columns * rows] }
     }
 
     /// Dots across and down.
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn lines_reach_both_ends_and_nothing_outside_counts() {
-        let ink = Ink { role: Role::Robot, ascii: "#", dashed: false };
+        let ink = Ink { role: ThemeRole::Robot, ascii: "#", dashed: false };
         let mut dots = Dots::new(Rect::new(0, 0, 4, 2));
         dots.line((0, 0), (7, 7), ink);
         let set: u32 = dots.cells.iter().map(|cell| cell.bits.count_ones()).sum();

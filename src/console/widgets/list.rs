@@ -4,7 +4,7 @@ use ratatui::layout::Rect;
 
 use super::pen::Pen;
 use super::row::Row;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 
 /// Columns before a row: the mark of the row under the cursor.
 pub const GUTTER: u16 = 2;
@@ -37,8 +37,8 @@ impl Pen<'_> {
         for (index, at) in (first..count).zip(0..area.height) {
             self.row(inner, at, &row(index, usize::from(width)));
             if cursor == Some(index) {
-                self.row(area, at, &Row::of(Role::Text, self.look.glyph(Glyph::Here)));
-                self.lay(Rect { y: area.y + at, height: 1, ..area }, Role::Selected);
+                self.row(area, at, &Row::of(ThemeRole::Text, self.look.glyph(Glyph::Here)));
+                self.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
             }
         }
     }

@@ -6,7 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
 use super::row::{Row, wrap};
-use crate::look::{Glyph, Look, Role};
+use crate::look::{Glyph, Look, ThemeRole};
 
 /// How much room the screen has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -73,7 +73,7 @@ impl Pen<'_> {
                 y,
                 self.look.glyph(Glyph::Ellipsis),
                 1,
-                self.look.style(Role::Muted),
+                self.look.style(ThemeRole::Muted),
             );
         }
     }
@@ -87,7 +87,7 @@ impl Pen<'_> {
     }
 
     /// Draws wrapped text from `at` on; tells how many lines it took.
-    pub fn text(&mut self, area: Rect, at: u16, role: Role, text: &str) -> u16 {
+    pub fn text(&mut self, area: Rect, at: u16, role: ThemeRole, text: &str) -> u16 {
         let rows_max = usize::from(area.height.saturating_sub(at));
         let lines = wrap(text, usize::from(area.width), rows_max);
         let rows: Vec<Row> = lines.iter().map(|line| Row::of(role, line)).collect();
@@ -95,7 +95,7 @@ impl Pen<'_> {
     }
 
     /// One cell; the sign must be one column wide.
-    pub fn cell(&mut self, x: u16, y: u16, sign: &str, role: Role) {
+    pub fn cell(&mut self, x: u16, y: u16, sign: &str, role: ThemeRole) {
         let style = self.look.style(role);
         if let Some(cell) = self.buf.cell_mut((x, y)) {
             cell.set_symbol(sign).set_style(style);
@@ -103,14 +103,14 @@ impl Pen<'_> {
     }
 
     /// Lays a role over an area, text kept.
-    pub fn lay(&mut self, area: Rect, role: Role) {
+    pub fn lay(&mut self, area: Rect, role: ThemeRole) {
         let style = self.look.style(role);
         self.buf.set_style(area.intersection(self.buf.area), style);
     }
 
     /// Empties an area.
     pub fn clear(&mut self, area: Rect) {
-        let style = self.look.style(Role::Text);
+        let style = self.look.style(ThemeRole::Text);
         let area = area.intersection(self.buf.area);
         for y in area.top()..area.bottom() {
             for x in area.left()..area.right() {
@@ -125,15 +125,17 @@ impl Pen<'_> {
     /// A pane's heading line; what is below it is the pane. `right` stands at the right end.
     pub fn pane(&mut self, area: Rect, title: &str, focused: bool, right: &str) -> Rect {
         let line = self.look.glyph(Glyph::Horizontal);
-        let role = if focused { Role::Focus } else { Role::Title };
+        let role = if focused { ThemeRole::Focus } else { ThemeRole::Title };
         let lead = if focused { self.look.glyph(Glyph::Here) } else { line };
-        let mut heading =
-            Row::of(Role::Rule, lead).with(Role::Rule, " ").with(role, title).with(Role::Rule, " ");
+        let mut heading = Row::of(ThemeRole::Rule, lead)
+            .with(ThemeRole::Rule, " ")
+            .with(role, title)
+            .with(ThemeRole::Rule, " ");
         let right = if right.is_empty() { String::new() } else { format!(" {right} ") };
-        let tail = Row::of(Role::Muted, &right).with(Role::Rule, line);
+        let tail = Row::of(ThemeRole::Muted, &right).with(ThemeRole::Rule, line);
         let width = usize::from(area.width);
         let fill = width.saturating_sub(heading.width() + tail.width());
-        heading.push(Role::Rule, &line.repeat(fill));
+        heading.push(ThemeRole::Rule, &line.repeat(fill));
         // Where both do not fit, the title stays.
         let heading = if heading.width() + tail.width() <= width { heading.and(tail) } else { heading };
         self.row(area, 0, &heading);
@@ -144,7 +146,7 @@ impl Pen<'_> {
     pub fn divider(&mut self, area: Rect) {
         let sign = self.look.glyph(Glyph::Vertical);
         for y in area.top()..area.bottom() {
-            self.cell(area.x, y, sign, Role::Rule);
+            self.cell(area.x, y, sign, ThemeRole::Rule);
         }
     }
 

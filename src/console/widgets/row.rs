@@ -6,7 +6,7 @@ use std::borrow::Cow;
 
 use unicode_width::UnicodeWidthStr as _;
 
-use crate::look::Role;
+use crate::look::ThemeRole;
 use holdpoint_text::Untrusted;
 
 /// The widest piece, columns: wider than any screen that is drawn.
@@ -15,7 +15,7 @@ const PIECE_MAX: usize = 600;
 /// A line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Row {
-    parts: Vec<(Cow<'static, str>, Role)>,
+    parts: Vec<(Cow<'static, str>, ThemeRole)>,
     width: usize,
 }
 
@@ -38,19 +38,19 @@ impl Row {
 
     /// A line of one piece.
     #[must_use]
-    pub fn of(role: Role, text: &str) -> Self {
+    pub fn of(role: ThemeRole, text: &str) -> Self {
         Self::new().with(role, text)
     }
 
     /// Adds a piece.
     #[must_use]
-    pub fn with(mut self, role: Role, text: &str) -> Self {
+    pub fn with(mut self, role: ThemeRole, text: &str) -> Self {
         self.push(role, text);
         self
     }
 
     /// Adds a piece.
-    pub fn push(&mut self, role: Role, text: &str) {
+    pub fn push(&mut self, role: ThemeRole, text: &str) {
         let text = safe(text, PIECE_MAX);
         self.width += text.width();
         self.parts.push((Cow::Owned(text), role));
@@ -58,7 +58,7 @@ impl Row {
 
     /// Adds a piece that takes exactly `width` columns: cut with an ellipsis, or filled up with blanks.
     #[must_use]
-    pub fn cell(mut self, role: Role, text: &str, width: usize) -> Self {
+    pub fn cell(mut self, role: ThemeRole, text: &str, width: usize) -> Self {
         let text = safe(text, width);
         let missing = width.saturating_sub(text.width());
         self.width += width;
@@ -69,7 +69,7 @@ impl Row {
 
     /// As [`Row::cell`], with the text at the right.
     #[must_use]
-    pub fn cell_right(mut self, role: Role, text: &str, width: usize) -> Self {
+    pub fn cell_right(mut self, role: ThemeRole, text: &str, width: usize) -> Self {
         let text = safe(text, width);
         let missing = width.saturating_sub(text.width());
         self.blank(missing);
@@ -80,7 +80,7 @@ impl Row {
 
     fn blank(&mut self, columns: usize) {
         if columns > 0 {
-            self.parts.push((Cow::Owned(" ".repeat(columns.min(PIECE_MAX))), Role::Text));
+            self.parts.push((Cow::Owned(" ".repeat(columns.min(PIECE_MAX))), ThemeRole::Text));
         }
     }
 
@@ -108,7 +108,7 @@ impl Row {
     }
 
     /// The pieces.
-    pub fn parts(&self) -> impl Iterator<Item = (&str, Role)> {
+    pub fn parts(&self) -> impl Iterator<Item = (&str, ThemeRole)> {
         self.parts.iter().map(|(text, role)| (text.as_ref(), *role))
     }
 }
@@ -133,11 +133,12 @@ mod tests {
 
     #[test]
     fn cells_keep_their_width_and_nothing_foreign_acts() {
-        let row = Row::new().cell(Role::Text, "漢字漢字", 5).cell_right(Role::Text, "7", 3).to_column(12);
+        let row =
+            Row::new().cell(ThemeRole::Text, "漢字漢字", 5).cell_right(ThemeRole::Text, "7", 3).to_column(12);
         let text: String = row.parts().map(|(text, _)| text).collect();
         assert_eq!(text.width(), 12, "{text:?}");
         assert_eq!(row.width(), 12);
-        let hostile = Row::of(Role::Text, "a\u{1b}[2J\u{202e}b");
+        let hostile = Row::of(ThemeRole::Text, "a\u{1b}[2J\u{202e}b");
         assert!(hostile.parts().all(|(text, _)| !text.contains(['\u{1b}', '\u{202e}'])));
     }
 

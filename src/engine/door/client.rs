@@ -32,7 +32,7 @@ pub struct Subscription {
 
 /// What a subscriber is told.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
+pub enum Notification {
     /// Something happened.
     Event(Box<Event>),
     /// So many events were dropped, because they were not read in time.
@@ -133,11 +133,11 @@ impl Subscription {
     ///
     /// # Errors
     /// [`DoorError::Ended`] where the engine has ended; else as [`Client::ask`].
-    pub fn next(&mut self, at_most: Duration) -> Result<Option<Told>, DoorError> {
+    pub fn next(&mut self, at_most: Duration) -> Result<Option<Notification>, DoorError> {
         match self.lines.next(at_most)? {
             None => Ok(None),
-            Some(Answer::Event { event }) => Ok(Some(Told::Event(event))),
-            Some(Answer::Lagged { missed }) => Ok(Some(Told::Missed(missed))),
+            Some(Answer::Event { event }) => Ok(Some(Notification::Event(event))),
+            Some(Answer::Lagged { missed }) => Ok(Some(Notification::Missed(missed))),
             Some(Answer::Closed { text }) => Err(self.lines.protocol(text)),
             Some(Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed) => {
                 Err(self.lines.protocol("that is no event".to_owned()))

@@ -37,7 +37,7 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// What the socket's thread works with.
 #[derive(Clone)]
-pub(super) struct Server {
+pub(super) struct DoorServer {
     pub(super) requests: SyncSender<Incoming>,
     pub(super) events: broadcast::Sender<Arc<str>>,
     pub(super) endings: Arc<AtomicUsize>,
@@ -45,7 +45,7 @@ pub(super) struct Server {
     pub(super) stop: CancellationToken,
 }
 
-impl Server {
+impl DoorServer {
     /// Starts the thread.
     pub(super) fn start(self, listener: StdListener, signals: Signals) -> io::Result<JoinHandle<()>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;

@@ -3,7 +3,7 @@
 //! Counts are computed from the raw pairs and drills in the record by the rule's own statistics, never guessed: a
 //! number of episodes is the smallest that brings the rule's bound within its limit.
 
-use super::seen::{Dossier, Noted};
+use super::seen::{DossierRecord, Noted};
 use holdpoint_governance::behavior::{Component, ComponentName};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
@@ -34,13 +34,13 @@ pub const fn is_in_favour(code: ReasonCode) -> bool {
 }
 
 /// The component a behavioural reason is about: its text begins with the name.
-fn component<'a>(reason: &Noted, dossier: &'a Dossier) -> Option<&'a Component> {
+fn component<'a>(reason: &Noted, dossier: &'a DossierRecord) -> Option<&'a Component> {
     let behavior = dossier.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
     behavior.components.iter().find(|component| reason.text.starts_with(component.name.name()))
 }
 
 /// What was measured for a reason, where the evidence tells more than the reason.
-pub(super) fn measured(reason: &Noted, dossier: &Dossier) -> Option<String> {
+pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
     if let Some(component) = component(reason, dossier) {
         let n = dossier.behavior.as_ref().map_or(0, |behavior| behavior.pairs);
         let Component { name, worsening, lower, upper, tolerance } = component;
@@ -70,7 +70,7 @@ pub(super) fn measured(reason: &Noted, dossier: &Dossier) -> Option<String> {
 }
 
 /// What would have to change for a reason to go away; `None` where it speaks for the version.
-pub(super) fn change(reason: &Noted, dossier: &Dossier) -> Option<String> {
+pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
     use ReasonCode as Code;
     // What another build wrote is told with its number against its limit.
     let Some(code) = reason.code.known() else { return Some(against(reason)) };
@@ -221,7 +221,7 @@ fn against(reason: &Noted) -> String {
     }
 }
 
-fn behaviour(component: &Component, dossier: &Dossier) -> String {
+fn behaviour(component: &Component, dossier: &DossierRecord) -> String {
     let Component { name, worsening, upper, tolerance, .. } = component;
     let name = name.name();
     let bound = upper.map_or_else(|| "unbounded".to_owned(), |upper| format!("95 % bound {upper:.3}"));
@@ -232,7 +232,7 @@ fn behaviour(component: &Component, dossier: &Dossier) -> String {
 
 /// How many episodes fewer may be worse for the upper bound to come within the tolerance. Absent for what is not
 /// counted per episode (time, retries).
-fn fewer(component: &Component, dossier: &Dossier) -> Option<(u64, u64)> {
+fn fewer(component: &Component, dossier: &DossierRecord) -> Option<(u64, u64)> {
     let bad: fn(&EpisodeValues) -> bool = match component.name {
         ComponentName::Success => |values| !values.success,
         ComponentName::Violation => |values| values.violation,
@@ -252,7 +252,7 @@ fn fewer(component: &Component, dossier: &Dossier) -> Option<(u64, u64)> {
 }
 
 /// `rollback drills passed 26 of 40; 28 are needed`.
-fn drills(reason: &Noted, dossier: &Dossier) -> String {
+fn drills(reason: &Noted, dossier: &DossierRecord) -> String {
     let (Some((candidate, _)), Some(floor)) = (&dossier.drills, reason.limit) else { return against(reason) };
     let (passed, all) = (candidate.rollback.passed, candidate.rollback.feasible());
     match needed(floor, all) {
@@ -267,7 +267,7 @@ fn needed(floor: f64, all: u32) -> Option<u32> {
 }
 
 /// The drills that pull recovery down.
-fn weakest(reason: &Noted, dossier: &Dossier) -> String {
+fn weakest(reason: &Noted, dossier: &DossierRecord) -> String {
     let share = |tally: &DrillTally| f64::from(tally.passed) / f64::from(tally.feasible());
     let lowest = |drills: &Drills| {
         let tallies = DrillKind::ALL.map(|kind| (kind.name(), *drills.of(kind)));

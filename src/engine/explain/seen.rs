@@ -17,7 +17,7 @@ use holdpoint_governance::words::Word;
 
 /// The body of a `decision` record.
 #[derive(Debug, Deserialize)]
-pub(super) struct Decision {
+pub(super) struct DecisionRecord {
     /// A word, or a word with content.
     pub(super) outcome: Value,
     #[serde(default)]
@@ -67,13 +67,13 @@ impl Noted {
 
 /// The body of a `state-set` record.
 #[derive(Debug, Deserialize)]
-pub(super) struct Change {
-    pub(super) change: Moved,
+pub(super) struct StateSetRecord {
+    pub(super) change: MoveRecord,
 }
 
 /// A state that changed.
 #[derive(Debug, Deserialize)]
-pub(super) struct Moved {
+pub(super) struct MoveRecord {
     pub(super) from: State,
     pub(super) to: State,
     #[serde(default)]
@@ -83,7 +83,7 @@ pub(super) struct Moved {
 /// A dossier, as far as it is explained.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Dossier {
+pub(super) struct DossierRecord {
     pub(super) kappas: Option<Value>,
     #[serde(deserialize_with = "readable")]
     pub(super) behavior: Option<BehaviorAssessment>,
@@ -95,7 +95,7 @@ pub(super) struct Dossier {
     pub(super) pairs: Option<Vec<Pair>>,
 }
 
-impl Dossier {
+impl DossierRecord {
     /// Whether the text was a dossier: one that was assessed has its four values.
     pub(super) const fn is_one(&self) -> bool {
         self.kappas.is_some()

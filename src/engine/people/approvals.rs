@@ -13,7 +13,7 @@ use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::Event;
+use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
@@ -34,7 +34,7 @@ use crate::record::Record;
 pub const SHOWN_BYTES_MAX: usize = 16 * 1024;
 
 /// Something that waits for people.
-pub struct Prompt {
+pub struct PendingQuestion {
     id: String,
     request: Request,
     votes: Vec<Vote>,
@@ -49,7 +49,7 @@ pub struct Prompt {
     review: bool,
 }
 
-impl Prompt {
+impl PendingQuestion {
     /// The version's row as the question names it: an answer over another one is void.
     #[must_use]
     pub const fn life_row_version(&self) -> u64 {
@@ -80,7 +80,7 @@ impl Prompt {
 /// The open questions.
 #[derive(Default)]
 pub struct Approvals {
-    prompts: BTreeMap<CapabilityId, Prompt>,
+    prompts: BTreeMap<CapabilityId, PendingQuestion>,
     /// Approved, and waiting for the end of a sequence.
     granted: BTreeSet<CapabilityId>,
 }
@@ -88,12 +88,12 @@ pub struct Approvals {
 impl Approvals {
     /// The question about a version.
     #[must_use]
-    pub fn of(&self, id: &CapabilityId) -> Option<&Prompt> {
+    pub fn of(&self, id: &CapabilityId) -> Option<&PendingQuestion> {
         self.prompts.get(id)
     }
 
     /// Takes the question about a version away: it is answered, or void.
-    pub fn close(&mut self, id: &CapabilityId) -> Option<Prompt> {
+    pub fn close(&mut self, id: &CapabilityId) -> Option<PendingQuestion> {
         self.prompts.remove(id)
     }
 
@@ -110,7 +110,7 @@ impl Approvals {
     /// Questions whose time is over.
     #[must_use]
     pub fn due(&self, now_ms: u64) -> Vec<CapabilityId> {
-        let due = |(id, prompt): &(&CapabilityId, &Prompt)| {
+        let due = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
             prompt.deadline_ms <= now_ms && !self.granted.contains(*id)
         };
         self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
@@ -172,9 +172,9 @@ impl Approvals {
             before: vec![Change::PutApprovalRequest(Box::new(question))],
             ..Note::because("people are asked")
         };
-        record.transition(&id.family, Event::RequestApproval { version }, note)?;
+        record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         let life_row_version = record.ledger().version(id)?.1.row_version;
-        let prompt = Prompt {
+        let prompt = PendingQuestion {
             id: prompt_id,
             request: Request {
                 subject: Subject {
@@ -318,7 +318,7 @@ impl Approvals {
 pub fn closing_note(
     context: &Context,
     id: &CapabilityId,
-    prompt: &Prompt,
+    prompt: &PendingQuestion,
     state: RequestState,
     reason: &str,
 ) -> Note {
@@ -362,7 +362,7 @@ fn view(
     record: &Record,
     dossiers: &Dossiers,
     id: &CapabilityId,
-    prompt: &Prompt,
+    prompt: &PendingQuestion,
 ) -> PromptView {
     let approved = prompt.votes.iter().filter(|vote| vote.answer == Answer::Approve);
     let quorum = prompt.request.quorum;
@@ -393,7 +393,7 @@ fn view(
 }
 
 /// What happens when a version gets worse after its activation.
-fn on_drift(context: &Context, prompt: &Prompt) -> String {
+fn on_drift(context: &Context, prompt: &PendingQuestion) -> String {
     let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
     let back = prompt.replaces.as_ref().map_or_else(
         || "it is taken off and the family stops, for there is no way back".to_owned(),

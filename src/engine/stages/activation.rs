@@ -5,7 +5,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::gate::{self, GateInput, GateOutcome, GatePassed, GateResult};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::EventKind;
@@ -107,12 +107,12 @@ impl Activation<'_> {
             // A pass without its proof is no pass.
             (GateOutcome::Demote | GateOutcome::Pass, _) => {
                 let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
-                self.record.transition(&id.family, Event::Demote { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
                 Ok(())
             }
             (GateOutcome::Reject, _) => {
                 let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
-                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 rejected(self.context, self.record, id)
             }
         }
@@ -152,7 +152,7 @@ impl Activation<'_> {
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
-                let event = Event::Approved { version, row_version: prompt.life_row_version() };
+                let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
                 let note = closing_note(self.context, id, &prompt, RequestState::Granted, &reason);
                 self.record.transition(&id.family, event, note)?;
                 clear_alarm(self.record, id, prompt.last_voter());
@@ -164,7 +164,7 @@ impl Activation<'_> {
                 let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
                 self.dossiers.edit(id).reasons.clone_from(&result.reasons);
                 let note = closing_note(self.context, id, &prompt, RequestState::Refused, &reason);
-                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 clear_alarm(self.record, id, Some(person.clone()));
                 rejected(self.context, self.record, id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
@@ -175,7 +175,7 @@ impl Activation<'_> {
                 dossier.reasons.clone_from(&result.reasons);
                 dossier.held = true;
                 let note = closing_note(self.context, id, &prompt, RequestState::Expired, &reason);
-                self.record.transition(&id.family, Event::ApprovalExpired { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 clear_alarm(self.record, id, None);
                 let why = "nobody answered in time; the version is held";
                 abort_stage(self.record, self.dossiers, id, why)?;
@@ -193,7 +193,7 @@ impl Activation<'_> {
         approvals: &[SignedApproval],
     ) -> Result<(), Fault> {
         let (version, _, _) = self.record.ledger().version(id)?;
-        let event = Event::Pass { version, stage: Stage::Activation };
+        let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
         self.record.transition(&id.family, event, Note::because("the gate is passed"))?;
         let evidence = self.dossiers.edit(id).digest()?;
         let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
@@ -218,7 +218,7 @@ impl Activation<'_> {
         };
         // Without a live monitor no tick runs under a provisional version: it is made first.
         let watched = Watched::new(id, self.dossiers.of(id), self.context, self.record.now_tick())?;
-        self.record.transition(&id.family, Event::Activate { version }, note)?;
+        self.record.transition(&id.family, LifecycleEvent::Activate { version }, note)?;
         self.monitors.insert(watched);
         let terms = passed.terms();
         self.record.tell(EventKind::Activated {

@@ -3,7 +3,7 @@
 use holdpoint_governance::alarms::AlarmEvent;
 use holdpoint_governance::decision::{Decision, Kappa, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::event::EventKind;
@@ -119,7 +119,7 @@ pub(crate) fn abort_stage(
 ) -> Result<(), Fault> {
     let (version, _, _) = record.ledger().version(id)?;
     dossiers.edit(id).progress = None;
-    record.transition(&id.family, Event::Abort { version }, Note::because(why))?;
+    record.transition(&id.family, LifecycleEvent::Abort { version }, Note::because(why))?;
     Ok(())
 }
 

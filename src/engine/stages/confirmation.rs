@@ -85,7 +85,7 @@ pub fn begin(
 }
 
 /// How a slice ended.
-pub enum Step {
+pub enum ConfirmationStep {
     /// It goes on, with so many episodes worked.
     GoOn(Box<ConfirmationRun>, u64),
     /// The monitor has taken the version off meanwhile, or people have.
@@ -107,14 +107,14 @@ pub fn slice(
     dossiers: &mut Dossiers,
     monitors: &Monitors,
     mut run: Box<ConfirmationRun>,
-) -> Result<Step, Fault> {
+) -> Result<ConfirmationStep, Fault> {
     let id = run.id.clone();
     if monitors.of(&id).is_none() {
-        return Ok(Step::Gone);
+        return Ok(ConfirmationStep::Gone);
     }
     if run.is_over() {
         let settled = conclude(context, record, dossiers, &id, &run.evaluation)?;
-        return Ok(if settled { Step::Settled(id) } else { Step::DoubtRemains(id) });
+        return Ok(if settled { ConfirmationStep::Settled(id) } else { ConfirmationStep::DoubtRemains(id) });
     }
     let candidate = record.capability(&id)?;
     let ledger = record.ledger();
@@ -123,7 +123,7 @@ pub fn slice(
     let (new, old) = (party(&candidate), party(&run.predecessor));
     let lab = trials.lab(&context.cell, store);
     let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {
-        return Ok(Step::GoOn(run, 0));
+        return Ok(ConfirmationStep::GoOn(run, 0));
     };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
     if !fresh.is_empty() {
@@ -133,7 +133,7 @@ pub fn slice(
     let done = (slice.done, Plan::confirmation(&context.profile).budget());
     let what = format!("confirmation, {}", slice.what);
     progress(record, dossiers, &id, Stage::Sandbox, &what, done);
-    Ok(Step::GoOn(run, fresh.len() as u64))
+    Ok(ConfirmationStep::GoOn(run, fresh.len() as u64))
 }
 
 /// Keeps what came of it. Tells whether the doubt is settled.

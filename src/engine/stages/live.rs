@@ -1,7 +1,7 @@
 //! What stages 6 and 7 work on: the live cell under watch, and the record of it.
 
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 use crate::binding::terms_of;
 use crate::context::Context;
@@ -32,7 +32,7 @@ pub struct Live<'a> {
 impl Live<'_> {
     /// What a version runs under now.
     #[must_use]
-    pub fn terms_of(&self, version: &Capability) -> Terms {
+    pub fn terms_of(&self, version: &Capability) -> SkillTerms {
         terms_of(self.context, self.dossiers, self.monitors, version)
     }
 }

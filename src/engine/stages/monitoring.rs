@@ -2,7 +2,7 @@
 
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Leave};
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent};
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
@@ -261,7 +261,7 @@ impl Live<'_> {
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason =
             reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
-        self.record.transition(&id.family, Event::Restrict { version }, Note::because(reason))?;
+        self.record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
         let priority = self.context.profile.alarms.restricted;
         let text = format!("{id} is restricted");
         self.record.raise(&format!("restricted:{id}"), "monitor", priority, true, &text);
@@ -287,7 +287,7 @@ impl Live<'_> {
             return Ok(());
         }
         let note = Note::because("the provisional window passed without a trip");
-        self.record.transition(&id.family, Event::Confirm { version }, note)?;
+        self.record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
         self.record.tell(EventKind::Confirmed { version: id.clone(), episodes });
         self.record.close_audit(id, UpgradeEnd::Confirmed)
     }

@@ -5,7 +5,7 @@
 //! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::{Event, Leave, State, VersionRef};
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
@@ -14,7 +14,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ActiveCause, Change};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
 
 use super::live::Live;
@@ -51,7 +51,7 @@ impl Live<'_> {
         let target = standing.predecessor;
         if !standing.flags.rollback_pending {
             let note = Note::because(format!("command authority is revoked: {}", trigger.text));
-            self.record.transition(&id.family, Event::BeginRollback { version }, note)?;
+            self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
         }
         let mut record = RollbackRecord {
             candidate: id.clone(),
@@ -99,7 +99,7 @@ impl Live<'_> {
             before: vec![evidence(&record)?],
             ..Note::because(record.trigger.text.clone())
         };
-        match self.record.transition(&id.family, Event::FinishRollback { version, leave }, note) {
+        match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => self.rung(&mut record, Rung::SwapBinding, None, "the predecessor is bound again"),
             Err(Fault::Ledger(LedgerError::Store(error))) => {
                 let text = format!("the swap could not be written: {}", error.sentence());
@@ -216,7 +216,7 @@ impl Live<'_> {
     }
 
     /// Draws the ladder, where pictures are wanted.
-    fn sketch(&self, of: &Capability, terms: &Terms) -> Option<Sketch> {
+    fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<Sketch> {
         let pictures = self.world.pictures.clone()?;
         let envelope = portrait::envelope(terms.envelope());
         let sequence = self.world.cell.sequences().saturating_sub(1);
@@ -268,7 +268,7 @@ impl Live<'_> {
                 record.trigger.text
             ))
         };
-        self.record.transition(&id.family, Event::FailRollback { version }, note)?;
+        self.record.transition(&id.family, LifecycleEvent::FailRollback { version }, note)?;
         let priority = self.context.profile.alarms.safe_stopped;
         let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
         self.record.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);

@@ -5,7 +5,7 @@ use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{Binding, Drills, HardStop};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
@@ -45,10 +45,10 @@ enum Alone {
 pub struct SandboxRun {
     id: CapabilityId,
     binding: Binding,
-    phase: Phase,
+    phase: SandboxPhase,
 }
 
-enum Phase {
+enum SandboxPhase {
     /// With the records so far.
     Alone(Alone, Vec<TaskRecord>),
     Compare(Box<Comparison>),
@@ -83,7 +83,7 @@ pub struct Sandbox<'a> {
 }
 
 /// How a slice ended.
-pub struct Step {
+pub struct SandboxStep {
     /// The run, where it goes on.
     pub run: Option<Box<SandboxRun>>,
     /// Episodes worked, beside which the live world works on.
@@ -117,7 +117,7 @@ pub fn begin(
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
     dossier.bindings = vec![binding];
-    let phase = Phase::Alone(Alone::Canonical, Vec::new());
+    let phase = SandboxPhase::Alone(Alone::Canonical, Vec::new());
     Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
 }
 
@@ -130,10 +130,10 @@ impl Sandbox<'_> {
     ///
     /// # Errors
     /// Where a worker fails, or the end of the stage cannot be written.
-    pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<Step, Fault> {
+    pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<SandboxStep, Fault> {
         let id = run.id.clone();
         let candidate = self.record.capability(&id)?;
-        let over = Step { run: None, episodes: 0 };
+        let over = SandboxStep { run: None, episodes: 0 };
         let Some(active) = self.record.active_of(&id.family) else {
             let why = "the family has no active version to compare with";
             abort_stage(self.record, self.dossiers, &id, why)?;
@@ -146,18 +146,20 @@ impl Sandbox<'_> {
         }
         let mut episodes = 0;
         run.phase = match run.phase {
-            Phase::Alone(mode, mut records) => {
+            SandboxPhase::Alone(mode, mut records) => {
                 if self.mode_episodes(&candidate, mode, &mut records)? {
                     let seen = self.dossiers.edit(&id).hard_stops.clone();
                     match mode {
-                        Alone::Canonical if seen.is_empty() => Phase::Alone(Alone::Adversarial, Vec::new()),
+                        Alone::Canonical if seen.is_empty() => {
+                            SandboxPhase::Alone(Alone::Adversarial, Vec::new())
+                        }
                         Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
                     }
                 } else {
-                    Phase::Alone(mode, records)
+                    SandboxPhase::Alone(mode, records)
                 }
             }
-            Phase::Compare(mut comparison) => {
+            SandboxPhase::Compare(mut comparison) => {
                 if comparison.evaluation.ended().is_some() {
                     self.decide(&id, &comparison)?;
                     return Ok(over);
@@ -171,15 +173,15 @@ impl Sandbox<'_> {
                     episodes = slice.worked;
                     self.note_slice(&id, &mut comparison, slice)?;
                 }
-                Phase::Compare(comparison)
+                SandboxPhase::Compare(comparison)
             }
         };
-        Ok(Step { run: Some(run), episodes })
+        Ok(SandboxStep { run: Some(run), episodes })
     }
 
-    fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> Phase {
+    fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> SandboxPhase {
         let evaluation = Evaluation::new(Plan::sandbox(&self.context.profile), binding, seen);
-        Phase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
+        SandboxPhase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
     }
 
     /// Keeps what a slice gave.
@@ -281,15 +283,15 @@ impl Sandbox<'_> {
             // The stage that Psi names has been completed on current evidence: a measured
             // incompatibility is final, what the budget could not decide is held back.
             Recommendation::Sandbox if is_undecided(&kappas) => {
-                self.record.transition(&id.family, Event::Demote { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
                 Ok(())
             }
             Recommendation::Reject | Recommendation::Sandbox => {
-                self.record.transition(&id.family, Event::Reject { version }, note)?;
+                self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 rejected(self.context, self.record, id)
             }
             Recommendation::Shadow | Recommendation::Activate | Recommendation::RollbackReview => {
-                let event = Event::Pass { version, stage: Stage::Sandbox };
+                let event = LifecycleEvent::Pass { version, stage: Stage::Sandbox };
                 self.record.transition(&id.family, event, note)?;
                 Ok(())
             }

@@ -4,7 +4,7 @@ use holdpoint_governance::composition::{PsiContext, psi};
 use holdpoint_governance::evidence::{Binding, ShadowEvidence};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Event, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::Check;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
@@ -179,14 +179,14 @@ fn decide(
     let (version, _, _) = record.ledger().version(&id)?;
     match result.check {
         Check::Pass | Check::PassRestricted(_) => {
-            record.transition(&id.family, Event::Pass { version, stage: Stage::Shadow }, note)?;
+            record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Shadow }, note)?;
         }
         Check::Fail => {
-            record.transition(&id.family, Event::Reject { version }, note)?;
+            record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
             rejected(context, record, &id)?;
         }
         Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
-            record.transition(&id.family, Event::Demote { version }, note)?;
+            record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
         }
     }
     Ok(None)

@@ -8,7 +8,7 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::interface::Registered;
-use holdpoint_governance::lifecycle::{Event, Stage, State};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_registry::names::EvidenceKind;
@@ -46,10 +46,10 @@ pub fn run(
     let (version, _, _) = record.ledger().version(id)?;
     let note = stage_note(dossier, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
     if *decision.outcome() == Recommendation::Reject {
-        record.transition(&id.family, Event::Reject { version }, note)?;
+        record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
         return rejected(context, record, id);
     }
-    record.transition(&id.family, Event::Pass { version, stage: Stage::Validation }, note)?;
+    record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)?;
     Ok(())
 }
 

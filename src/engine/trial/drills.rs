@@ -8,8 +8,8 @@
 use holdpoint_body::{Command, GuardVerdict, RATE_HZ, Telemetry};
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::fault::Fault;
-use holdpoint_sim::rng::{Purpose as StreamOf, Stream};
+use holdpoint_sim::fault::InjectedFault;
+use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill};
 use holdpoint_runtime::task::{self, Supervision};
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
 
 /// How a drill ended.
@@ -63,7 +63,7 @@ const POINT_TRIES: u32 = 4;
 pub fn drill(
     worker: &mut Worker,
     cell: &Cell,
-    terms: &Terms,
+    terms: &SkillTerms,
     cast: &Cast<'_>,
     kind: DrillKind,
     seed: u64,
@@ -88,7 +88,7 @@ pub fn drill(
 fn attempt(
     worker: &mut Worker,
     cell: &Cell,
-    terms: &Terms,
+    terms: &SkillTerms,
     cast: &Cast<'_>,
     kind: DrillKind,
     seed: u64,
@@ -126,7 +126,7 @@ fn attempt(
 struct Rehearsal<'a, 'b> {
     arm: &'a mut Arm<World>,
     guard: Guard,
-    terms: &'a Terms,
+    terms: &'a SkillTerms,
     cast: &'a Cast<'b>,
     seed: u64,
 }
@@ -274,19 +274,19 @@ fn safe_pose(held_before: bool, seen: &Telemetry) -> bool {
 }
 
 /// Picks a fault that can be noticed in the present state, and the signals that name it.
-fn choose_fault(held: bool, stream: &mut Stream) -> (Fault, &'static [WatcherSignal]) {
+fn choose_fault(held: bool, stream: &mut Stream) -> (InjectedFault, &'static [WatcherSignal]) {
     let pick = stream.uniform(0.0, 1.0);
     if held {
         if pick < 0.5 {
-            (Fault::GripLost, &[WatcherSignal::ObjectLost, WatcherSignal::ObjectSlip])
+            (InjectedFault::GripLost, &[WatcherSignal::ObjectLost, WatcherSignal::ObjectSlip])
         } else {
-            (Fault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
+            (InjectedFault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
         }
     } else if pick < 0.34 {
-        (Fault::CameraLost, &[WatcherSignal::StaleInput])
+        (InjectedFault::CameraLost, &[WatcherSignal::StaleInput])
     } else if pick < 0.67 {
-        (Fault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
+        (InjectedFault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
     } else {
-        (Fault::ToolDead, &[WatcherSignal::ToolLost, WatcherSignal::GripFault])
+        (InjectedFault::ToolDead, &[WatcherSignal::ToolLost, WatcherSignal::GripFault])
     }
 }

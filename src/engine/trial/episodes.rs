@@ -16,7 +16,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{self, Supervision, TaskRecord};
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// A worker of the pool: one world, used again for every episode.
 pub struct Worker {
@@ -55,7 +55,7 @@ impl Default for Worker {
 pub fn episode(
     worker: &mut Worker,
     cell: &Cell,
-    terms: &Terms,
+    terms: &SkillTerms,
     capability: &Capability,
     conditions: Conditions,
     seed: u64,
@@ -81,7 +81,7 @@ pub fn episode(
 
 /// Which episode, of which version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Job {
+pub struct EpisodeJob {
     /// Index into the list of versions.
     pub version: usize,
     /// The episode.
@@ -96,9 +96,9 @@ pub fn batch(
     jobs: usize,
     cancel: &AtomicBool,
     cell: &Cell,
-    versions: &[(&Capability, &Terms)],
+    versions: &[(&Capability, &SkillTerms)],
     conditions: Conditions,
-    list: &[Job],
+    list: &[EpisodeJob],
 ) -> Result<Vec<TaskRecord>, SimError> {
     let mut records = Vec::with_capacity(list.len());
     run_ordered(
@@ -126,7 +126,7 @@ pub fn batch(
 #[must_use]
 pub fn cache_key(
     cell: &Cell,
-    terms: &Terms,
+    terms: &SkillTerms,
     capability: &Capability,
     conditions: Conditions,
     seed: u64,

@@ -10,7 +10,7 @@ use crate::trial::lab::{Lab, Party};
 use crate::trial::seeds::{Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::composition::recovery_is_reviewable;
-use holdpoint_governance::ended::Ended;
+use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{
     Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
@@ -74,7 +74,7 @@ impl Plan {
 
 /// What the next slice is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Turn {
+enum NextSlice {
     Pairs,
     Drills(DrillKind),
 }
@@ -103,13 +103,13 @@ pub struct Evaluation {
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
     turns: usize,
-    ended: Option<Ended>,
-    part: Part,
+    ended: Option<EndReason>,
+    part: PartialSlice,
 }
 
 /// What is worked of a slice that is not whole yet.
 #[derive(Clone, Debug, Default)]
-struct Part {
+struct PartialSlice {
     pairs: Vec<(TaskRecord, TaskRecord)>,
     drills: (Vec<DrillResult>, Vec<DrillResult>),
 }
@@ -118,7 +118,7 @@ impl Evaluation {
     /// Nothing worked yet. `hard_stops` are those seen before the first pair.
     #[must_use]
     pub fn new(plan: Plan, binding: Binding, hard_stops: Vec<HardStop>) -> Self {
-        let ended = (!hard_stops.is_empty()).then_some(Ended::HardStop);
+        let ended = (!hard_stops.is_empty()).then_some(EndReason::HardStop);
         Self {
             plan,
             binding,
@@ -129,13 +129,13 @@ impl Evaluation {
             drills_tried: [0; DrillKind::ALL.len()],
             turns: 0,
             ended,
-            part: Part::default(),
+            part: PartialSlice::default(),
         }
     }
 
     /// How it ended; absent while there is work left.
     #[must_use]
-    pub const fn ended(&self) -> Option<Ended> {
+    pub const fn ended(&self) -> Option<EndReason> {
         self.ended
     }
 
@@ -176,12 +176,12 @@ impl Evaluation {
         let mut records = Vec::new();
         let before = self.done();
         let what = match self.next_turn() {
-            Some(Turn::Pairs) => {
+            Some(NextSlice::Pairs) => {
                 let Some(worked) = self.pair_slice(lab, candidate, active)? else { return Ok(None) };
                 records = worked;
                 "paired episodes".to_owned()
             }
-            Some(Turn::Drills(kind)) => {
+            Some(NextSlice::Drills(kind)) => {
                 if !self.drill_slice(lab, candidate, active, kind)? {
                     return Ok(None);
                 }
@@ -253,7 +253,7 @@ impl Evaluation {
     /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
     /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
     /// rules hold, and a candidate that cannot recover is known sooner.
-    fn next_turn(&self) -> Option<Turn> {
+    fn next_turn(&self) -> Option<NextSlice> {
         let left = |kind: &DrillKind| {
             let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
             feasible < self.plan.drills
@@ -267,29 +267,29 @@ impl Evaluation {
             2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
         });
         if let Some(kind) = suspect {
-            return Some(Turn::Drills(kind));
+            return Some(NextSlice::Drills(kind));
         }
         let budget = u64::from(self.plan.pairs);
         let pairs = (self.pairs.len() as u64) < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
         match (pairs, drill) {
-            (true, Some(kind)) if self.turns % 2 == 1 => Some(Turn::Drills(kind)),
-            (true, _) => Some(Turn::Pairs),
-            (false, Some(kind)) => Some(Turn::Drills(kind)),
+            (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
+            (true, _) => Some(NextSlice::Pairs),
+            (false, Some(kind)) => Some(NextSlice::Drills(kind)),
             (false, None) => None,
         }
     }
 
     fn look(&mut self, profile: &Profile) {
-        let early = |ended: &Ended| *ended != Ended::Full;
+        let early = |ended: &EndReason| *ended != EndReason::Full;
         self.ended = behavior::ended(&self.paired(), &self.binding, profile)
             .filter(early)
             .or_else(|| self.recovery_ended(profile).filter(early))
-            .or_else(|| self.next_turn().is_none().then_some(Ended::Full));
+            .or_else(|| self.next_turn().is_none().then_some(EndReason::Full));
     }
 
     /// A lost recovery ends the evaluation, unless people may still be asked about it: they are shown behaviour
     /// measured over its whole budget.
-    fn recovery_ended(&self, profile: &Profile) -> Option<Ended> {
+    fn recovery_ended(&self, profile: &Profile) -> Option<EndReason> {
         let rehearsed = self.rehearsed();
         let ended = recovery::ended(&rehearsed, &self.binding, profile)?;
         let result = recovery::assess_ended(&rehearsed, &self.binding, profile, ended);
@@ -301,7 +301,7 @@ impl Evaluation {
     /// one has then less than its budget and says so.
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
-        let ended = self.ended.unwrap_or(Ended::Full);
+        let ended = self.ended.unwrap_or(EndReason::Full);
         (
             behavior::assess_ended(&self.paired(), &self.binding, profile, ended),
             recovery::assess_ended(&self.rehearsed(), &self.binding, profile, ended),
@@ -331,7 +331,7 @@ mod tests {
     use holdpoint_governance::profile::ProfileName;
     use holdpoint_registry::Store;
     use holdpoint_runtime::capability::{self, Capability};
-    use holdpoint_runtime::terms::Terms;
+    use holdpoint_runtime::terms::SkillTerms;
     use std::path::Path;
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
@@ -361,7 +361,7 @@ mod tests {
     ) -> (Evaluation, Vec<String>) {
         let cell = Cell::builtin().unwrap();
         let table = Arc::new(PolicyTable::builtin(profile).unwrap());
-        let terms = Terms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
+        let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
         let party = |folder: &str| {
             let manifests = Path::new(crate::MANIFESTS);
             let path = manifests.join(folder);
@@ -395,7 +395,7 @@ mod tests {
     fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
         let profile = small();
         let (evaluation, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
-        assert_eq!(evaluation.ended(), Some(Ended::Full));
+        assert_eq!(evaluation.ended(), Some(EndReason::Full));
         let pairs = evaluation.paired().pairs;
         assert_eq!(pairs.len(), 50);
         assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
@@ -414,7 +414,7 @@ mod tests {
         let (evaluation, _) = evaluate("candidates/align-no-stop", "align/1.0.0", &profile);
         assert!(matches!(
             evaluation.ended(),
-            Some(Ended::HardStop | Ended::Curtailed | Ended::FinitePopulation { .. })
+            Some(EndReason::HardStop | EndReason::Curtailed | EndReason::FinitePopulation { .. })
         ));
         assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
         let (_, recovery) = evaluation.assess(&profile);
@@ -436,6 +436,6 @@ mod tests {
     #[test]
     fn a_hard_stop_before_the_first_pair_ends_it() {
         let evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
-        assert_eq!(evaluation.ended(), Some(Ended::HardStop));
+        assert_eq!(evaluation.ended(), Some(EndReason::HardStop));
     }
 }

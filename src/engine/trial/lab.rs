@@ -10,7 +10,7 @@ use holdpoint_sim::pool::run_ordered;
 
 use super::cache::EpisodeCache;
 use super::drills::{Cast, DrillResult, drill};
-use super::episodes::{Job, Worker, batch, cache_key};
+use super::episodes::{EpisodeJob, Worker, batch, cache_key};
 use super::seeds::{Purpose, episode_seed};
 use crate::cell::{Cell, Conditions};
 use crate::fault::Fault;
@@ -19,7 +19,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{EpisodeKey, Store};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// The cell, the workers and the cache that evaluations share.
 pub struct Lab<'a> {
@@ -45,7 +45,7 @@ pub struct Party {
     /// The version.
     pub version: Capability,
     /// Guard, envelope and watcher limits.
-    pub terms: Terms,
+    pub terms: SkillTerms,
     /// What its manifest binds as a fallback, where that is in the registry.
     pub fallback: Option<Capability>,
 }
@@ -58,13 +58,14 @@ impl Lab<'_> {
     pub fn episodes(
         &self,
         version: &Capability,
-        terms: &Terms,
+        terms: &SkillTerms,
         conditions: Conditions,
         purpose: Purpose,
         range: std::ops::Range<u64>,
     ) -> Result<Vec<TaskRecord>, Fault> {
-        let list: Vec<Job> =
-            range.map(|index| Job { version: 0, seed: episode_seed(self.seed, purpose, index) }).collect();
+        let list: Vec<EpisodeJob> = range
+            .map(|index| EpisodeJob { version: 0, seed: episode_seed(self.seed, purpose, index) })
+            .collect();
         let records = batch(self.jobs, self.cancel, self.cell, &[(version, terms)], conditions, &list)?;
         complete(&records, list.len())?;
         Ok(records)
@@ -81,9 +82,10 @@ impl Lab<'_> {
         seeds: &[u64],
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
         let known: Vec<Option<TaskRecord>> = seeds.iter().map(|seed| self.cached(active, *seed)).collect();
-        let mut list: Vec<Job> = seeds.iter().map(|seed| Job { version: 0, seed: *seed }).collect();
+        let mut list: Vec<EpisodeJob> =
+            seeds.iter().map(|seed| EpisodeJob { version: 0, seed: *seed }).collect();
         let missing = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
-        list.extend(missing.map(|(seed, _)| Job { version: 1, seed: *seed }));
+        list.extend(missing.map(|(seed, _)| EpisodeJob { version: 1, seed: *seed }));
         let versions = [(&candidate.version, &candidate.terms), (&active.version, &active.terms)];
         let mut new = batch(self.jobs, self.cancel, self.cell, &versions, Conditions::Sandbox, &list)?;
         complete(&new, list.len())?;

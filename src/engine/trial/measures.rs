@@ -13,7 +13,7 @@ use holdpoint_runtime::task::TaskRecord;
 /// Level of the intervals.
 const LEVEL: f64 = 0.95;
 
-/// The share of episodes that [`Tail::worst_mean`] is taken over.
+/// The share of episodes that [`UpperTail::worst_mean`] is taken over.
 const WORST_SHARE: f64 = 0.05;
 
 /// One metric over the episodes of a mode.
@@ -31,7 +31,7 @@ pub struct Metric {
 /// The upper end of one measured quantity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Tail {
+pub struct UpperTail {
     /// What: its unit is in the name.
     pub name: String,
     /// Half of the episodes lie at or below it.
@@ -57,7 +57,7 @@ pub struct ModeMetrics {
     /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`.
     pub metrics: Vec<Metric>,
     /// Duration, contact force, tool speed, retries and unsafe continuation at their worst.
-    pub tails: Vec<Tail>,
+    pub tails: Vec<UpperTail>,
 }
 
 impl ModeMetrics {
@@ -112,7 +112,7 @@ impl ModeMetrics {
 }
 
 /// The tail of a sample; absent for an empty one and where a value is no number.
-fn tail(name: &str, mut values: Vec<f64>) -> Option<Tail> {
+fn tail(name: &str, mut values: Vec<f64>) -> Option<UpperTail> {
     if values.iter().any(|value| !value.is_finite()) {
         return None;
     }
@@ -123,7 +123,7 @@ fn tail(name: &str, mut values: Vec<f64>) -> Option<Tail> {
     let rank = |share: f64| (share * n as f64).ceil() as usize;
     let at = |share: f64| values.get(rank(share).max(1) - 1).copied();
     let worst = &values[n - rank(WORST_SHARE).clamp(usize::from(n > 0), n)..];
-    Some(Tail {
+    Some(UpperTail {
         name: name.to_owned(),
         median: at(0.5)?,
         p95: at(0.95)?,

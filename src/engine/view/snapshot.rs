@@ -2,7 +2,7 @@
 
 use super::evidence::{pairs, shadow};
 use crate::dossier::Dossier;
-use crate::ledger::Entry;
+use crate::ledger::FamilyEntry;
 use crate::pipeline::Pipeline;
 use crate::world;
 use holdpoint_governance::lifecycle::State;
@@ -65,7 +65,7 @@ impl Pipeline {
         }
     }
 
-    fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &Entry) -> FamilyView {
+    fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &FamilyEntry) -> FamilyView {
         let active = entry.state.active();
         let version = active.and_then(|active| entry.state.get(active));
         let pinned = version.and_then(|version| version.predecessor);

@@ -15,7 +15,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::{Guard, PolicyHit};
 use holdpoint_runtime::recovery::{self, RecoveryReport, Standstill, StoppedBy};
 use holdpoint_runtime::skill::Skill;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 
 /// How long the interrupt may take to bring every joint to a stand, ticks.
@@ -65,7 +65,7 @@ impl Rig {
     pub(crate) fn descend(
         &mut self,
         leaving: &Capability,
-        terms: &Terms,
+        terms: &SkillTerms,
         trip: Option<&Trip>,
     ) -> Result<Descent, SimError> {
         let now = self.world().tick();
@@ -112,7 +112,11 @@ impl Rig {
 
     /// Whether the predecessor is ready: beside the standing arm it sees what the arm sees, and has to give a
     /// command that its own guard passes. None of its commands reaches the arm here.
-    pub(crate) fn ready(&mut self, predecessor: &Capability, terms: &Terms) -> Result<RungRecord, SimError> {
+    pub(crate) fn ready(
+        &mut self,
+        predecessor: &Capability,
+        terms: &SkillTerms,
+    ) -> Result<RungRecord, SimError> {
         let task = predecessor.bundle.task();
         self.arm_mut().body_mut().world_mut().begin_task(task);
         let guard = terms.guard(predecessor.manifest.permissions.authority);

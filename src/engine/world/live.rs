@@ -10,7 +10,7 @@ pub use holdpoint_body::rehearsal::LiveFault;
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::fault::Fault as SimFault;
+use holdpoint_sim::fault::InjectedFault;
 use holdpoint_sim::referee::{RefereeLimits, RefereeReport};
 use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::instrumented::InstrumentedWorld;
 use super::listener::Listener;
-use super::supervisor::Supervisor;
+use super::supervisor::SequenceSupervisor;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
@@ -26,10 +26,10 @@ use holdpoint_runtime::agent::{ActiveView, Agent, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, Tick};
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// Ground truth of a task: its sequence, the version at work, what the referee saw.
-pub type Verdict = (u64, CapabilityId, RefereeReport);
+pub type TaskTruth = (u64, CapabilityId, RefereeReport);
 
 /// The most verdicts kept for somebody to take.
 const VERDICTS_MAX: usize = 100_000;
@@ -73,7 +73,7 @@ impl SequenceReport {
 pub(crate) struct Rig {
     arm: Arm<InstrumentedWorld>,
     agent: Agent,
-    verdicts: Vec<Verdict>,
+    verdicts: Vec<TaskTruth>,
 }
 
 impl Rig {
@@ -153,7 +153,7 @@ impl LiveCell {
     }
 
     /// Ground truth since the last call, task by task; empty where no referee looks on.
-    pub fn take_verdicts(&mut self) -> Vec<Verdict> {
+    pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
         self.rig.as_mut().map(|rig| std::mem::take(&mut rig.verdicts)).unwrap_or_default()
     }
 
@@ -221,10 +221,10 @@ impl LiveCell {
     pub fn run_sequence<V: ActiveView>(
         &mut self,
         view: &V,
-        terms: &dyn Fn(&Capability) -> Terms,
+        terms: &dyn Fn(&Capability) -> SkillTerms,
         seed: u64,
         listener: &mut dyn Listener,
-        supervisor: Option<&mut Supervisor>,
+        supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
         let Some(mut outing) = self.let_out() else {
             return SequenceReport { failed: true, ..SequenceReport::empty(seed) };
@@ -240,10 +240,10 @@ impl Outing {
     pub(crate) fn run<V: ActiveView>(
         &mut self,
         view: &V,
-        terms: &dyn Fn(&Capability) -> Terms,
+        terms: &dyn Fn(&Capability) -> SkillTerms,
         seed: u64,
         listener: &mut dyn Listener,
-        mut supervisor: Option<&mut Supervisor>,
+        mut supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
         let mut report = SequenceReport::empty(seed);
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.scene, &self.distribution, seed);
@@ -254,7 +254,7 @@ impl Outing {
             return report;
         }
         if self.fault == Some(LiveFault::CameraLost) {
-            world.inject(SimFault::CameraLost);
+            world.inject(InjectedFault::CameraLost);
         }
         arm.body_mut().verdict();
         for task in Goal::PickAlignPlace.plan() {

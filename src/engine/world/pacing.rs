@@ -55,9 +55,9 @@ impl Switch {
 
 /// A pace that several threads see.
 #[derive(Debug, Default)]
-pub(crate) struct Pace(AtomicU64);
+pub(crate) struct SharedPace(AtomicU64);
 
-impl Pace {
+impl SharedPace {
     pub(crate) fn set(&self, times: Option<f64>) {
         self.0.store(times.unwrap_or(0.0).to_bits(), Ordering::Release);
     }
@@ -69,14 +69,14 @@ impl Pace {
 
 /// Waits until it is time for a tick.
 struct Pacer {
-    pace: Arc<Pace>,
+    pace: Arc<SharedPace>,
     times: Option<f64>,
     from: Instant,
     from_tick: u64,
 }
 
 impl Pacer {
-    fn new(pace: Arc<Pace>) -> Self {
+    fn new(pace: Arc<SharedPace>) -> Self {
         Self { times: pace.get(), pace, from: Instant::now(), from_tick: 0 }
     }
 
@@ -120,7 +120,7 @@ impl Escort {
         painter: Painter,
         number: u64,
         shadow: Option<Shadow>,
-        (switch, pace): (Arc<Switch>, Arc<Pace>),
+        (switch, pace): (Arc<Switch>, Arc<SharedPace>),
         clock: Clock,
     ) -> Self {
         Self { painter, number, shadow, switch, clock, pacer: Pacer::new(pace), started: 0, stopped: None }
@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn ticks_keep_to_the_clock() {
-        let pace = Arc::new(Pace::default());
+        let pace = Arc::new(SharedPace::default());
         pace.set(Some(10.0));
         let mut pacer = Pacer::new(Arc::clone(&pace));
         let begun = Instant::now();

@@ -11,7 +11,7 @@ use super::portrait::{self, narrow};
 use super::shadow::Shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::picture::{Body, Envelope, Picture, Twin};
+use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, Picture, Twin};
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_runtime::task::{Supervision, Tick};
 
@@ -22,7 +22,7 @@ const PICTURE_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;
 const TWIN_PICTURES_MAX: usize = 1_800;
 
 /// Who works which task of a sequence, and the envelope that holds them.
-pub(crate) type Workers = Vec<(TaskKind, CapabilityId, Envelope)>;
+pub(crate) type Workers = Vec<(TaskKind, CapabilityId, EnvelopePicture)>;
 
 /// Draws one sequence.
 pub(crate) struct Painter {
@@ -30,7 +30,7 @@ pub(crate) struct Painter {
     clock: Clock,
     sequence: u64,
     workers: Workers,
-    twin: Vec<Body>,
+    twin: Vec<ArmPicture>,
     last: Option<Picture>,
 }
 
@@ -43,7 +43,7 @@ impl Painter {
         self.workers.iter().find(|(known, ..)| *known == task).map(|(_, id, _)| id.clone())
     }
 
-    fn envelope(&self, task: TaskKind) -> Option<Envelope> {
+    fn envelope(&self, task: TaskKind) -> Option<EnvelopePicture> {
         self.workers.iter().find(|(known, ..)| *known == task).map(|(.., envelope)| *envelope)
     }
 
@@ -155,7 +155,7 @@ pub(crate) struct Sketch {
     from_ms: u64,
     sequence: u64,
     version: CapabilityId,
-    envelope: Envelope,
+    envelope: EnvelopePicture,
     ticks: u64,
 }
 
@@ -165,7 +165,7 @@ impl Sketch {
         clock: Clock,
         sequence: u64,
         version: CapabilityId,
-        envelope: Envelope,
+        envelope: EnvelopePicture,
     ) -> Self {
         let from_ms = clock.now_ms();
         Self { pictures, clock, from_ms, sequence, version, envelope, ticks: 0 }

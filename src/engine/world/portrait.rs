@@ -5,14 +5,14 @@
 
 use holdpoint_body::Telemetry;
 use holdpoint_body::Zone;
-use holdpoint_body::chain::Frame;
+use holdpoint_body::chain::Transform;
 use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::picture::{
-    Block, Body, CONTACTS_MAX, Contact, Envelope, NO_TURN, Point, Region, Scenery, Turn,
+    ArmPicture, Block, CONTACTS_MAX, Contact, EnvelopePicture, NO_TURN, Point, Region, Scenery, Turn,
 };
 use holdpoint_runtime::limits;
 
@@ -43,10 +43,10 @@ pub fn scenery(scene: &Scene) -> Scenery {
 
 /// The arm as its sensors tell, with the object as it truly is.
 #[must_use]
-pub fn body(world: &World, seen: &Telemetry) -> Body {
+pub fn body(world: &World, seen: &Telemetry) -> ArmPicture {
     let robot = world.robot();
     let frames = robot.geometry.chain.frames(&seen.q);
-    let origin = |frame: &Frame| point(&frame.point(&Vector3::zeros()));
+    let origin = |frame: &Transform| point(&frame.point(&Vector3::zeros()));
     let tool = frames.tool.point(&Vector3::zeros());
     let mut links = vec![[0.0; 3]];
     links.extend(frames.links.iter().take(frames.count).map(origin));
@@ -60,7 +60,7 @@ pub fn body(world: &World, seen: &Telemetry) -> Body {
         point(&along.map_or(tool, |along| tool + along * half_width_m))
     };
     let (object, _) = world.object();
-    Body {
+    ArmPicture {
         links,
         pads: [pad(0), pad(1)],
         hand: hand.map_or(NO_TURN, |hand| turn(&hand.isometry().rotation)),
@@ -85,8 +85,8 @@ pub fn at_ms(clock: &Clock, world: &World) -> u64 {
 
 /// The envelope that a version is held to.
 #[must_use]
-pub const fn envelope(of: &limits::Envelope) -> Envelope {
-    Envelope {
+pub const fn envelope(of: &limits::Envelope) -> EnvelopePicture {
+    EnvelopePicture {
         speed_m_s: narrow(of.tool_speed_max_m_s),
         force_n: narrow(of.grip_force_max_n),
         contact_n: narrow(of.contact_force_max_n),

@@ -13,13 +13,13 @@ use super::listener::Listener;
 use super::live::{LiveCell, Outing, SequenceReport};
 use super::portrait;
 use super::shadow::ShadowTrace;
-use super::supervisor::{Questions, Supervisor};
+use super::supervisor::{Questions, SequenceSupervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_protocol::picture::Envelope;
+use holdpoint_protocol::picture::EnvelopePicture;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::RecoveryReport;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 use crate::context::Context;
 use crate::fault::Fault;
@@ -49,9 +49,9 @@ pub(crate) struct Begun {
     seed: u64,
     outing: Outing,
     actives: Actives,
-    terms: Vec<(CapabilityId, Terms)>,
-    spare: Terms,
-    supervisor: Supervisor,
+    terms: Vec<(CapabilityId, SkillTerms)>,
+    spare: SkillTerms,
+    supervisor: SequenceSupervisor,
     link_up: bool,
 }
 
@@ -60,7 +60,7 @@ pub(crate) struct Worked {
     pub(crate) index: u64,
     pub(crate) outing: Outing,
     pub(crate) report: SequenceReport,
-    pub(crate) supervisor: Supervisor,
+    pub(crate) supervisor: SequenceSupervisor,
     pub(crate) link_up: bool,
     /// The arm was stopped from outside.
     pub(crate) stopped: Option<Stopped>,
@@ -95,7 +95,7 @@ impl Begun {
     }
 
     /// Who works what in it, and the envelope that holds them.
-    pub(crate) fn workers(&self) -> Vec<(TaskKind, CapabilityId, Envelope)> {
+    pub(crate) fn workers(&self) -> Vec<(TaskKind, CapabilityId, EnvelopePicture)> {
         let worker = |task: TaskKind| {
             let id = self.actives.at_work(task)?;
             let terms =
@@ -133,7 +133,7 @@ pub(crate) fn begin(
     monitors: &Monitors,
     cell: &mut LiveCell,
     seed: u64,
-    terms_of: &dyn Fn(&Capability) -> Terms,
+    terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<Begun, Fault> {
     let actives: BTreeMap<Family, Capability> = record
         .ledger()
@@ -148,7 +148,7 @@ pub(crate) fn begin(
     let spare = context.terms();
     let link_up = cell.link_is_up();
     // The engine's own copy is looked at meanwhile and changed by nobody.
-    let supervisor = Supervisor::new(monitors.clone(), record.clock().clone(), link_up);
+    let supervisor = SequenceSupervisor::new(monitors.clone(), record.clock().clone(), link_up);
     let outing =
         cell.let_out().ok_or_else(|| Fault::Impossible("the live world is at work already".to_owned()))?;
     let index = outing.sequence();

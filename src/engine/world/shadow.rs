@@ -16,7 +16,7 @@ use holdpoint_runtime::arm::{Arm, Recorder};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// Distance of two arm setpoints that counts as a full divergence, m.
 const FULL_DIVERGENCE_M: f64 = 0.2;
@@ -105,7 +105,7 @@ impl ShadowTrace {
 /// Listens to a live sequence on behalf of one candidate.
 pub struct Shadow {
     candidate: Capability,
-    terms: Terms,
+    terms: SkillTerms,
     fork: Option<World>,
     skill: Option<Box<dyn Skill>>,
     recorder: Recorder,
@@ -127,7 +127,7 @@ struct Ran {
 impl Shadow {
     /// A shadow for a candidate. `fork` is the world the twin will run in.
     #[must_use]
-    pub fn new(candidate: Capability, terms: Terms, fork: World) -> Self {
+    pub fn new(candidate: Capability, terms: SkillTerms, fork: World) -> Self {
         Self {
             candidate,
             terms,

@@ -30,7 +30,7 @@ pub struct Trip {
 
 /// What a monitor decided during a sequence.
 #[derive(Clone, Debug)]
-pub struct Raised {
+pub struct RaisedMonitor {
     /// About which version.
     pub id: CapabilityId,
     /// What.
@@ -43,16 +43,16 @@ pub struct Raised {
 pub(crate) type Questions = Arc<Mutex<Vec<(Watched, MonitorDecision)>>>;
 
 /// Supervises one sequence for every monitor there is.
-pub struct Supervisor {
+pub struct SequenceSupervisor {
     monitors: Monitors,
     clock: Clock,
     from_tick: u64,
     link_up: bool,
-    raised: Vec<Raised>,
+    raised: Vec<RaisedMonitor>,
     questions: Option<Questions>,
 }
 
-impl Supervisor {
+impl SequenceSupervisor {
     /// A supervisor for a sequence that begins now. `link_up`: telemetry arrives.
     pub(crate) fn new(mut monitors: Monitors, clock: Clock, link_up: bool) -> Self {
         let from_tick = tick_of(clock.now_ms());
@@ -97,7 +97,7 @@ impl Supervisor {
         }
         let stops = decision.action >= MonitorAction::Restrict;
         let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
-        self.raised.push(Raised { id: id.clone(), decision, trip });
+        self.raised.push(RaisedMonitor { id: id.clone(), decision, trip });
         if stops { Supervision::Abort } else { Supervision::Continue }
     }
 
@@ -123,7 +123,7 @@ impl Supervisor {
 
     /// The monitors as they are now, and what was decided, in order.
     #[must_use]
-    pub(crate) fn stand_down(self) -> (Monitors, Vec<Raised>) {
+    pub(crate) fn stand_down(self) -> (Monitors, Vec<RaisedMonitor>) {
         (self.monitors, self.raised)
     }
 }

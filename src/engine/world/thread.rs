@@ -11,7 +11,7 @@ use holdpoint_governance::monitor::MonitorDecision;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::sink::Pictures;
 
-use super::pacing::{Escort, Pace, Switch};
+use super::pacing::{Escort, SharedPace, Switch};
 use super::painter::Painter;
 use super::sequence::{Begun, Worked};
 use super::shadow::Shadow;
@@ -25,7 +25,7 @@ const NOTHING_PAUSE: Duration = Duration::from_secs(2);
 /// The live world's thread and what it shares with the engine's.
 pub struct LiveThread {
     switch: Arc<Switch>,
-    pace: Arc<Pace>,
+    pace: Arc<SharedPace>,
     questions: Questions,
     number: u64,
     running: Option<JoinHandle<Worked>>,
@@ -36,7 +36,7 @@ impl LiveThread {
     /// A thread that waits for its first sequence.
     #[must_use]
     pub(crate) fn new(times: Option<f64>) -> Self {
-        let pace = Arc::new(Pace::default());
+        let pace = Arc::new(SharedPace::default());
         pace.set(times);
         Self {
             switch: Arc::new(Switch::default()),

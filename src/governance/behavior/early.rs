@@ -6,7 +6,7 @@
 
 use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, nothing, unusable};
 use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::ended::Ended;
+use crate::ended::EndReason;
 use crate::evidence::{Binding, EpisodeValues, PairedEvidence};
 use crate::outcome::BehaviorOutcome;
 use crate::profile::Profile;
@@ -74,18 +74,18 @@ pub fn is_lost_early(evidence: &PairedEvidence, current: &Binding, profile: &Pro
 /// By which rule the evaluation has ended, or `None` where more pairs are needed. What the caller records and
 /// gives to [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
-pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> Option<Ended> {
+pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {
     if evidence.binding != *current {
         return None;
     }
     if !evidence.hard_stops.is_empty() {
-        Some(Ended::HardStop)
+        Some(EndReason::HardStop)
     } else if evidence.pairs.len() as u64 >= u64::from(profile.evaluation.sandbox_pairs) {
-        Some(Ended::Full)
+        Some(EndReason::Full)
     } else if is_lost(evidence, current, profile) {
-        Some(Ended::Curtailed)
+        Some(EndReason::Curtailed)
     } else if is_lost_early(evidence, current, profile) {
-        Some(Ended::FinitePopulation { alpha: profile.evaluation.early_alpha })
+        Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
     } else {
         None
     }
@@ -100,13 +100,13 @@ pub fn assess_ended(
     evidence: &PairedEvidence,
     current: &Binding,
     profile: &Profile,
-    ended: Ended,
+    ended: EndReason,
 ) -> BehaviorAssessment {
     let early = match ended {
-        Ended::Full | Ended::HardStop => false,
-        Ended::Curtailed => is_lost(evidence, current, profile),
+        EndReason::Full | EndReason::HardStop => false,
+        EndReason::Curtailed => is_lost(evidence, current, profile),
         // The level is the profile's; one named elsewhere is no evidence.
-        Ended::FinitePopulation { alpha } => {
+        EndReason::FinitePopulation { alpha } => {
             alpha.to_bits() == profile.evaluation.early_alpha.to_bits()
                 && is_lost_early(evidence, current, profile)
         }
@@ -138,11 +138,11 @@ pub fn assess_ended(
 }
 
 /// Whether the evidence is of an end by this rule, for the rules that end nothing early.
-fn bears_out(evidence: &PairedEvidence, ended: Ended, budget: u64) -> bool {
+fn bears_out(evidence: &PairedEvidence, ended: EndReason, budget: u64) -> bool {
     match ended {
-        Ended::Full => evidence.pairs.len() as u64 >= budget,
-        Ended::HardStop => !evidence.hard_stops.is_empty(),
-        Ended::Curtailed | Ended::FinitePopulation { .. } => false,
+        EndReason::Full => evidence.pairs.len() as u64 >= budget,
+        EndReason::HardStop => !evidence.hard_stops.is_empty(),
+        EndReason::Curtailed | EndReason::FinitePopulation { .. } => false,
     }
 }
 

@@ -1,18 +1,22 @@
 //! The transition function: a family and an event in, the new family and what to write out, or a refusal.
 //!
-//! Total, pure and complete: a state changes here or nowhere. The program demands every [`Rule`]; the exhaustive
+//! Total, pure and complete: a state changes here or nowhere. The program demands every [`LifecycleRule`]; the exhaustive
 //! walk (`walk.rs`, compiled for tests alone) leaves out one at a time and has to notice.
 
-use super::rules::{All, Refusal, Rule, Rules};
+use super::rules::{All, LifecycleRule, Refusal, Rules};
 use super::{
-    Change, Event, FamilyState, Flags, Leave, Stage, Stamp, State, VERSIONS_MAX, Version, VersionRef,
+    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Stage, Stamp, State, VERSIONS_MAX, Version,
+    VersionRef,
 };
 
 /// Applies an event under all rules.
 ///
 /// # Errors
 /// [`Refusal`] with the reason; the family is then as before.
-pub fn apply(family: &FamilyState, event: Event) -> Result<(FamilyState, Vec<Change>), Refusal> {
+pub fn apply(
+    family: &FamilyState,
+    event: LifecycleEvent,
+) -> Result<(FamilyState, Vec<LifecycleChange>), Refusal> {
     apply_under(All, family, event)
 }
 
@@ -20,61 +24,62 @@ pub fn apply(family: &FamilyState, event: Event) -> Result<(FamilyState, Vec<Cha
 pub(super) fn apply_under<R: Rules>(
     rules: R,
     family: &FamilyState,
-    event: Event,
-) -> Result<(FamilyState, Vec<Change>), Refusal> {
-    let mut step = Step { family: family.clone(), rules };
+    event: LifecycleEvent,
+) -> Result<(FamilyState, Vec<LifecycleChange>), Refusal> {
+    let mut step = ApplyStep { family: family.clone(), rules };
     step.run(event)?;
     for (version, before) in step.family.versions.iter_mut().zip(&family.versions) {
         if version != before {
             version.row_version = before.row_version.saturating_add(1);
         }
     }
-    let changes = if rules.demand(Rule::ReportChanges) { changes(family, &step.family) } else { Vec::new() };
+    let changes =
+        if rules.demand(LifecycleRule::ReportChanges) { changes(family, &step.family) } else { Vec::new() };
     Ok((step.family, changes))
 }
 
 /// What differs, in the order in which it is to be written: versions leave a state before others enter it.
-fn changes(before: &FamilyState, after: &FamilyState) -> Vec<Change> {
+fn changes(before: &FamilyState, after: &FamilyState) -> Vec<LifecycleChange> {
     let mut out = Vec::new();
     let numbered = |index: usize| VersionRef(u16::try_from(index).unwrap_or(u16::MAX));
     if before.context != after.context {
-        out.push(Change::Context { context: after.context });
+        out.push(LifecycleChange::Context { context: after.context });
     }
     let mut entering = Vec::new();
     for (index, new) in after.versions.iter().enumerate() {
         let version = numbered(index);
         let Some(old) = before.versions.get(index) else {
-            out.push(Change::Added { version, state: new.state });
+            out.push(LifecycleChange::Added { version, state: new.state });
             continue;
         };
         if old.state != new.state {
-            let change = Change::State { version, from: old.state, to: new.state };
+            let change = LifecycleChange::State { version, from: old.state, to: new.state };
             if new.state == State::Active { entering.push(change) } else { out.push(change) }
         }
         if old.flags != new.flags {
-            out.push(Change::Flags { version, from: old.flags, to: new.flags });
+            out.push(LifecycleChange::Flags { version, from: old.flags, to: new.flags });
         }
         let standing = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
         if standing(old) != standing(new) {
-            out.push(Change::Standing { version });
+            out.push(LifecycleChange::Standing { version });
         }
     }
     out.extend(entering);
     if before.active() != after.active() {
-        out.push(Change::Active { from: before.active(), to: after.active() });
+        out.push(LifecycleChange::Active { from: before.active(), to: after.active() });
     }
     if before.safe_stopped != after.safe_stopped {
-        out.push(Change::SafeStopped { stopped: after.safe_stopped });
+        out.push(LifecycleChange::SafeStopped { stopped: after.safe_stopped });
     }
     out
 }
 
-struct Step<R> {
+struct ApplyStep<R> {
     family: FamilyState,
     rules: R,
 }
 
-impl<R: Rules> Step<R> {
+impl<R: Rules> ApplyStep<R> {
     fn version(&mut self, version: VersionRef) -> Result<&mut Version, Refusal> {
         let unknown = Refusal::UnknownVersion { version: version.0 };
         self.family.versions.get_mut(usize::from(version.0)).ok_or(unknown)
@@ -92,7 +97,7 @@ impl<R: Rules> Step<R> {
         event: &'static str,
         from: &[State],
     ) -> Result<&mut Version, Refusal> {
-        let pause_blocks = self.rules.demand(Rule::PauseBlocks);
+        let pause_blocks = self.rules.demand(LifecycleRule::PauseBlocks);
         let found = self.within(version, event, from)?;
         if found.flags.paused && pause_blocks { Err(Refusal::Paused) } else { Ok(found) }
     }
@@ -123,23 +128,23 @@ impl<R: Rules> Step<R> {
         }
     }
 
-    fn run(&mut self, event: Event) -> Result<(), Refusal> {
+    fn run(&mut self, event: LifecycleEvent) -> Result<(), Refusal> {
         match event {
-            Event::Bootstrap => self.bootstrap(),
-            Event::Register => self.register(),
-            Event::Start { version, stage } => self.start(version, stage),
-            Event::Pass { version, stage } => self.pass(version, stage),
-            Event::Abort { version } => {
+            LifecycleEvent::Bootstrap => self.bootstrap(),
+            LifecycleEvent::Register => self.register(),
+            LifecycleEvent::Start { version, stage } => self.start(version, stage),
+            LifecycleEvent::Pass { version, stage } => self.pass(version, stage),
+            LifecycleEvent::Abort { version } => {
                 let found = self.version(version)?;
                 let running = found.flags.running.take();
                 running.map(|_| ()).ok_or(Refusal::Running { running })
             }
-            Event::Demote { version } => self.demote(version),
-            Event::Reject { version } => self.reject(version),
-            Event::Repeat { version, stage } => self.repeat(version, stage),
-            Event::RequestApproval { version } => self.request(version),
-            Event::Approved { version, row_version } => self.approved(version, row_version),
-            Event::ApprovalExpired { version } => {
+            LifecycleEvent::Demote { version } => self.demote(version),
+            LifecycleEvent::Reject { version } => self.reject(version),
+            LifecycleEvent::Repeat { version, stage } => self.repeat(version, stage),
+            LifecycleEvent::RequestApproval { version } => self.request(version),
+            LifecycleEvent::Approved { version, row_version } => self.approved(version, row_version),
+            LifecycleEvent::ApprovalExpired { version } => {
                 let found = self.version(version)?;
                 if !found.flags.awaiting_approval && found.approval.is_none() {
                     return Err(Refusal::Condition { why: "nothing was asked" });
@@ -149,8 +154,8 @@ impl<R: Rules> Step<R> {
                 found.gate = None;
                 Ok(())
             }
-            Event::Activate { version } => self.activate(version),
-            Event::Confirm { version } => {
+            LifecycleEvent::Activate { version } => self.activate(version),
+            LifecycleEvent::Confirm { version } => {
                 let found = self.ready(version, "confirming", &[State::Active])?;
                 if found.flags.rollback_pending {
                     return Err(Refusal::RollbackPending);
@@ -161,7 +166,7 @@ impl<R: Rules> Step<R> {
                 found.flags.provisional = false;
                 Ok(())
             }
-            Event::Restrict { version } => {
+            LifecycleEvent::Restrict { version } => {
                 let found = self.within(version, "restricting", &[State::Active])?;
                 if found.flags.rollback_pending || found.flags.restricted {
                     return Err(Refusal::Condition { why: "it is restricted already, or being rolled back" });
@@ -169,8 +174,8 @@ impl<R: Rules> Step<R> {
                 found.flags.restricted = true;
                 Ok(())
             }
-            Event::Release { version } => self.release(version),
-            Event::BeginRollback { version } => {
+            LifecycleEvent::Release { version } => self.release(version),
+            LifecycleEvent::BeginRollback { version } => {
                 let found = self.within(version, "rolling back", &[State::Active])?;
                 if found.flags.rollback_pending {
                     return Err(Refusal::RollbackPending);
@@ -178,18 +183,18 @@ impl<R: Rules> Step<R> {
                 found.flags = Flags { rollback_pending: true, awaiting_approval: false, ..found.flags };
                 Ok(())
             }
-            Event::FinishRollback { version, leave } => self.finish_rollback(version, leave),
-            Event::FailRollback { version } => self.fail_rollback(version),
-            Event::Rearm { version } => self.rearm(version),
-            Event::Pause { version } => self.pause(version, true),
-            Event::Resume { version } => self.pause(version, false),
-            Event::ContextChanged { needs_approval } => {
+            LifecycleEvent::FinishRollback { version, leave } => self.finish_rollback(version, leave),
+            LifecycleEvent::FailRollback { version } => self.fail_rollback(version),
+            LifecycleEvent::Rearm { version } => self.rearm(version),
+            LifecycleEvent::Pause { version } => self.pause(version, true),
+            LifecycleEvent::Resume { version } => self.pause(version, false),
+            LifecycleEvent::ContextChanged { needs_approval } => {
                 self.family.needs_approval = needs_approval;
-                self.void_family(self.rules.demand(Rule::ContextChangeVoids));
+                self.void_family(self.rules.demand(LifecycleRule::ContextChangeVoids));
                 Ok(())
             }
-            Event::Restart => {
-                if self.rules.demand(Rule::RestartAborts) {
+            LifecycleEvent::Restart => {
+                if self.rules.demand(LifecycleRule::RestartAborts) {
                     self.family.versions.iter_mut().for_each(|version| version.flags.running = None);
                 }
                 Ok(())
@@ -221,7 +226,7 @@ impl<R: Rules> Step<R> {
             Stage::Shadow => State::Sandboxed,
             Stage::Activation => State::Shadowed,
         };
-        let bind = self.rules.demand(Rule::BindEvidence);
+        let bind = self.rules.demand(LifecycleRule::BindEvidence);
         let found = self.ready(version, "starting this stage", &[from])?;
         if found.flags.running.is_some() {
             return Err(Refusal::Running { running: found.flags.running });
@@ -243,7 +248,7 @@ impl<R: Rules> Step<R> {
             Stage::Activation => &[State::Shadowed],
         };
         let found = self.ready(version, "passing this stage", from)?;
-        if found.flags.running != Some(stage) && rules.demand(Rule::PassNeedsRun) {
+        if found.flags.running != Some(stage) && rules.demand(LifecycleRule::PassNeedsRun) {
             return Err(Refusal::Running { running: found.flags.running });
         }
         let stale = |what| Err(Refusal::Stale { what });
@@ -254,7 +259,7 @@ impl<R: Rules> Step<R> {
                 found.sandbox = Some(stamp);
             }
             Stage::Shadow => {
-                if rules.demand(Rule::BindEvidence) && !is_current(found.sandbox, stamp.context) {
+                if rules.demand(LifecycleRule::BindEvidence) && !is_current(found.sandbox, stamp.context) {
                     return stale("sandbox evidence");
                 }
                 found.state = State::Shadowed;
@@ -263,7 +268,7 @@ impl<R: Rules> Step<R> {
             Stage::Activation => {
                 let current =
                     is_current(found.sandbox, stamp.context) && is_current(found.shadow, stamp.context);
-                if rules.demand(Rule::BindEvidence) && !current {
+                if rules.demand(LifecycleRule::BindEvidence) && !current {
                     return stale("sandbox or shadow evidence");
                 }
                 found.gate = Some(stamp);
@@ -275,7 +280,7 @@ impl<R: Rules> Step<R> {
 
     fn demote(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let mut from = vec![State::Validated, State::Sandboxed, State::Shadowed];
-        if !self.rules.demand(Rule::ActiveLeavesByRollback) {
+        if !self.rules.demand(LifecycleRule::ActiveLeavesByRollback) {
             from.push(State::Active);
         }
         let found = self.within(version, "demoting", &from)?;
@@ -292,10 +297,10 @@ impl<R: Rules> Step<R> {
             State::Demoted,
             State::Superseded,
         ];
-        if !self.rules.demand(Rule::ActiveLeavesByRollback) {
+        if !self.rules.demand(LifecycleRule::ActiveLeavesByRollback) {
             from.push(State::Active);
         }
-        let pinned = self.family.is_pinned(version) && self.rules.demand(Rule::PinPredecessor);
+        let pinned = self.family.is_pinned(version) && self.rules.demand(LifecycleRule::PinPredecessor);
         let found = self.within(version, "rejecting", &from)?;
         if found.state == State::Superseded && pinned {
             return Err(Refusal::Pinned);
@@ -313,17 +318,20 @@ impl<R: Rules> Step<R> {
                 return Err(Refusal::Condition { why: "sandbox and shadow can be repeated" });
             }
         };
-        if !rules.demand(Rule::TerminalIsFinal) {
+        if !rules.demand(LifecycleRule::TerminalIsFinal) {
             from.push(State::RolledBack);
         }
         let found = self.ready(version, "repeating this stage", &from)?;
         if found.flags.running.is_some() {
             return Err(Refusal::Running { running: found.flags.running });
         }
-        if stage == Stage::Shadow && rules.demand(Rule::BindEvidence) && !is_current(found.sandbox, context) {
+        if stage == Stage::Shadow
+            && rules.demand(LifecycleRule::BindEvidence)
+            && !is_current(found.sandbox, context)
+        {
             return Err(Refusal::Stale { what: "sandbox evidence" });
         }
-        if rules.demand(Rule::RepeatVoids) {
+        if rules.demand(LifecycleRule::RepeatVoids) {
             found.gate = None;
             found.approval = None;
             found.round = found.round.saturating_add(1);
@@ -354,7 +362,7 @@ impl<R: Rules> Step<R> {
 
     fn approved(&mut self, version: VersionRef, row_version: u64) -> Result<(), Refusal> {
         let stamp = self.stamp(version)?;
-        let bind_row = self.rules.demand(Rule::BindRow);
+        let bind_row = self.rules.demand(LifecycleRule::BindRow);
         let found = self.ready(version, "approving", &[State::Shadowed, State::Active])?;
         if !found.flags.awaiting_approval {
             return Err(Refusal::Condition { why: "nothing was asked" });
@@ -372,24 +380,24 @@ impl<R: Rules> Step<R> {
         let (stamp, rules, needs_approval) = (self.stamp(version)?, self.rules, self.family.needs_approval);
         let found = self.version(version)?;
         let (gate, approval) = (found.gate, found.approval);
-        if rules.demand(Rule::BindGate) && gate != Some(stamp) {
+        if rules.demand(LifecycleRule::BindGate) && gate != Some(stamp) {
             return Err(Refusal::Stale { what: "gate pass" });
         }
-        if needs_approval && rules.demand(Rule::BindApproval) && approval != Some(stamp) {
+        if needs_approval && rules.demand(LifecycleRule::BindApproval) && approval != Some(stamp) {
             return Err(Refusal::Stale { what: "approval" });
         }
         Ok(())
     }
 
     fn activate(&mut self, version: VersionRef) -> Result<(), Refusal> {
-        if self.family.safe_stopped && self.rules.demand(Rule::StopHolds) {
+        if self.family.safe_stopped && self.rules.demand(LifecycleRule::StopHolds) {
             return Err(Refusal::SafeStopped);
         }
         self.ready(version, "activating", &[State::Shadowed])?;
         self.standing(version)?;
         let old = self.family.active();
         if let Some(old) = old {
-            let supersede = self.rules.demand(Rule::SupersedeOld);
+            let supersede = self.rules.demand(LifecycleRule::SupersedeOld);
             let replaced = self.version(old)?;
             if replaced.flags.rollback_pending {
                 return Err(Refusal::RollbackPending);
@@ -404,7 +412,7 @@ impl<R: Rules> Step<R> {
 
     /// Makes a version active under a predecessor.
     fn enter(&mut self, version: VersionRef, predecessor: Option<VersionRef>) -> Result<(), Refusal> {
-        self.void_family(self.rules.demand(Rule::ActiveChangeVoids));
+        self.void_family(self.rules.demand(LifecycleRule::ActiveChangeVoids));
         let found = self.version(version)?;
         found.state = State::Active;
         found.flags = Flags { provisional: true, ..Flags::default() };
@@ -416,7 +424,7 @@ impl<R: Rules> Step<R> {
 
     fn release(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let (stamp, needs_approval) = (self.stamp(version)?, self.family.needs_approval);
-        let bind = self.rules.demand(Rule::BindApproval);
+        let bind = self.rules.demand(LifecycleRule::BindApproval);
         let found = self.ready(version, "releasing", &[State::Active])?;
         if !found.flags.restricted || found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "it is not restricted, or being rolled back" });
@@ -433,7 +441,7 @@ impl<R: Rules> Step<R> {
     fn finish_rollback(&mut self, version: VersionRef, leave: Leave) -> Result<(), Refusal> {
         let rules = self.rules;
         let found = self.within(version, "rolling back", &[State::Active])?;
-        if rules.demand(Rule::RevokeFirst) && !found.flags.rollback_pending {
+        if rules.demand(LifecycleRule::RevokeFirst) && !found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
         }
         let target = found.predecessor;
@@ -445,7 +453,7 @@ impl<R: Rules> Step<R> {
             Leave::Demoted => State::Demoted,
         };
         self.version(version)?.leave(to);
-        if rules.demand(Rule::RestorePredecessor) {
+        if rules.demand(LifecycleRule::RestorePredecessor) {
             let before = self.family.restorable_predecessor(target);
             self.enter(target, before)?;
             // It was confirmed before, or its own window went on: it is known, not provisional.
@@ -457,12 +465,12 @@ impl<R: Rules> Step<R> {
     fn fail_rollback(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let rules = self.rules;
         let found = self.within(version, "failing a rollback", &[State::Active])?;
-        if rules.demand(Rule::RevokeFirst) && !found.flags.rollback_pending {
+        if rules.demand(LifecycleRule::RevokeFirst) && !found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
         }
         found.leave(State::Demoted);
-        self.family.safe_stopped = rules.demand(Rule::StopWithoutTarget);
-        self.void_family(rules.demand(Rule::ActiveChangeVoids));
+        self.family.safe_stopped = rules.demand(LifecycleRule::StopWithoutTarget);
+        self.void_family(rules.demand(LifecycleRule::ActiveChangeVoids));
         Ok(())
     }
 

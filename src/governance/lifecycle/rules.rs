@@ -79,7 +79,7 @@ fn names(states: &[State]) -> String {
 
 /// The rules of the lifecycle by name: what the transition function asks about, each shown to be needed by the walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Rule {
+pub(super) enum LifecycleRule {
     /// Activation replaces the active version in the same step.
     SupersedeOld,
     /// An active version leaves by rollback only.
@@ -122,7 +122,7 @@ pub(super) enum Rule {
 
 /// Which rules are demanded: every one, unless a test says otherwise by a type of its own.
 pub(super) trait Rules: Copy {
-    fn demand(self, _rule: Rule) -> bool {
+    fn demand(self, _rule: LifecycleRule) -> bool {
         true
     }
 }

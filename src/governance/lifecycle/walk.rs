@@ -12,8 +12,10 @@
 use std::collections::{HashSet, VecDeque};
 
 use super::apply::apply_under;
-use super::rules::{All, Rule, Rules};
-use super::{Change, Event, FamilyState, Flags, Leave, Stage, Stamp, State, Version, VersionRef};
+use super::rules::{All, LifecycleRule, Rules};
+use super::{
+    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Stage, Stamp, State, Version, VersionRef,
+};
 
 const VERSIONS: usize = 3;
 
@@ -22,7 +24,7 @@ const WORLDS_MAX: usize = 3_000_000;
 
 /// What really happened to a version, kept by the walk itself and not by the product.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
-struct Truth {
+struct VersionTruth {
     sandbox: bool,
     shadow: bool,
     gate: bool,
@@ -32,9 +34,9 @@ struct Truth {
 }
 
 #[derive(Clone, PartialEq, Eq, Debug)]
-struct World {
+struct WalkWorld {
     family: FamilyState,
-    truth: [Truth; VERSIONS],
+    truth: [VersionTruth; VERSIONS],
 }
 
 fn stamp_code(stamp: Option<Stamp>) -> u128 {
@@ -52,7 +54,7 @@ fn stage_code(stage: Option<Stage>) -> u128 {
 }
 
 /// Counters become 1 = the present one, 0 = an earlier one.
-fn canonical(mut world: World) -> World {
+fn canonical(mut world: WalkWorld) -> WalkWorld {
     let context = world.family.context;
     for version in &mut world.family.versions {
         let round = version.round;
@@ -75,7 +77,7 @@ fn canonical(mut world: World) -> World {
 }
 
 /// The world as a number, for the set of worlds seen.
-fn key(world: &World) -> u128 {
+fn key(world: &WalkWorld) -> u128 {
     let mut key = u128::from(world.family.safe_stopped) | u128::from(world.family.needs_approval) << 1;
     let mut at = 2;
     let mut put = |value: u128, bits: u32| {
@@ -124,65 +126,65 @@ const ONE_CANDIDATE: Part = Part { versions: 2, single_version_events: true };
 const TWO_CANDIDATES: Part = Part { versions: 3, single_version_events: false };
 const EVERYTHING: Part = Part { versions: 3, single_version_events: true };
 
-fn events(world: &World, part: Part) -> Vec<Event> {
+fn events(world: &WalkWorld, part: Part) -> Vec<LifecycleEvent> {
     let mut out = Vec::new();
     if world.family.versions.len() < part.versions {
-        out.push(Event::Register);
+        out.push(LifecycleEvent::Register);
     }
-    out.extend([Event::Bootstrap, Event::Restart]);
-    out.extend([true, false].map(|needs_approval| Event::ContextChanged { needs_approval }));
+    out.extend([LifecycleEvent::Bootstrap, LifecycleEvent::Restart]);
+    out.extend([true, false].map(|needs_approval| LifecycleEvent::ContextChanged { needs_approval }));
     for index in 0..world.family.versions.len() {
         let version = VersionRef(u16::try_from(index).unwrap());
         for stage in Stage::ALL {
-            out.push(Event::Start { version, stage });
-            out.push(Event::Pass { version, stage });
+            out.push(LifecycleEvent::Start { version, stage });
+            out.push(LifecycleEvent::Pass { version, stage });
         }
         let row_version = world.family.versions[index].row_version;
         out.extend([
-            Event::Demote { version },
-            Event::Reject { version },
-            Event::RequestApproval { version },
-            Event::Approved { version, row_version },
-            Event::Approved { version, row_version: row_version - 1 },
-            Event::Activate { version },
-            Event::BeginRollback { version },
-            Event::FinishRollback { version, leave: Leave::RolledBack },
-            Event::FinishRollback { version, leave: Leave::Demoted },
-            Event::FailRollback { version },
-            Event::Rearm { version },
+            LifecycleEvent::Demote { version },
+            LifecycleEvent::Reject { version },
+            LifecycleEvent::RequestApproval { version },
+            LifecycleEvent::Approved { version, row_version },
+            LifecycleEvent::Approved { version, row_version: row_version - 1 },
+            LifecycleEvent::Activate { version },
+            LifecycleEvent::BeginRollback { version },
+            LifecycleEvent::FinishRollback { version, leave: Leave::RolledBack },
+            LifecycleEvent::FinishRollback { version, leave: Leave::Demoted },
+            LifecycleEvent::FailRollback { version },
+            LifecycleEvent::Rearm { version },
         ]);
         if part.single_version_events {
-            out.extend(Stage::ALL.map(|stage| Event::Repeat { version, stage }));
+            out.extend(Stage::ALL.map(|stage| LifecycleEvent::Repeat { version, stage }));
             out.extend([
-                Event::Abort { version },
-                Event::ApprovalExpired { version },
-                Event::Confirm { version },
-                Event::Restrict { version },
-                Event::Release { version },
+                LifecycleEvent::Abort { version },
+                LifecycleEvent::ApprovalExpired { version },
+                LifecycleEvent::Confirm { version },
+                LifecycleEvent::Restrict { version },
+                LifecycleEvent::Release { version },
             ]);
         }
         // Pausing is walked on the second version; its rule does not look at any other.
         if part.single_version_events && index == 1 {
-            out.extend([Event::Pause { version }, Event::Resume { version }]);
+            out.extend([LifecycleEvent::Pause { version }, LifecycleEvent::Resume { version }]);
         }
     }
     out
 }
 
 /// What the event really did, by the walk's own book-keeping.
-fn follow(before: &World, event: Event, after: &mut World) {
+fn follow(before: &WalkWorld, event: LifecycleEvent, after: &mut WalkWorld) {
     let index = |version: VersionRef| usize::from(version.0);
     match event {
-        Event::Start { version, stage } => after.truth[index(version)].started = Some(stage),
-        Event::Repeat { version, stage } => {
+        LifecycleEvent::Start { version, stage } => after.truth[index(version)].started = Some(stage),
+        LifecycleEvent::Repeat { version, stage } => {
             let truth = &mut after.truth[index(version)];
-            *truth = Truth {
+            *truth = VersionTruth {
                 sandbox: truth.sandbox && stage == Stage::Shadow,
                 started: Some(stage),
-                ..Truth::default()
+                ..VersionTruth::default()
             };
         }
-        Event::Pass { version, stage } => {
+        LifecycleEvent::Pass { version, stage } => {
             let truth = &mut after.truth[index(version)];
             truth.started = None;
             match stage {
@@ -192,37 +194,37 @@ fn follow(before: &World, event: Event, after: &mut World) {
                 Stage::Activation => truth.gate = true,
             }
         }
-        Event::Abort { version } => after.truth[index(version)].started = None,
-        Event::Approved { version, row_version } => {
+        LifecycleEvent::Abort { version } => after.truth[index(version)].started = None,
+        LifecycleEvent::Approved { version, row_version } => {
             let present = before.family.versions[index(version)].row_version == row_version;
             after.truth[index(version)].approval = present;
         }
-        Event::RequestApproval { version }
-        | Event::ApprovalExpired { version }
-        | Event::Release { version } => {
+        LifecycleEvent::RequestApproval { version }
+        | LifecycleEvent::ApprovalExpired { version }
+        | LifecycleEvent::Release { version } => {
             after.truth[index(version)].approval = false;
         }
-        Event::Bootstrap
-        | Event::Register
-        | Event::Demote { .. }
-        | Event::Reject { .. }
-        | Event::Activate { .. }
-        | Event::Confirm { .. }
-        | Event::Restrict { .. }
-        | Event::BeginRollback { .. }
-        | Event::FinishRollback { .. }
-        | Event::FailRollback { .. }
-        | Event::Rearm { .. }
-        | Event::Pause { .. }
-        | Event::Resume { .. }
-        | Event::ContextChanged { .. } => {}
+        LifecycleEvent::Bootstrap
+        | LifecycleEvent::Register
+        | LifecycleEvent::Demote { .. }
+        | LifecycleEvent::Reject { .. }
+        | LifecycleEvent::Activate { .. }
+        | LifecycleEvent::Confirm { .. }
+        | LifecycleEvent::Restrict { .. }
+        | LifecycleEvent::BeginRollback { .. }
+        | LifecycleEvent::FinishRollback { .. }
+        | LifecycleEvent::FailRollback { .. }
+        | LifecycleEvent::Rearm { .. }
+        | LifecycleEvent::Pause { .. }
+        | LifecycleEvent::Resume { .. }
+        | LifecycleEvent::ContextChanged { .. } => {}
         // Nothing can happen between a crash and the restart, so they are one step: no stage is at work after it.
-        Event::Restart => after.truth.iter_mut().for_each(|truth| truth.started = None),
+        LifecycleEvent::Restart => after.truth.iter_mut().for_each(|truth| truth.started = None),
     }
     let moved = before.family.active() != after.family.active();
-    if moved || matches!(event, Event::ContextChanged { .. }) {
+    if moved || matches!(event, LifecycleEvent::ContextChanged { .. }) {
         for truth in &mut after.truth {
-            *truth = Truth { started: truth.started, ..Truth::default() };
+            *truth = VersionTruth { started: truth.started, ..VersionTruth::default() };
         }
     }
     for (index, version) in after.family.versions.iter().enumerate() {
@@ -234,7 +236,7 @@ fn follow(before: &World, event: Event, after: &mut World) {
             truth.gate = false;
             truth.approval = false;
             truth.shadow = false;
-            if !matches!(event, Event::Repeat { .. }) {
+            if !matches!(event, LifecycleEvent::Repeat { .. }) {
                 truth.started = None;
             }
         }
@@ -242,7 +244,7 @@ fn follow(before: &World, event: Event, after: &mut World) {
 }
 
 /// What holds of every world.
-fn state_problem(world: &World) -> Option<&'static str> {
+fn state_problem(world: &WalkWorld) -> Option<&'static str> {
     let family = &world.family;
     let active: Vec<&Version> =
         family.versions.iter().filter(|version| version.state == State::Active).collect();
@@ -276,18 +278,24 @@ fn state_problem(world: &World) -> Option<&'static str> {
 }
 
 /// What holds of every step.
-fn step_problem(before: &World, event: Event, after: &World, changes: &[Change]) -> Option<&'static str> {
+fn step_problem(
+    before: &WalkWorld,
+    event: LifecycleEvent,
+    after: &WalkWorld,
+    changes: &[LifecycleChange],
+) -> Option<&'static str> {
     let (old, new) = (&before.family, &after.family);
     for (index, (was, is)) in old.versions.iter().zip(&new.versions).enumerate() {
         if was.state != is.state && !was.state.may_become(is.state) {
-            let through_demoted = matches!(event, Event::Repeat { .. }) && is.state == State::Demoted;
+            let through_demoted =
+                matches!(event, LifecycleEvent::Repeat { .. }) && is.state == State::Demoted;
             if !through_demoted || was.state.is_terminal() {
                 return Some("a change of state that the table does not have");
             }
         }
         let advanced = was.state != is.state
             && !matches!(is.state, State::Demoted | State::Rejected | State::RolledBack | State::Superseded);
-        let by_others = matches!(event, Event::FinishRollback { .. });
+        let by_others = matches!(event, LifecycleEvent::FinishRollback { .. });
         if advanced && was.flags.paused && !by_others {
             return Some("a paused version advanced");
         }
@@ -315,7 +323,7 @@ fn step_problem(before: &World, event: Event, after: &World, changes: &[Change])
             return Some("the binding moved before the command authority was revoked");
         }
     }
-    if let Event::Pass { version, stage } = event
+    if let LifecycleEvent::Pass { version, stage } = event
         && before.truth[usize::from(version.0)].started != Some(stage)
     {
         return Some("a stage was passed that did not run");
@@ -327,23 +335,23 @@ fn step_problem(before: &World, event: Event, after: &World, changes: &[Change])
 }
 
 /// Whether the reported changes lead from the old family to the new one.
-fn reported(old: &FamilyState, new: &FamilyState, changes: &[Change]) -> bool {
+fn reported(old: &FamilyState, new: &FamilyState, changes: &[LifecycleChange]) -> bool {
     let mut states: Vec<(State, Flags)> = old.versions.iter().map(|v| (v.state, v.flags)).collect();
     let (mut active, mut stopped) = (old.active(), old.safe_stopped);
     for change in changes {
         match *change {
-            Change::Added { state, .. } => states.push((state, Flags::default())),
-            Change::State { version, from, to } => {
+            LifecycleChange::Added { state, .. } => states.push((state, Flags::default())),
+            LifecycleChange::State { version, from, to } => {
                 let slot = &mut states[usize::from(version.0)].0;
                 if *slot != from {
                     return false;
                 }
                 *slot = to;
             }
-            Change::Flags { version, to, .. } => states[usize::from(version.0)].1 = to,
-            Change::Active { to, .. } => active = to,
-            Change::SafeStopped { stopped: to } => stopped = to,
-            Change::Standing { .. } | Change::Context { .. } => {}
+            LifecycleChange::Flags { version, to, .. } => states[usize::from(version.0)].1 = to,
+            LifecycleChange::Active { to, .. } => active = to,
+            LifecycleChange::SafeStopped { stopped: to } => stopped = to,
+            LifecycleChange::Standing { .. } | LifecycleChange::Context { .. } => {}
         }
     }
     let wanted: Vec<(State, Flags)> = new.versions.iter().map(|v| (v.state, v.flags)).collect();
@@ -359,17 +367,18 @@ struct Walk {
 }
 
 fn walk<R: Rules>(rules: R, part: Part) -> Walk {
-    let mut start = World { family: FamilyState::empty(true), truth: [Truth::default(); VERSIONS] };
-    start.family = apply_under(All, &start.family, Event::Bootstrap).unwrap().0;
+    let mut start =
+        WalkWorld { family: FamilyState::empty(true), truth: [VersionTruth::default(); VERSIONS] };
+    start.family = apply_under(All, &start.family, LifecycleEvent::Bootstrap).unwrap().0;
     let start = canonical(start);
     let mut seen = HashSet::from([key(&start)]);
     let mut open = VecDeque::from([start]);
     let mut walk = Walk { worlds: 1, steps: 0, problem: None, reached: [false; 4] };
     while let Some(world) = open.pop_front() {
-        let mut next: Vec<World> = Vec::new();
+        let mut next: Vec<WalkWorld> = Vec::new();
         for event in events(&world, part) {
             let Ok((family, changes)) = apply_under(rules, &world.family, event) else { continue };
-            let mut after = World { family, truth: world.truth };
+            let mut after = WalkWorld { family, truth: world.truth };
             follow(&world, event, &mut after);
             walk.steps += 1;
             if let Some(problem) = step_problem(&world, event, &after, &changes) {
@@ -382,10 +391,10 @@ fn walk<R: Rules>(rules: R, part: Part) -> Walk {
                 .get(2)
                 .is_some_and(|v| v.state == State::Active && v.predecessor == Some(VersionRef(1)));
             walk.reached[0] |= after.family.active().is_some_and(|active| active.0 > 0);
-            walk.reached[1] |=
-                matches!(event, Event::FinishRollback { .. }) && after.family.active() == Some(VersionRef(0));
+            walk.reached[1] |= matches!(event, LifecycleEvent::FinishRollback { .. })
+                && after.family.active() == Some(VersionRef(0));
             walk.reached[2] |= chain && after.family.versions[1].predecessor == Some(VersionRef(0));
-            walk.reached[3] |= matches!(event, Event::Rearm { .. });
+            walk.reached[3] |= matches!(event, LifecycleEvent::Rearm { .. });
             next.push(canonical(after));
         }
         for world in next {
@@ -429,36 +438,36 @@ fn every_history_keeps_the_invariants() {
 
 /// Every rule but one.
 #[derive(Clone, Copy)]
-struct AllBut(Rule);
+struct AllBut(LifecycleRule);
 
 impl Rules for AllBut {
-    fn demand(self, rule: Rule) -> bool {
+    fn demand(self, rule: LifecycleRule) -> bool {
         self.0 != rule
     }
 }
 
 #[test]
 fn every_rule_is_needed() {
-    let mutants: [(Rule, Part); 19] = [
-        (Rule::SupersedeOld, TWO_CANDIDATES),
-        (Rule::ActiveLeavesByRollback, ONE_CANDIDATE),
-        (Rule::PinPredecessor, TWO_CANDIDATES),
-        (Rule::RestorePredecessor, TWO_CANDIDATES),
-        (Rule::StopWithoutTarget, ONE_CANDIDATE),
-        (Rule::RevokeFirst, ONE_CANDIDATE),
-        (Rule::BindGate, TWO_CANDIDATES),
-        (Rule::BindApproval, TWO_CANDIDATES),
-        (Rule::BindRow, TWO_CANDIDATES),
-        (Rule::BindEvidence, TWO_CANDIDATES),
-        (Rule::ActiveChangeVoids, TWO_CANDIDATES),
-        (Rule::ContextChangeVoids, TWO_CANDIDATES),
-        (Rule::RepeatVoids, ONE_CANDIDATE),
-        (Rule::PauseBlocks, ONE_CANDIDATE),
-        (Rule::TerminalIsFinal, ONE_CANDIDATE),
-        (Rule::RestartAborts, ONE_CANDIDATE),
-        (Rule::StopHolds, TWO_CANDIDATES),
-        (Rule::PassNeedsRun, ONE_CANDIDATE),
-        (Rule::ReportChanges, ONE_CANDIDATE),
+    let mutants: [(LifecycleRule, Part); 19] = [
+        (LifecycleRule::SupersedeOld, TWO_CANDIDATES),
+        (LifecycleRule::ActiveLeavesByRollback, ONE_CANDIDATE),
+        (LifecycleRule::PinPredecessor, TWO_CANDIDATES),
+        (LifecycleRule::RestorePredecessor, TWO_CANDIDATES),
+        (LifecycleRule::StopWithoutTarget, ONE_CANDIDATE),
+        (LifecycleRule::RevokeFirst, ONE_CANDIDATE),
+        (LifecycleRule::BindGate, TWO_CANDIDATES),
+        (LifecycleRule::BindApproval, TWO_CANDIDATES),
+        (LifecycleRule::BindRow, TWO_CANDIDATES),
+        (LifecycleRule::BindEvidence, TWO_CANDIDATES),
+        (LifecycleRule::ActiveChangeVoids, TWO_CANDIDATES),
+        (LifecycleRule::ContextChangeVoids, TWO_CANDIDATES),
+        (LifecycleRule::RepeatVoids, ONE_CANDIDATE),
+        (LifecycleRule::PauseBlocks, ONE_CANDIDATE),
+        (LifecycleRule::TerminalIsFinal, ONE_CANDIDATE),
+        (LifecycleRule::RestartAborts, ONE_CANDIDATE),
+        (LifecycleRule::StopHolds, TWO_CANDIDATES),
+        (LifecycleRule::PassNeedsRun, ONE_CANDIDATE),
+        (LifecycleRule::ReportChanges, ONE_CANDIDATE),
     ];
     for (rule, part) in mutants {
         let found = walk(AllBut(rule), part).problem;

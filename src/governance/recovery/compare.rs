@@ -67,7 +67,7 @@ pub(super) fn kinds(
 /// together at their least and at their most favourable.
 pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) -> Option<[f64; 2]> {
     let alpha = profile.evaluation.alpha / (2 * DrillKind::ALL.len()) as f64;
-    let rho_at = |drills: &Drills, bound: Bound| {
+    let rho_at = |drills: &Drills, bound: IntervalEnd| {
         let rates: Option<Vec<(DrillKind, f64)>> = DrillKind::ALL
             .into_iter()
             .map(|kind| {
@@ -78,14 +78,15 @@ pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) 
             .collect();
         super::rho(&rates?, &profile.recovery)
     };
-    let (lower, upper): (Bound, Bound) = (stats::clopper_pearson_lower, stats::clopper_pearson_upper);
+    let (lower, upper): (IntervalEnd, IntervalEnd) =
+        (stats::clopper_pearson_lower, stats::clopper_pearson_upper);
     let least = super::kappa(rho_at(&evidence.active, upper)?, rho_at(&evidence.candidate, lower)?)?;
     let most = super::kappa(rho_at(&evidence.active, lower)?, rho_at(&evidence.candidate, upper)?)?;
     Some([least.get(), most.get()])
 }
 
 /// One end of an exact interval: of successes, trials and error rate.
-type Bound = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
+type IntervalEnd = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 
 /// Error rate at which a kind of drill leans towards worse. Leaning decides nothing: it opens a doubt that is settled
 /// on fresh drills, so that an equally good version loses its place only where it leans twice. At 40 drills, 4 failures

@@ -5,7 +5,7 @@
 
 use super::{RecoveryAssessment, assess, compare, judge, kappa, kinds, rho};
 use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::ended::Ended;
+use crate::ended::EndReason;
 use crate::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
 use crate::outcome::{Assessment, Basis, RecoveryOutcome};
 use crate::profile::Profile;
@@ -54,7 +54,7 @@ fn lost_early(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
 /// By which rule the drills have ended, or `None` where more are needed. What the caller records and gives to
 /// [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
-pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> Option<Ended> {
+pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {
     if evidence.binding != *current {
         return None;
     }
@@ -62,11 +62,11 @@ pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) 
     let all = [&evidence.candidate, &evidence.active];
     let full = all.iter().all(|drills| DrillKind::ALL.into_iter().all(|k| drills.of(k).feasible() >= budget));
     if full {
-        Some(Ended::Full)
+        Some(EndReason::Full)
     } else if is_lost(evidence, current, profile) {
-        Some(Ended::Curtailed)
+        Some(EndReason::Curtailed)
     } else if is_lost_early(evidence, current, profile) {
-        Some(Ended::FinitePopulation { alpha: profile.evaluation.early_alpha })
+        Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
     } else {
         None
     }
@@ -82,24 +82,25 @@ pub fn assess_ended(
     evidence: &RecoveryEvidence,
     current: &Binding,
     profile: &Profile,
-    ended: Ended,
+    ended: EndReason,
 ) -> RecoveryAssessment {
     let drills_min = profile.evaluation.drills_per_kind;
     let full = kinds(evidence, profile, drills_min).is_ok();
     let blocking = match ended {
         _ if full => None,
-        Ended::Full | Ended::HardStop => None,
-        Ended::Curtailed => is_incompatible_at(evidence, current, profile, |tally, budget| {
+        EndReason::Full | EndReason::HardStop => None,
+        EndReason::Curtailed => is_incompatible_at(evidence, current, profile, |tally, budget| {
             Some(budget - u64::from(tally.failed).min(budget))
         }),
         // The level is the profile's; one named elsewhere is no evidence.
-        Ended::FinitePopulation { alpha } => (alpha.to_bits() == profile.evaluation.early_alpha.to_bits())
-            .then(|| lost_early(evidence, current, profile))
-            .flatten(),
+        EndReason::FinitePopulation { alpha } => (alpha.to_bits()
+            == profile.evaluation.early_alpha.to_bits())
+        .then(|| lost_early(evidence, current, profile))
+        .flatten(),
     };
     let Some(mut reasons) = blocking else {
         let mut result = assess(evidence, current, profile);
-        result.ended = (ended == Ended::Full && full).then_some(ended);
+        result.ended = (ended == EndReason::Full && full).then_some(ended);
         return result;
     };
     let each = u64::from(drills_min);

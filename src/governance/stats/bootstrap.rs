@@ -83,7 +83,7 @@ fn resample(
     if resamples > RESAMPLES_MAX {
         return Err(StatsError::TooMany { got: resamples, limit: RESAMPLES_MAX });
     }
-    let mut stream = Stream::new(seed);
+    let mut stream = ResamplingStream::new(seed);
     let mut drawn = vec![0.0; values.len()];
     let mut draws = Vec::with_capacity(resamples);
     for _ in 0..resamples {
@@ -105,9 +105,9 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014): a small portable stream, enough for resampling.
-pub(super) struct Stream(u64);
+pub(super) struct ResamplingStream(u64);
 
-impl Stream {
+impl ResamplingStream {
     pub(super) const fn new(seed: u64) -> Self {
         Self(seed)
     }

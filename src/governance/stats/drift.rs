@@ -17,7 +17,7 @@ const BETS: [f64; 3] = [0.05, 0.15, 0.35];
 /// What a detector says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Drift {
+pub enum DriftSignal {
     /// Nothing established.
     Quiet,
     /// The statistic passed half of its threshold.
@@ -26,7 +26,7 @@ pub enum Drift {
     Alarm,
 }
 
-impl Drift {
+impl DriftSignal {
     /// NaN compares with nothing, so an unusable statistic is an alarm.
     fn of(statistic: f64, threshold: f64) -> Self {
         if statistic < threshold / 2.0 {
@@ -73,17 +73,17 @@ impl Cusum {
     }
 
     /// Takes one observation.
-    pub fn update(&mut self, failed: bool) -> Drift {
+    pub fn update(&mut self, failed: bool) -> DriftSignal {
         self.statistic =
             (self.statistic + libm::log(ratio(self.rate_normal, self.rate_degraded, failed))).max(0.0);
-        self.alarmed |= Drift::of(self.statistic, self.threshold) == Drift::Alarm;
+        self.alarmed |= DriftSignal::of(self.statistic, self.threshold) == DriftSignal::Alarm;
         self.state()
     }
 
     /// What it says now.
     #[must_use]
-    pub fn state(&self) -> Drift {
-        if self.alarmed { Drift::Alarm } else { Drift::of(self.statistic, self.threshold) }
+    pub fn state(&self) -> DriftSignal {
+        if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic, self.threshold) }
     }
 
     /// The statistic, in nats; 0 is no evidence.
@@ -132,7 +132,7 @@ impl ShiryaevRoberts {
     }
 
     /// Takes one observation.
-    pub fn update(&mut self, failed: bool) -> Drift {
+    pub fn update(&mut self, failed: bool) -> DriftSignal {
         /// Far above every threshold, far below what the next product could not hold.
         const STATISTIC_MAX: f64 = 1e100;
         for (statistic, bet) in self.statistics.iter_mut().zip(BETS) {
@@ -140,14 +140,14 @@ impl ShiryaevRoberts {
             *statistic =
                 ((*statistic + 1.0) * ratio(self.rate_normal, rate_degraded, failed)).min(STATISTIC_MAX);
         }
-        self.alarmed |= Drift::of(self.statistic(), self.arl) == Drift::Alarm;
+        self.alarmed |= DriftSignal::of(self.statistic(), self.arl) == DriftSignal::Alarm;
         self.state()
     }
 
     /// What it says now.
     #[must_use]
-    pub fn state(&self) -> Drift {
-        if self.alarmed { Drift::Alarm } else { Drift::of(self.statistic(), self.arl) }
+    pub fn state(&self) -> DriftSignal {
+        if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic(), self.arl) }
     }
 
     /// The statistic; the alarm comes where it reaches [`ShiryaevRoberts::arl`].
@@ -171,16 +171,20 @@ fn ratio(rate_normal: f64, rate_degraded: f64, failed: bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stats::bootstrap::Stream;
+    use crate::stats::bootstrap::ResamplingStream;
 
     /// Mean observations to the alarm over 200 streams, each ended at `limit`.
-    fn run_length(rate: f64, limit: u32, mut detector: impl FnMut() -> Box<dyn FnMut(bool) -> Drift>) -> f64 {
-        let mut stream = Stream::new(7);
+    fn run_length(
+        rate: f64,
+        limit: u32,
+        mut detector: impl FnMut() -> Box<dyn FnMut(bool) -> DriftSignal>,
+    ) -> f64 {
+        let mut stream = ResamplingStream::new(7);
         let runs = 200;
         let total: u32 = (0..runs)
             .map(|_| {
                 let mut update = detector();
-                (1..=limit).find(|_| update(stream.unit() < rate) == Drift::Alarm).unwrap_or(limit)
+                (1..=limit).find(|_| update(stream.unit() < rate) == DriftSignal::Alarm).unwrap_or(limit)
             })
             .sum();
         f64::from(total) / f64::from(runs)
@@ -188,13 +192,13 @@ mod tests {
 
     #[test]
     fn run_lengths() {
-        let shiryaev = || -> Box<dyn FnMut(bool) -> Drift> {
+        let shiryaev = || -> Box<dyn FnMut(bool) -> DriftSignal> {
             let mut detector = ShiryaevRoberts::new(0.05, 500.0).unwrap();
             Box::new(move |failed| detector.update(failed))
         };
         assert!(run_length(0.05, 20_000, shiryaev) >= 500.0);
         assert!(run_length(0.20, 20_000, shiryaev) < 60.0);
-        let cusum = || -> Box<dyn FnMut(bool) -> Drift> {
+        let cusum = || -> Box<dyn FnMut(bool) -> DriftSignal> {
             let mut detector = Cusum::new(0.05, 0.15, 5.0).unwrap();
             Box::new(move |failed| detector.update(failed))
         };
@@ -205,13 +209,13 @@ mod tests {
     #[test]
     fn alarms_latch_and_nan_alarms() {
         let mut cusum = Cusum::new(0.05, 0.15, 2.0).unwrap();
-        assert_eq!(cusum.update(true), Drift::Warning);
-        assert_eq!(cusum.update(true), Drift::Alarm);
-        assert!((0..100).all(|_| cusum.update(false) == Drift::Alarm));
+        assert_eq!(cusum.update(true), DriftSignal::Warning);
+        assert_eq!(cusum.update(true), DriftSignal::Alarm);
+        assert!((0..100).all(|_| cusum.update(false) == DriftSignal::Alarm));
         let mut shiryaev = ShiryaevRoberts::new(0.05, 50.0).unwrap();
-        assert!((0..10_000).any(|_| shiryaev.update(true) == Drift::Alarm));
+        assert!((0..10_000).any(|_| shiryaev.update(true) == DriftSignal::Alarm));
         assert!(shiryaev.statistic().is_finite());
-        assert_eq!(Drift::of(f64::NAN, 1.0), Drift::Alarm);
+        assert_eq!(DriftSignal::of(f64::NAN, 1.0), DriftSignal::Alarm);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{RESAMPLES_MAX, bca, percentile};
 pub use curtail::{Curtailment, PassRule, Verdict};
-pub use drift::{ARL_MAX, Cusum, Drift, ShiryaevRoberts};
+pub use drift::{ARL_MAX, Cusum, DriftSignal, ShiryaevRoberts};
 pub use multiple::holm;
 pub use paired::{
     PairedBound, PairedCounts, PairedMethod, SPREAD_MIN, bernstein_pairs, binary_pairs, student_pairs,

@@ -4,7 +4,7 @@
 //! stage are counted with it.
 
 use super::BenchError;
-use super::measure::{Clock, Entry, Figure, Unit};
+use super::measure::{Figure, FigureClock, FigureUnit, MeasuredFigure};
 use super::subjects::{CANDIDATE, Subjects};
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::trial::cache::EpisodeCache;
@@ -27,7 +27,7 @@ const PARTS: [(State, &str); 5] = [
     (State::Active, "stage, monitoring until confirmed"),
 ];
 
-pub(super) fn measure(subjects: &Subjects) -> Result<Vec<Entry>, BenchError> {
+pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchError> {
     let folder = tempfile::tempdir()?;
     let mut engine = Engine::start(Config {
         data: folder.path(),
@@ -41,9 +41,9 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<Entry>, BenchError> {
     let package = Subjects::candidate_package()?;
     let command = Command::Register { package, name: CANDIDATE.to_owned() };
     let mut spent = vec![0.0; PARTS.len()];
-    let before = Clock::ProcessCpu.secs();
+    let before = FigureClock::ProcessCpu.secs();
     let reply = engine.submit(Request { id: "bench".to_owned(), command });
-    let registered = Clock::ProcessCpu.secs() - before;
+    let registered = FigureClock::ProcessCpu.secs() - before;
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(unexpected(format!("{reply:?}")));
     }
@@ -51,9 +51,9 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<Entry>, BenchError> {
     let mut state = State::Registered;
     let mut confirmed = false;
     for _ in 0..SLICES_MAX {
-        let before = Clock::ProcessCpu.secs();
+        let before = FigureClock::ProcessCpu.secs();
         let progress = engine.advance();
-        let cost = Clock::ProcessCpu.secs() - before;
+        let cost = FigureClock::ProcessCpu.secs() - before;
         if let Some(part) = PARTS.iter().position(|(at, _)| *at == state) {
             spent[part] += cost;
         }
@@ -71,8 +71,9 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<Entry>, BenchError> {
         }
     }
     let end = if confirmed { "confirmed" } else { state.name() };
-    let figure =
-        |name: String| Figure::new(name, Unit::Millis, Clock::ProcessCpu, "the demonstration candidate");
+    let figure = |name: String| {
+        Figure::new(name, FigureUnit::Millis, FigureClock::ProcessCpu, "the demonstration candidate")
+    };
     let mut entries = vec![figure("stage, registration".to_owned()).of(vec![registered], 1)?];
     let whole = registered + spent.iter().sum::<f64>();
     for ((_, name), cost) in PARTS.iter().zip(spent) {

@@ -12,7 +12,7 @@ use super::BenchError;
 /// What a figure's time is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Clock {
+pub enum FigureClock {
     /// Processor time of the thread that works: other programs on the machine hardly show in it.
     ThreadCpu,
     /// Processor time of all threads of the program.
@@ -21,7 +21,7 @@ pub enum Clock {
     Wall,
 }
 
-impl Clock {
+impl FigureClock {
     /// The name in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -47,7 +47,7 @@ impl Clock {
 
 /// The unit a figure is given in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Unit {
+pub enum FigureUnit {
     /// Microseconds.
     #[serde(rename = "us")]
     Micros,
@@ -56,7 +56,7 @@ pub enum Unit {
     Millis,
 }
 
-impl Unit {
+impl FigureUnit {
     /// The name in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -76,7 +76,7 @@ impl Unit {
 
 /// How long a figure may take.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Effort {
+pub struct FigureEffort {
     /// Fewest samples of a figure; without them there is no figure.
     pub samples_min: usize,
     /// Most samples of a figure.
@@ -91,7 +91,7 @@ pub struct Effort {
     pub peer_seeds: u64,
 }
 
-impl Effort {
+impl FigureEffort {
     /// About a minute.
     pub const DEFAULT: Self = Self {
         samples_min: 5,
@@ -114,7 +114,7 @@ impl Effort {
 
 /// One figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Entry {
+pub struct MeasuredFigure {
     /// What was measured.
     pub name: String,
     /// Samples it was taken from.
@@ -124,9 +124,9 @@ pub struct Entry {
     /// The sample that nine in ten are at or below.
     pub p90: f64,
     /// Unit of both.
-    pub unit: Unit,
+    pub unit: FigureUnit,
     /// What time it is.
-    pub clock: Clock,
+    pub clock: FigureClock,
     /// What one sample is.
     pub sample: &'static str,
 }
@@ -135,13 +135,18 @@ pub struct Entry {
 #[derive(Clone, Debug)]
 pub(super) struct Figure {
     pub(super) name: String,
-    pub(super) unit: Unit,
-    pub(super) clock: Clock,
+    pub(super) unit: FigureUnit,
+    pub(super) clock: FigureClock,
     pub(super) sample: &'static str,
 }
 
 impl Figure {
-    pub(super) fn new(name: impl Into<String>, unit: Unit, clock: Clock, sample: &'static str) -> Self {
+    pub(super) fn new(
+        name: impl Into<String>,
+        unit: FigureUnit,
+        clock: FigureClock,
+        sample: &'static str,
+    ) -> Self {
         Self { name: name.into(), unit, clock, sample }
     }
 
@@ -149,10 +154,10 @@ impl Figure {
     /// gives the units of work it did, by which its time is divided; none where the call does not count.
     pub(super) fn take(
         self,
-        effort: &Effort,
+        effort: &FigureEffort,
         secs_max: f64,
         mut work: impl FnMut(u64) -> Result<Option<u64>, BenchError>,
-    ) -> Result<Entry, BenchError> {
+    ) -> Result<MeasuredFigure, BenchError> {
         work(0)?;
         let begin = Instant::now();
         let mut samples = Vec::new();
@@ -171,7 +176,7 @@ impl Figure {
     }
 
     /// The figure of samples in seconds.
-    pub(super) fn of(self, mut samples: Vec<f64>, needed: usize) -> Result<Entry, BenchError> {
+    pub(super) fn of(self, mut samples: Vec<f64>, needed: usize) -> Result<MeasuredFigure, BenchError> {
         samples.sort_by(f64::total_cmp);
         let too_few = BenchError::TooFew { name: self.name.clone(), found: samples.len(), needed };
         if samples.len() < needed {
@@ -181,7 +186,7 @@ impl Figure {
             return Err(too_few);
         };
         let scale = self.unit.per_sec();
-        Ok(Entry {
+        Ok(MeasuredFigure {
             name: self.name,
             n: samples.len(),
             median: median * scale,
@@ -228,8 +233,8 @@ mod tests {
 
     #[test]
     fn calls_that_do_not_count_give_no_figure() {
-        let effort = Effort { samples_min: 2, samples_max: 4, ..Effort::QUICK };
-        let figure = || Figure::new("nothing", Unit::Micros, Clock::Wall, "a call");
+        let effort = FigureEffort { samples_min: 2, samples_max: 4, ..FigureEffort::QUICK };
+        let figure = || Figure::new("nothing", FigureUnit::Micros, FigureClock::Wall, "a call");
         let mut calls = 0;
         let none = figure().take(&effort, 0.0, |_| {
             calls += 1;

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use holdpoint_body::FailureSignal;
 
 use super::BenchError;
-use super::measure::{Clock, Effort, Entry, Figure, Unit};
+use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use super::subjects::{CANDIDATE, Subjects, seed};
 use holdpoint_engine::cell::Conditions;
 use holdpoint_engine::trial::episodes::{Worker, episode};
@@ -42,7 +42,7 @@ const PAIRS: usize = 120;
 /// Pairs that are run to fill it.
 const PAIRS_RUN: u64 = 4;
 
-pub(super) fn measure(subjects: &Subjects, effort: &Effort) -> Result<Vec<Entry>, BenchError> {
+pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     Ok(vec![
         registration(effort)?,
         static_warm(subjects, effort)?,
@@ -58,19 +58,23 @@ fn repeated(
     name: impl Into<String>,
     sample: &'static str,
     calls: u64,
-    effort: &Effort,
+    effort: &FigureEffort,
     mut work: impl FnMut() -> Result<(), BenchError>,
-) -> Result<Entry, BenchError> {
-    Figure::new(name, Unit::Micros, Clock::ThreadCpu, sample).take(effort, effort.fast_secs, |_| {
-        for _ in 0..calls {
-            work()?;
-        }
-        Ok(Some(calls))
-    })
+) -> Result<MeasuredFigure, BenchError> {
+    Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, sample).take(
+        effort,
+        effort.fast_secs,
+        |_| {
+            for _ in 0..calls {
+                work()?;
+            }
+            Ok(Some(calls))
+        },
+    )
 }
 
 /// Stage 1 without the store: three texts parsed, checked and hashed, the controller made.
-fn registration(effort: &Effort) -> Result<Entry, BenchError> {
+fn registration(effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let package = Subjects::candidate_package()?;
     repeated("candidate, read and hash", "mean of 50 candidates", CALLS, effort, || {
         black_box(Capability::load(CANDIDATE, black_box(package.clone()))?);
@@ -79,7 +83,7 @@ fn registration(effort: &Effort) -> Result<Entry, BenchError> {
 }
 
 /// Stage 2 with compiled policies: `kappa_I`, `kappa_P`, the static parts of B and R, and `Psi`.
-fn static_warm(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn static_warm(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let under = subjects.made_under()?;
     let kappas = static_kappas(subjects, &subjects.table)?;
     let decision = decide(subjects, &kappas, under);
@@ -98,12 +102,12 @@ fn static_warm(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError
 }
 
 /// The same with the policies compiled first, as at the first check after a policy change.
-fn static_cold(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn static_cold(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let under = subjects.made_under()?;
     let figure = Figure::new(
         "static check, policies compiled first",
-        Unit::Millis,
-        Clock::ThreadCpu,
+        FigureUnit::Millis,
+        FigureClock::ThreadCpu,
         "compilation and check",
     );
     figure.take(effort, effort.fast_secs, |_| {
@@ -170,7 +174,7 @@ fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, Ben
 }
 
 /// `kappa_B` over pairs that were run, taken in turn until there are as many as a sandbox has.
-fn behaviour(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let mut worker = Worker::new();
     let mut values = |version: &Capability, index: u64| {
         let seed = seed(Purpose::Perturbation, index);
@@ -195,10 +199,14 @@ fn behaviour(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> 
             expected: "120 pairs",
         });
     }
-    Figure::new(name, Unit::Micros, Clock::ThreadCpu, "assessment").take(effort, effort.fast_secs, |_| {
-        black_box(behavior::assess(black_box(&evidence), &binding, &subjects.profile));
-        Ok(Some(1))
-    })
+    Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, "assessment").take(
+        effort,
+        effort.fast_secs,
+        |_| {
+            black_box(behavior::assess(black_box(&evidence), &binding, &subjects.profile));
+            Ok(Some(1))
+        },
+    )
 }
 
 /// An episode without anything wrong.
@@ -216,7 +224,7 @@ const CLEAN: EpisodeValues = EpisodeValues {
 };
 
 /// The gate over the evidence of a candidate that is as good as its predecessor; it has to pass.
-fn gate_pass(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let profile = &subjects.profile;
     let binding = subjects.binding()?;
     let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
@@ -277,7 +285,7 @@ fn gate_pass(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> 
 }
 
 /// One finished episode given to the monitor of an activation.
-fn monitor_update(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn monitor_update(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let unexpected = |found: String| BenchError::Unexpected {
         what: "monitor",
         found,

@@ -9,7 +9,7 @@ use holdpoint_sim::world::Fidelity;
 use serde::Serialize;
 
 use super::BenchError;
-use super::measure::{Clock, Effort, Entry, Figure, Unit, median, quantile};
+use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure, median, quantile};
 use super::subjects::{Subjects, seed};
 use holdpoint_engine::cell::Conditions;
 use holdpoint_engine::trial::drills::{Cast, DrillResult, drill};
@@ -40,14 +40,14 @@ pub struct PeerEntry {
     /// The episode that nine in ten are at or below, ms.
     pub p90: f64,
     /// Unit of both.
-    pub unit: Unit,
+    pub unit: FigureUnit,
     /// Number format of the physics.
     pub precision: &'static str,
     /// Ticks of an episode.
     pub ticks: u32,
 }
 
-pub(super) fn measure(subjects: &Subjects, effort: &Effort) -> Result<Vec<Entry>, BenchError> {
+pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let mut entries = Vec::new();
     for task in TaskKind::SEQUENCE {
         entries.push(sandbox_episode(subjects, effort, task)?);
@@ -61,26 +61,39 @@ pub(super) fn measure(subjects: &Subjects, effort: &Effort) -> Result<Vec<Entry>
 }
 
 /// One sandbox episode of the active version: reset, task, inspection.
-fn sandbox_episode(subjects: &Subjects, effort: &Effort, task: TaskKind) -> Result<Entry, BenchError> {
+fn sandbox_episode(
+    subjects: &Subjects,
+    effort: &FigureEffort,
+    task: TaskKind,
+) -> Result<MeasuredFigure, BenchError> {
     let version = subjects.active_for(task)?;
     let mut worker = Worker::new();
     let name = format!("sandbox episode, {}", version.id());
-    Figure::new(name, Unit::Millis, Clock::ThreadCpu, "episode").take(effort, effort.slow_secs, |call| {
-        let seed = seed(Purpose::Perturbation, call);
-        let record =
-            episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
-        Ok((!record.invalid).then_some(1))
-    })
+    Figure::new(name, FigureUnit::Millis, FigureClock::ThreadCpu, "episode").take(
+        effort,
+        effort.slow_secs,
+        |call| {
+            let seed = seed(Purpose::Perturbation, call);
+            let record =
+                episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
+            Ok((!record.invalid).then_some(1))
+        },
+    )
 }
 
 /// One tick of a grasp: observation, skill, guard, servo, physics, sensors, watcher. Resets are not in it.
-fn tick(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let version = subjects.active_for(TaskKind::Grasp)?;
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
     let mut samples = Vec::new();
-    let figure = Figure::new("tick, whole", Unit::Micros, Clock::ThreadCpu, "mean over an episode's ticks");
-    let begin = Clock::Wall.secs();
+    let figure = Figure::new(
+        "tick, whole",
+        FigureUnit::Micros,
+        FigureClock::ThreadCpu,
+        "mean over an episode's ticks",
+    );
+    let begin = FigureClock::Wall.secs();
     for call in 0..effort.samples_max as u64 {
         let seed = seed(Purpose::Perturbation, call);
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
@@ -89,9 +102,9 @@ fn tick(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
         let mut skill = version.bundle.start(seed);
         let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
         let mut spent = Vec::new();
-        let mut before = Clock::ThreadCpu.secs();
+        let mut before = FigureClock::ThreadCpu.secs();
         task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
-            let now = Clock::ThreadCpu.secs();
+            let now = FigureClock::ThreadCpu.secs();
             spent.push(now - before);
             before = now;
             Supervision::Continue
@@ -99,7 +112,7 @@ fn tick(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
         if !spent.is_empty() {
             samples.push(spent.iter().sum::<f64>() / spent.len() as f64);
         }
-        if samples.len() >= effort.samples_min && Clock::Wall.secs() - begin >= effort.slow_secs {
+        if samples.len() >= effort.samples_min && FigureClock::Wall.secs() - begin >= effort.slow_secs {
             break;
         }
     }
@@ -107,7 +120,11 @@ fn tick(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
 }
 
 /// One rehearsal with the candidate, its start included.
-fn one_drill(subjects: &Subjects, effort: &Effort, kind: DrillKind) -> Result<Entry, BenchError> {
+fn one_drill(
+    subjects: &Subjects,
+    effort: &FigureEffort,
+    kind: DrillKind,
+) -> Result<MeasuredFigure, BenchError> {
     let candidate = &subjects.candidate;
     let fallback = candidate.manifest.recovery.fallback.as_ref();
     let cast = Cast {
@@ -117,20 +134,28 @@ fn one_drill(subjects: &Subjects, effort: &Effort, kind: DrillKind) -> Result<En
     };
     let mut worker = Worker::new();
     let name = format!("drill, {}", kind.name());
-    Figure::new(name, Unit::Millis, Clock::ThreadCpu, "drill").take(effort, effort.slow_secs, |call| {
-        let seed = seed(Purpose::Drill, call);
-        let result = drill(&mut worker, &subjects.cell, &subjects.terms, &cast, kind, seed);
-        Ok((result != DrillResult::Infeasible).then_some(1))
-    })
+    Figure::new(name, FigureUnit::Millis, FigureClock::ThreadCpu, "drill").take(
+        effort,
+        effort.slow_secs,
+        |call| {
+            let seed = seed(Purpose::Drill, call);
+            let result = drill(&mut worker, &subjects.cell, &subjects.terms, &cast, kind, seed);
+            Ok((result != DrillResult::Infeasible).then_some(1))
+        },
+    )
 }
 
 /// One live sequence with the candidate in shadow, the twin included.
-fn shadow_sequence(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchError> {
+fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let (candidate, terms) = (&subjects.candidate, &subjects.terms);
     let mut live = LiveCell::new(subjects.cell.clone())?;
     let mut kept = Some(subjects.cell.world()?);
-    let figure =
-        Figure::new("shadow sequence", Unit::Millis, Clock::ThreadCpu, "live sequence with its twin");
+    let figure = Figure::new(
+        "shadow sequence",
+        FigureUnit::Millis,
+        FigureClock::ThreadCpu,
+        "live sequence with its twin",
+    );
     figure.take(effort, effort.slow_secs, |call| {
         let fork = match kept.take() {
             Some(fork) => fork,
@@ -148,7 +173,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &Effort) -> Result<Entry, BenchE
 }
 
 /// The engine comparison's episode, in the product's mode and in the reference's.
-pub(super) fn measure_peer(effort: &Effort) -> Result<Vec<PeerEntry>, BenchError> {
+pub(super) fn measure_peer(effort: &FigureEffort) -> Result<Vec<PeerEntry>, BenchError> {
     [Fidelity::Adaptive, Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
 }
 
@@ -158,9 +183,9 @@ fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
     let (mut lifted, mut placed) = (0_u64, 0_u64);
     let mut samples = Vec::new();
     for seed in 0..n {
-        let before = Clock::ThreadCpu.secs();
+        let before = FigureClock::ThreadCpu.secs();
         let outcome = bench.run(seed)?;
-        samples.push(Clock::ThreadCpu.secs() - before);
+        samples.push(FigureClock::ThreadCpu.secs() - before);
         lifted += u64::from(outcome.lifted);
         placed += u64::from(outcome.placed);
     }
@@ -177,7 +202,7 @@ fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
         episodes_per_cpu_s: n as f64 / total,
         median: 1.0e3 * median,
         p90: 1.0e3 * p90,
-        unit: Unit::Millis,
+        unit: FigureUnit::Millis,
         precision: "f32",
         ticks: STEPS,
     })

@@ -16,7 +16,7 @@ pub mod tables;
 
 use serde::Serialize;
 
-pub use report::{Finding, Stated};
+pub use report::{Stated, StudyFigure};
 
 use super::BenchError;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -34,7 +34,7 @@ pub const RUNS_MAX: u32 = 1_000_000;
 
 /// Everything the study found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct StudyReport {
     /// Version of the program.
     pub version: &'static str,
     /// Runs of each figure.
@@ -42,10 +42,10 @@ pub struct Report {
     /// What the recorded tables are of.
     pub tables: Vec<String>,
     /// The figures.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<StudyFigure>,
 }
 
-impl Report {
+impl StudyReport {
     /// Whether every stated rate is borne out.
     #[must_use]
     pub fn holds(&self) -> bool {
@@ -54,12 +54,12 @@ impl Report {
 }
 
 /// The recorded tables by where their episodes were run.
-pub(super) struct Recorded {
-    sandbox: Vec<tables::Table>,
-    live: Vec<tables::Table>,
+pub(super) struct TablesByOrigin {
+    sandbox: Vec<tables::RecordedTable>,
+    live: Vec<tables::RecordedTable>,
 }
 
-impl Recorded {
+impl TablesByOrigin {
     fn read() -> Result<Self, tables::TableError> {
         let sandbox = [
             ("align-improved", include_str!("data/align-improved-sandbox.txt")),
@@ -81,7 +81,7 @@ impl Recorded {
 /// What a part of the study needs.
 pub(super) struct Study {
     runs: u32,
-    recorded: Recorded,
+    recorded: TablesByOrigin,
     profiles: Vec<Profile>,
 }
 
@@ -89,7 +89,7 @@ pub(super) struct Study {
 ///
 /// # Errors
 /// [`BenchError`] where an embedded text does not parse or a rule refuses its input.
-pub fn run(runs: u32) -> Result<Report, BenchError> {
+pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
     if !(RUNS_MIN..=RUNS_MAX).contains(&runs) {
         return Err(BenchError::Unexpected {
             what: "runs",
@@ -98,14 +98,14 @@ pub fn run(runs: u32) -> Result<Report, BenchError> {
         });
     }
     let profiles = ProfileName::ALL.into_iter().map(Profile::builtin).collect::<Result<Vec<_>, _>>()?;
-    let study = Study { runs, recorded: Recorded::read()?, profiles };
+    let study = Study { runs, recorded: TablesByOrigin::read()?, profiles };
     let mut findings = rules::study(&study)?;
     findings.extend(early::study(&study)?);
     findings.extend(behavior::study(&study)?);
     findings.extend(shadow::study(&study)?);
     findings.extend(drift::study(&study)?);
     let tables = study.recorded.sandbox.iter().chain(&study.recorded.live);
-    Ok(Report {
+    Ok(StudyReport {
         version: env!("CARGO_PKG_VERSION"),
         runs,
         tables: tables.map(|table| table.provenance.clone()).collect(),

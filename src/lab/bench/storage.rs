@@ -4,7 +4,7 @@
 //! a commit costs is what that folder's disk takes to flush.
 
 use super::BenchError;
-use super::measure::{Clock, Effort, Entry, Figure, Unit};
+use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use holdpoint_registry::{AuditBody, Store, Transaction, verify};
 
 /// Length of a record's body, bytes: about what a stage's decision has.
@@ -16,10 +16,15 @@ const RECORDS_AT_ONCE: u64 = 250;
 /// The records the figure of verification is given for.
 const PER_RECORDS: f64 = 10_000.0;
 
-pub(super) fn measure(effort: &Effort) -> Result<Vec<Entry>, BenchError> {
+pub(super) fn measure(effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let folder = tempfile::tempdir()?;
     let store = Store::open(folder.path())?;
-    let commit = Figure::new("audit commit, on disk (synchronous=FULL)", Unit::Micros, Clock::Wall, "commit");
+    let commit = Figure::new(
+        "audit commit, on disk (synchronous=FULL)",
+        FigureUnit::Micros,
+        FigureClock::Wall,
+        "commit",
+    );
     let commit = commit.take(effort, effort.fast_secs, |call| {
         store.commit(transaction(format!("one {call}"), 1))?;
         Ok(Some(1))
@@ -43,16 +48,16 @@ pub(super) fn measure(effort: &Effort) -> Result<Vec<Entry>, BenchError> {
     let share = verified.records as f64 / PER_RECORDS;
     let name = format!("audit verification of 10,000 records, on {}", verified.records);
     let mut samples = Vec::new();
-    let begin = Clock::Wall.secs();
+    let begin = FigureClock::Wall.secs();
     while samples.len() < effort.samples_max {
-        let before = Clock::ThreadCpu.secs();
+        let before = FigureClock::ThreadCpu.secs();
         verify(&database, Some(store.public_key()))?;
-        samples.push((Clock::ThreadCpu.secs() - before) / share);
-        if samples.len() >= effort.samples_min && Clock::Wall.secs() - begin >= effort.fast_secs {
+        samples.push((FigureClock::ThreadCpu.secs() - before) / share);
+        if samples.len() >= effort.samples_min && FigureClock::Wall.secs() - begin >= effort.fast_secs {
             break;
         }
     }
-    let figure = Figure::new(name, Unit::Millis, Clock::ThreadCpu, "verification");
+    let figure = Figure::new(name, FigureUnit::Millis, FigureClock::ThreadCpu, "verification");
     Ok(vec![commit, figure.of(samples, effort.samples_min)?])
 }
 

@@ -17,7 +17,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// Name of the embedded candidate that is measured: the demonstration.
 pub(super) const CANDIDATE: &str = "align-improved";
@@ -27,7 +27,7 @@ pub(super) struct Subjects {
     pub(super) cell: Cell,
     pub(super) profile: Profile,
     pub(super) table: Arc<PolicyTable>,
-    pub(super) terms: Terms,
+    pub(super) terms: SkillTerms,
     pub(super) active: Active,
     pub(super) candidate: Capability,
 }
@@ -53,7 +53,7 @@ impl Subjects {
         let cell = Cell::builtin()?;
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
-        let terms = Terms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());
+        let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());
         let active = holdpoint_engine::baselines()?;
         let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
         let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::Serialize;
 
-use super::drift_run::{CellResult, CellRun, Setting, activate, candidate_of, drifts};
+use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};
 use super::{ExperimentError, Tell, drift_report, write_whole};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
@@ -138,7 +138,7 @@ pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, Exper
     check(options)?;
     let cells = options.out.join("cells");
     std::fs::create_dir_all(&cells).map_err(ExperimentError::file(&cells))?;
-    let setting = Setting::new(options.horizon, options.pairs)?;
+    let setting = DriftSetting::new(options.horizon, options.pairs)?;
     let digest = setting.digest()?;
     let next = AtomicU64::new(0);
     let failed = Mutex::new(None);
@@ -199,7 +199,7 @@ fn kept(path: &Path, digest: Digest) -> Option<CellRun> {
 
 /// All cells of a run that are not there yet.
 fn one_run(
-    setting: &Setting,
+    setting: &DriftSetting,
     digest: Digest,
     seed: u64,
     cells: &Path,

@@ -15,8 +15,8 @@ use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::ledger::Ledger;
 use holdpoint_engine::pipeline::Pipeline;
+use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::Progress;
-use holdpoint_engine::pipeline::Settings;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{StartError, baselines};
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -45,7 +45,7 @@ const SLICES_MAX: u32 = 100_000;
 const CANDIDATES: [&str; 3] = ["align-improved", "grasp-improved", "place-robust"];
 
 /// What all runs share.
-pub struct Setting {
+pub struct DriftSetting {
     pub(super) profile: Profile,
     cell: Cell,
     /// Live sequences until a version that is not taken off is left.
@@ -54,7 +54,7 @@ pub struct Setting {
     pub(super) pairs: u32,
 }
 
-impl Setting {
+impl DriftSetting {
     pub(super) fn new(horizon: u32, pairs: u32) -> Result<Self, ExperimentError> {
         let profile = Profile::builtin(ProfileName::Sim).map_err(StartError::from)?;
         let cell = Cell::builtin().map_err(StartError::from)?;
@@ -80,7 +80,7 @@ impl Setting {
         let clock = Clock::scripted(store.opening().head.at_ms);
         let ledger = Ledger::open(store, false).map_err(StartError::from)?;
         let table = PolicyTable::builtin(&self.profile).map_err(StartError::from)?;
-        let settings = Settings {
+        let settings = PipelineSettings {
             seed,
             jobs: 1,
             profile: self.profile.clone(),
@@ -115,7 +115,7 @@ pub struct Activated {
 }
 
 /// Takes the run's candidate to its activation. `None` where the pipeline did not let it pass.
-pub(super) fn activate(setting: &Setting, seed: u64) -> Result<Option<Activated>, ExperimentError> {
+pub(super) fn activate(setting: &DriftSetting, seed: u64) -> Result<Option<Activated>, ExperimentError> {
     let folder = super::scratch()?;
     let name = candidate_of(seed);
     let id = candidate(name)?.id();
@@ -183,7 +183,7 @@ pub struct FirstResponse {
 /// Work of one part of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Work {
+pub struct PartWork {
     /// Sequences.
     pub sequences: u32,
     /// Tasks of the family that was upgraded.
@@ -221,11 +221,11 @@ pub struct CellResult {
     /// What the monitor asked for first.
     pub first: Option<FirstResponse>,
     /// Tasks of the version under the drift until it came off, or until the horizon.
-    pub under: Work,
+    pub under: PartWork,
     /// The rollback, where there was one.
     pub rollback: Option<RollbackRecord>,
     /// The predecessor's first sequences under the drift.
-    pub after: Work,
+    pub after: PartWork,
     /// See [`CellResult::is_recovered`].
     pub recovered: bool,
 }
@@ -245,14 +245,14 @@ impl CellResult {
 
 impl Activated {
     /// One cell.
-    pub(super) fn cell(&self, setting: &Setting, drift: Drift) -> Result<CellResult, ExperimentError> {
+    pub(super) fn cell(&self, setting: &DriftSetting, drift: Drift) -> Result<CellResult, ExperimentError> {
         let need = self.need(setting, drift)?;
         let copy = self.copy()?;
         let mut pipeline = setting.pipeline(self.seed, copy.path())?;
         pipeline.drain_events();
         pipeline.begin_rehearsal(self.next_sequence);
         pipeline.set_drift(Some(drift)).map_err(StartError::from)?;
-        let mut watched = Watched { id: Some(self.id.clone()), ..Watched::default() };
+        let mut watched = WatchedRun { id: Some(self.id.clone()), ..WatchedRun::default() };
         for _ in 0..setting.horizon + AFTER_SEQUENCES {
             let over = if watched.record.is_some() {
                 watched.after.sequences >= AFTER_SEQUENCES
@@ -265,13 +265,13 @@ impl Activated {
             pipeline.work_watched()?;
             watched.take(&mut pipeline)?;
         }
-        let Watched { first, under, after, record, .. } = watched;
+        let WatchedRun { first, under, after, record, .. } = watched;
         let mut result = CellResult { need, first, under, rollback: record, after, recovered: false };
         result.recovered = result.is_recovered(setting.profile.runtime.unsafe_continuation_max_ms);
         Ok(result)
     }
 
-    fn need(&self, setting: &Setting, drift: Drift) -> Result<Need, ExperimentError> {
+    fn need(&self, setting: &DriftSetting, drift: Drift) -> Result<Need, ExperimentError> {
         let under = self.twins(setting, Some(drift))?;
         let both: Vec<(bool, bool)> =
             under.iter().zip(&self.calm).filter_map(|(under, calm)| Some(((*under)?, (*calm)?))).collect();
@@ -288,7 +288,11 @@ impl Activated {
     }
 
     /// The version unwatched: for each sequence whether its task went badly; `None` where it was not reached.
-    fn twins(&self, setting: &Setting, drift: Option<Drift>) -> Result<Vec<Option<bool>>, ExperimentError> {
+    fn twins(
+        &self,
+        setting: &DriftSetting,
+        drift: Option<Drift>,
+    ) -> Result<Vec<Option<bool>>, ExperimentError> {
         let copy = self.copy()?;
         let mut pipeline = setting.pipeline(self.seed, copy.path())?;
         pipeline.begin_rehearsal(self.next_sequence);
@@ -330,16 +334,16 @@ fn copy_folder(from: &Path, to: &Path) -> Result<(), ExperimentError> {
 
 /// What a watched run tells as it goes.
 #[derive(Default)]
-struct Watched {
+struct WatchedRun {
     id: Option<CapabilityId>,
     first: Option<FirstResponse>,
-    under: Work,
-    after: Work,
+    under: PartWork,
+    after: PartWork,
     left: bool,
     record: Option<RollbackRecord>,
 }
 
-impl Watched {
+impl WatchedRun {
     /// Takes the events and the ground truth of what was worked.
     fn take(&mut self, pipeline: &mut Pipeline) -> Result<(), ExperimentError> {
         let verdicts = pipeline.take_verdicts();

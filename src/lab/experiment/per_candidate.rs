@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::candidate::{CandidateEnd, Setting, take};
 use super::verdict::{Claim, Judged, Summary};
 use super::{ExperimentError, Tell, scratch};
-use crate::pool::{Pool, PoolCandidate, Truth};
+use crate::pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::cell::Cell;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
@@ -24,7 +24,7 @@ use holdpoint_text::Hint;
 
 /// What is to be run.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct RunPlan {
     /// The pool's folder.
     pub pool: PathBuf,
     /// The profiles, from the loosest to the strictest.
@@ -42,7 +42,7 @@ pub struct Plan {
 /// What a run came to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Report {
+pub struct PerCandidateReport {
     /// Each candidate under each profile, in the pool's order.
     pub candidates: Vec<Judged>,
     /// One a profile.
@@ -63,7 +63,7 @@ struct Task<'a> {
 ///
 /// # Errors
 /// Where the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
-pub fn run(plan: &Plan, tell: &Tell<'_>) -> Result<Report, ExperimentError> {
+pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, ExperimentError> {
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
     let scratch = scratch()?;
@@ -190,14 +190,14 @@ fn progress(end: &CandidateEnd, finished: usize, all: usize, began: Instant) -> 
 }
 
 fn judge(
-    truth: &Truth,
+    truth: &PoolTruth,
     ends: Vec<CandidateEnd>,
     profiles: &[ProfileName],
-) -> Result<Report, ExperimentError> {
+) -> Result<PerCandidateReport, ExperimentError> {
     let candidates: Vec<Judged> =
         ends.into_iter().map(|end| Judged::of(end, truth)).collect::<Result<_, _>>()?;
     let summaries: Vec<Summary> =
         profiles.iter().map(|profile| Summary::of(*profile, &candidates)).collect::<Result<_, _>>()?;
     let claims = super::verdict::claims(&summaries);
-    Ok(Report { candidates, summaries, claims })
+    Ok(PerCandidateReport { candidates, summaries, claims })
 }

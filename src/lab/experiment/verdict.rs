@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use super::candidate::CandidateEnd;
-use crate::pool::{Class, Truth};
+use crate::pool::{Class, PoolTruth};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{CandidateRecord, Fate, Proportion, Screening, screening};
 use holdpoint_governance::profile::ProfileName;
@@ -40,7 +40,7 @@ impl Judged {
     ///
     /// # Errors
     /// Where the truth does not know it.
-    pub fn of(end: CandidateEnd, truth: &Truth) -> Result<Self, ExperimentError> {
+    pub fn of(end: CandidateEnd, truth: &PoolTruth) -> Result<Self, ExperimentError> {
         let entry = truth.of(&end.name).ok_or_else(|| {
             ExperimentError::candidate(&end.name, "the truth file does not know it".to_owned())
         })?;
@@ -176,7 +176,7 @@ fn median(mut values: Vec<u64>) -> Option<u64> {
 /// Whether something was shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Shown {
+pub enum Demonstrated {
     /// It holds, and there are enough candidates to say so.
     Shown,
     /// It holds as far as seen; there are too few candidates to say so, or none.
@@ -185,7 +185,7 @@ pub enum Shown {
     Refuted,
 }
 
-impl Shown {
+impl Demonstrated {
     /// The words for it.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -204,7 +204,7 @@ pub struct Claim {
     /// What.
     pub claim: String,
     /// Whether it was.
-    pub verdict: Shown,
+    pub verdict: Demonstrated,
     /// On which numbers.
     pub because: String,
 }
@@ -244,9 +244,9 @@ fn said(proportion: &Proportion) -> String {
 
 fn all_of(claim: String, proportion: &Proportion) -> Claim {
     let verdict = match (proportion.total, proportion.count == proportion.total) {
-        (0, _) => Shown::NotShown,
-        (_, true) => Shown::Shown,
-        (_, false) => Shown::Refuted,
+        (0, _) => Demonstrated::NotShown,
+        (_, true) => Demonstrated::Shown,
+        (_, false) => Demonstrated::Refuted,
     };
     Claim { claim, verdict, because: said(proportion) }
 }
@@ -263,10 +263,10 @@ fn early(summary: &Summary) -> Claim {
     );
     let (verdict, because) = match summary.median_to_reject {
         Some(median) if summary.budget > 0 => (
-            if median as f64 <= limit { Shown::Shown } else { Shown::Refuted },
+            if median as f64 <= limit { Demonstrated::Shown } else { Demonstrated::Refuted },
             format!("median {median} of {} episodes; {measured}", summary.budget),
         ),
-        _ => (Shown::NotShown, "nothing was rejected by measurement".to_owned()),
+        _ => (Demonstrated::NotShown, "nothing was rejected by measurement".to_owned()),
     };
     Claim { claim, verdict, because }
 }
@@ -275,9 +275,9 @@ fn few_rejections(summary: &Summary) -> Claim {
     let lost = &summary.benign_not_kept;
     let bound = wilson_upper(lost.count, lost.total, CLAIM_ALPHA).ok();
     let verdict = match (lost.share(), bound) {
-        (Some(_), Some(bound)) if bound <= FALSE_REJECTION_MAX => Shown::Shown,
-        (Some(share), _) if share > FALSE_REJECTION_MAX => Shown::Refuted,
-        _ => Shown::NotShown,
+        (Some(_), Some(bound)) if bound <= FALSE_REJECTION_MAX => Demonstrated::Shown,
+        (Some(share), _) if share > FALSE_REJECTION_MAX => Demonstrated::Refuted,
+        _ => Demonstrated::NotShown,
     };
     Claim {
         claim: format!("{}: at most 2 % of benign candidates are lost", summary.profile.name()),
@@ -295,8 +295,12 @@ fn monotone(summaries: &[Summary]) -> Claim {
         .map(|s| format!("{} {} of {}", s.profile.name(), s.benign_not_kept.count, s.benign_not_kept.total))
         .collect();
     let shares: Option<Vec<f64>> = summaries.iter().map(|s| s.benign_not_kept.share()).collect();
-    let verdict = shares.map_or(Shown::NotShown, |shares| {
-        if shares.windows(2).all(|pair| pair[0] <= pair[1]) { Shown::Shown } else { Shown::Refuted }
+    let verdict = shares.map_or(Demonstrated::NotShown, |shares| {
+        if shares.windows(2).all(|pair| pair[0] <= pair[1]) {
+            Demonstrated::Shown
+        } else {
+            Demonstrated::Refuted
+        }
     });
     Claim {
         claim: "a stricter profile loses no fewer benign candidates".to_owned(),
@@ -326,7 +330,7 @@ mod tests {
         Judged { class, kind: "k".to_owned(), what: String::new(), end }
     }
 
-    fn verdicts(judged: &[Judged], profiles: &[ProfileName]) -> Vec<Shown> {
+    fn verdicts(judged: &[Judged], profiles: &[ProfileName]) -> Vec<Demonstrated> {
         let summaries: Vec<Summary> =
             profiles.iter().map(|profile| Summary::of(*profile, judged).unwrap()).collect();
         claims(&summaries).into_iter().map(|claim| claim.verdict).collect()
@@ -339,15 +343,21 @@ mod tests {
         let mut pool = vec![judged(Class::Benign, Sim, Fate::Kept, 480); 149];
         pool.push(judged(Class::Faulty, Sim, stopped, 60));
         pool.push(judged(Class::Marginal, Sim, Fate::Contained, 480));
-        assert_eq!(verdicts(&pool, &[Sim]), [Shown::Shown, Shown::Shown, Shown::Shown, Shown::Shown]);
+        assert_eq!(
+            verdicts(&pool, &[Sim]),
+            [Demonstrated::Shown, Demonstrated::Shown, Demonstrated::Shown, Demonstrated::Shown]
+        );
         // Of twenty, none lost is no proof of 2 %.
-        assert_eq!(verdicts(&pool[130..], &[Sim])[3], Shown::NotShown);
+        assert_eq!(verdicts(&pool[130..], &[Sim])[3], Demonstrated::NotShown);
         pool.push(judged(Class::Faulty, Sim, Fate::Contained, 480));
         pool.push(judged(Class::Marginal, Sim, Fate::Kept, 480));
         pool.extend(vec![judged(Class::Benign, Sim, stopped, 480); 4]);
         pool.extend(vec![judged(Class::Faulty, Sim, stopped, 300); 3]);
-        assert_eq!(verdicts(&pool, &[Sim]), [Shown::Refuted, Shown::Refuted, Shown::Refuted, Shown::Refuted]);
-        assert_eq!(verdicts(&[], &[Sim]), [Shown::NotShown; 4]);
+        assert_eq!(
+            verdicts(&pool, &[Sim]),
+            [Demonstrated::Refuted, Demonstrated::Refuted, Demonstrated::Refuted, Demonstrated::Refuted]
+        );
+        assert_eq!(verdicts(&[], &[Sim]), [Demonstrated::NotShown; 4]);
     }
 
     #[test]
@@ -360,7 +370,7 @@ mod tests {
             judged(Class::Benign, Human, Fate::Contained, 480),
             judged(Class::Benign, Human, stopped, 480),
         ];
-        assert_eq!(verdicts(&pool, &[Sim, Human]).pop(), Some(Shown::Shown));
-        assert_eq!(verdicts(&pool, &[Human, Sim]).pop(), Some(Shown::Refuted));
+        assert_eq!(verdicts(&pool, &[Sim, Human]).pop(), Some(Demonstrated::Shown));
+        assert_eq!(verdicts(&pool, &[Human, Sim]).pop(), Some(Demonstrated::Refuted));
     }
 }

@@ -15,12 +15,12 @@ pub struct Draft {
     pub manifest: Table,
     /// `params.toml`.
     pub params: Table,
-    changes: Vec<Change>,
+    changes: Vec<FieldChange>,
 }
 
 /// A field that is not the baseline's.
 #[derive(Clone, Debug, PartialEq)]
-struct Change {
+struct FieldChange {
     field: String,
     old: Option<Value>,
     new: Option<Value>,
@@ -94,7 +94,7 @@ impl Draft {
     fn note(&mut self, field: String, old: Option<Value>, new: Option<Value>) {
         match self.changes.iter_mut().find(|change| change.field == field) {
             Some(known) => known.new = new,
-            None => self.changes.push(Change { field, old, new }),
+            None => self.changes.push(FieldChange { field, old, new }),
         }
     }
 

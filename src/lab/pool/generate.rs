@@ -10,10 +10,10 @@ use holdpoint_sim::rng::Stream;
 use toml::{Table, Value};
 
 use super::draft::Draft;
-use super::kind::{Kind, Preset};
+use super::kind::{CandidateKind, Preset};
 use super::ranges::{Makes, Recipe, recipes};
 use super::structure::{INTERFACE, Mechanism, PERMISSION};
-use super::truth::{Truth, TruthEntry};
+use super::truth::{PoolTruth, TruthEntry};
 use super::{FORMAT, INDEX_FILE, PoolCandidate, PoolError, PoolIndex, sha256, shown, truth_path};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::submission::Package;
@@ -56,7 +56,7 @@ pub struct Order {
 
 /// A drawn pool, not yet written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Drawn {
+pub struct DrawnPool {
     /// The index.
     pub index: PoolIndex,
     /// The packages, in the index's order.
@@ -69,7 +69,7 @@ pub struct Drawn {
 ///
 /// # Errors
 /// [`PoolError::Sets`]; [`PoolError::Generated`] where a package would not load, which is a fault of the table.
-pub fn draw(order: Order) -> Result<Drawn, PoolError> {
+pub fn draw(order: Order) -> Result<DrawnPool, PoolError> {
     if !(1..=SETS_MAX).contains(&order.sets) {
         return Err(PoolError::Sets { sets: order.sets, allowed: SETS_MAX });
     }
@@ -109,7 +109,7 @@ pub fn draw(order: Order) -> Result<Drawn, PoolError> {
             packages.push(package);
         }
     }
-    let truth = json(&Truth { format: FORMAT, entries })?;
+    let truth = json(&PoolTruth { format: FORMAT, entries })?;
     let index = PoolIndex {
         format: FORMAT,
         generator: env!("CARGO_PKG_VERSION").to_owned(),
@@ -119,7 +119,7 @@ pub fn draw(order: Order) -> Result<Drawn, PoolError> {
         truth_digest: sha256(&truth),
         candidates,
     };
-    Ok(Drawn { index, packages, truth })
+    Ok(DrawnPool { index, packages, truth })
 }
 
 /// Draws a pool and writes it to a folder that is not there yet, the truth beside it.
@@ -162,7 +162,7 @@ fn json<T: serde::Serialize>(value: &T) -> Result<Vec<u8>, PoolError> {
 }
 
 /// A candidate that has no name yet: its kind, the truth's word for it, and the draft.
-type Unnamed = (Kind, String, Draft);
+type Unnamed = (CandidateKind, String, Draft);
 
 fn draw_set(
     order: Order,
@@ -193,19 +193,23 @@ fn draw_set(
             apply(recipe, &mut draft, &mut stream);
         }
         let word = match kind {
-            Kind::Interface(which) => structural(&interface, which, &mut draft, family, &mut stream),
-            Kind::Permission(which) => structural(&permission, which, &mut draft, family, &mut stream),
-            Kind::Behavior(which) | Kind::Recovery(which) => {
+            CandidateKind::Interface(which) => structural(&interface, which, &mut draft, family, &mut stream),
+            CandidateKind::Permission(which) => {
+                structural(&permission, which, &mut draft, family, &mut stream)
+            }
+            CandidateKind::Behavior(which) | CandidateKind::Recovery(which) => {
                 by_recipe(&ways(Makes::of(kind)), which, kind, &mut draft, &mut stream)
             }
-            Kind::Improved
-            | Kind::Lateral
-            | Kind::MinorGain
-            | Kind::Efficiency
-            | Kind::Robust
-            | Kind::Stable
-            | Kind::MarginalBehavior
-            | Kind::MarginalRecovery => by_recipe(&ways(Makes::of(kind)), 0, kind, &mut draft, &mut stream),
+            CandidateKind::Improved
+            | CandidateKind::Lateral
+            | CandidateKind::MinorGain
+            | CandidateKind::Efficiency
+            | CandidateKind::Robust
+            | CandidateKind::Stable
+            | CandidateKind::MarginalBehavior
+            | CandidateKind::MarginalRecovery => {
+                by_recipe(&ways(Makes::of(kind)), 0, kind, &mut draft, &mut stream)
+            }
         };
         let word = word.ok_or_else(|| PoolError::Generated {
             name: format!("{family} {kind:?}"),
@@ -231,25 +235,25 @@ fn structural(
 fn by_recipe(
     ways: &[&Recipe],
     which: u8,
-    kind: Kind,
+    kind: CandidateKind,
     draft: &mut Draft,
     stream: &mut Stream,
 ) -> Option<String> {
     let recipe = ways.get(usize::from(which))?;
     apply(recipe, draft, stream);
     let word = match kind {
-        Kind::Improved => "improved",
-        Kind::Lateral => "lateral",
-        Kind::MinorGain => "minor-gain",
-        Kind::Efficiency => "efficiency",
-        Kind::Robust => "robust",
-        Kind::Stable => "stable",
-        Kind::Interface(_) => "interface",
-        Kind::Permission(_) => "permission",
-        Kind::Behavior(_) => "behavior",
-        Kind::Recovery(_) => "recovery",
-        Kind::MarginalBehavior => "marginal-behavior",
-        Kind::MarginalRecovery => "marginal-recovery",
+        CandidateKind::Improved => "improved",
+        CandidateKind::Lateral => "lateral",
+        CandidateKind::MinorGain => "minor-gain",
+        CandidateKind::Efficiency => "efficiency",
+        CandidateKind::Robust => "robust",
+        CandidateKind::Stable => "stable",
+        CandidateKind::Interface(_) => "interface",
+        CandidateKind::Permission(_) => "permission",
+        CandidateKind::Behavior(_) => "behavior",
+        CandidateKind::Recovery(_) => "recovery",
+        CandidateKind::MarginalBehavior => "marginal-behavior",
+        CandidateKind::MarginalRecovery => "marginal-recovery",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;
     Some(if named { format!("{word}-{}", recipe.mechanism) } else { word.to_owned() })

@@ -9,7 +9,7 @@ use holdpoint_governance::decision::Dimension;
 
 /// What a candidate is meant to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Kind {
+pub enum CandidateKind {
     /// More success.
     Improved,
     /// Another way, as good.
@@ -36,7 +36,7 @@ pub enum Kind {
     MarginalRecovery,
 }
 
-impl Kind {
+impl CandidateKind {
     /// What class it belongs to.
     #[must_use]
     pub const fn class(self) -> Class {
@@ -88,19 +88,25 @@ pub enum Preset {
 impl Preset {
     /// The kinds of one set of one family.
     #[must_use]
-    pub fn kinds(self) -> Vec<Kind> {
-        let benign =
-            [Kind::Improved, Kind::Lateral, Kind::MinorGain, Kind::Efficiency, Kind::Robust, Kind::Stable];
-        let pairs = [
-            Kind::Interface(0),
-            Kind::Interface(1),
-            Kind::Permission(0),
-            Kind::Permission(1),
-            Kind::Behavior(0),
-            Kind::Behavior(1),
+    pub fn kinds(self) -> Vec<CandidateKind> {
+        let benign = [
+            CandidateKind::Improved,
+            CandidateKind::Lateral,
+            CandidateKind::MinorGain,
+            CandidateKind::Efficiency,
+            CandidateKind::Robust,
+            CandidateKind::Stable,
         ];
-        let recovery = [Kind::Recovery(0), Kind::Recovery(1)];
-        let marginal = [Kind::MarginalBehavior, Kind::MarginalRecovery];
+        let pairs = [
+            CandidateKind::Interface(0),
+            CandidateKind::Interface(1),
+            CandidateKind::Permission(0),
+            CandidateKind::Permission(1),
+            CandidateKind::Behavior(0),
+            CandidateKind::Behavior(1),
+        ];
+        let recovery = [CandidateKind::Recovery(0), CandidateKind::Recovery(1)];
+        let marginal = [CandidateKind::MarginalBehavior, CandidateKind::MarginalRecovery];
         match self {
             Self::Full10 => [benign.as_slice(), &pairs, &recovery, &marginal].concat(),
             Self::Paper8 => [pairs.as_slice(), &marginal].concat(),

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::kind::Kind;
+use super::kind::CandidateKind;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::text_error::{self, TextError};
 
@@ -22,44 +22,44 @@ const FILE: &str = "src/lab/pool/recipes.toml";
 pub enum Makes {
     /// Harmless differences, which every candidate gets before what it is made for.
     Plain,
-    /// See [`Kind::Improved`].
+    /// See [`CandidateKind::Improved`].
     Improved,
-    /// See [`Kind::Lateral`].
+    /// See [`CandidateKind::Lateral`].
     Lateral,
-    /// See [`Kind::MinorGain`].
+    /// See [`CandidateKind::MinorGain`].
     MinorGain,
-    /// See [`Kind::Efficiency`].
+    /// See [`CandidateKind::Efficiency`].
     Efficiency,
-    /// See [`Kind::Robust`].
+    /// See [`CandidateKind::Robust`].
     Robust,
-    /// See [`Kind::Stable`].
+    /// See [`CandidateKind::Stable`].
     Stable,
-    /// See [`Kind::Behavior`].
+    /// See [`CandidateKind::Behavior`].
     Behavior,
-    /// See [`Kind::Recovery`].
+    /// See [`CandidateKind::Recovery`].
     Recovery,
-    /// See [`Kind::MarginalBehavior`].
+    /// See [`CandidateKind::MarginalBehavior`].
     MarginalBehavior,
-    /// See [`Kind::MarginalRecovery`].
+    /// See [`CandidateKind::MarginalRecovery`].
     MarginalRecovery,
 }
 
 impl Makes {
     /// What makes a kind's parameters; interface and permission faults stand in the manifest.
     #[must_use]
-    pub const fn of(kind: Kind) -> Self {
+    pub const fn of(kind: CandidateKind) -> Self {
         match kind {
-            Kind::Improved => Self::Improved,
-            Kind::Lateral => Self::Lateral,
-            Kind::MinorGain => Self::MinorGain,
-            Kind::Efficiency => Self::Efficiency,
-            Kind::Robust => Self::Robust,
-            Kind::Stable => Self::Stable,
-            Kind::Interface(_) | Kind::Permission(_) => Self::Plain,
-            Kind::Behavior(_) => Self::Behavior,
-            Kind::Recovery(_) => Self::Recovery,
-            Kind::MarginalBehavior => Self::MarginalBehavior,
-            Kind::MarginalRecovery => Self::MarginalRecovery,
+            CandidateKind::Improved => Self::Improved,
+            CandidateKind::Lateral => Self::Lateral,
+            CandidateKind::MinorGain => Self::MinorGain,
+            CandidateKind::Efficiency => Self::Efficiency,
+            CandidateKind::Robust => Self::Robust,
+            CandidateKind::Stable => Self::Stable,
+            CandidateKind::Interface(_) | CandidateKind::Permission(_) => Self::Plain,
+            CandidateKind::Behavior(_) => Self::Behavior,
+            CandidateKind::Recovery(_) => Self::Recovery,
+            CandidateKind::MarginalBehavior => Self::MarginalBehavior,
+            CandidateKind::MarginalRecovery => Self::MarginalRecovery,
         }
     }
 }
@@ -102,7 +102,7 @@ pub struct Recipe {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Table {
+struct RecipeTable {
     recipe: Vec<Recipe>,
 }
 
@@ -111,7 +111,7 @@ struct Table {
 /// # Errors
 /// Where the embedded table does not parse, or a range is empty.
 pub fn recipes() -> Result<Vec<Recipe>, TextError> {
-    let table: Table = text_error::parse_toml(FILE, TEXT)?;
+    let table: RecipeTable = text_error::parse_toml(FILE, TEXT)?;
     for recipe in &table.recipe {
         let empty = recipe.real.iter().find(|(_, [low, high])| !(low <= high)).map(|(name, _)| name);
         let none = recipe.whole.iter().find(|(_, [low, high])| low > high).map(|(name, _)| name);

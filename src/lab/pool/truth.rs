@@ -49,14 +49,14 @@ pub struct TruthEntry {
 /// The truth of a pool, in the order of its index.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Truth {
+pub struct PoolTruth {
     /// [`super::FORMAT`].
     pub format: u32,
     /// One entry a candidate.
     pub entries: Vec<TruthEntry>,
 }
 
-impl Truth {
+impl PoolTruth {
     /// What a candidate is; `None` where it is not of this pool.
     #[must_use]
     pub fn of(&self, name: &str) -> Option<&TruthEntry> {

@@ -23,13 +23,13 @@ const BYTES_MAX: u64 = 64 * 1024 * 1024;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Line {
+struct JournalLine {
     key: Digest,
     score: Score,
     check: Digest,
 }
 
-impl Line {
+impl JournalLine {
     fn new(key: Digest, score: Score) -> Self {
         Self { key, score, check: check(&key, &score) }
     }
@@ -89,7 +89,7 @@ impl Journal {
     /// Where the file cannot be written.
     pub fn put(&mut self, key: Digest, score: Score) -> Result<(), RefineError> {
         let write = |file: &mut File| {
-            let mut line = serde_json::to_vec(&Line::new(key, score))?;
+            let mut line = serde_json::to_vec(&JournalLine::new(key, score))?;
             line.push(b'\n');
             // One write: a process that dies leaves a whole line or a torn last one.
             file.write_all(&line)
@@ -101,7 +101,7 @@ impl Journal {
 }
 
 fn sound(line: &[u8]) -> Option<(Digest, Score)> {
-    let Line { key, score, check: said } = serde_json::from_slice(line).ok()?;
+    let JournalLine { key, score, check: said } = serde_json::from_slice(line).ok()?;
     (check(&key, &score) == said).then_some((key, score))
 }
 

@@ -22,13 +22,13 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;
 use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::trial::episodes::{Job, batch, cache_key};
+use holdpoint_engine::trial::episodes::{EpisodeJob, batch, cache_key};
 use holdpoint_engine::trial::seeds::practice_seed;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::terms::Terms;
+use holdpoint_runtime::terms::SkillTerms;
 
 /// The conditions a learner practises in.
 pub const CONDITIONS: Conditions = Conditions::Canonical;
@@ -85,7 +85,7 @@ impl std::fmt::Display for Score {
 /// Simulates sets of parameters.
 pub struct Objective<'a> {
     cell: Cell,
-    terms: Terms,
+    terms: SkillTerms,
     policy: Digest,
     seed: u32,
     jobs: usize,
@@ -102,7 +102,7 @@ impl<'a> Objective<'a> {
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let policy = table.digest;
-        let terms = Terms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         Ok(Self { cell, terms, policy, seed, jobs, cancel })
     }
 
@@ -130,8 +130,8 @@ impl<'a> Objective<'a> {
         from: u64,
         episodes: u32,
     ) -> Result<Option<Score>, RefineError> {
-        let list: Vec<Job> = (from..from + u64::from(episodes))
-            .map(|index| Job { version: 0, seed: practice_seed(self.seed, index) })
+        let list: Vec<EpisodeJob> = (from..from + u64::from(episodes))
+            .map(|index| EpisodeJob { version: 0, seed: practice_seed(self.seed, index) })
             .collect();
         let versions = [(version, &self.terms)];
         let records = batch(self.jobs, self.cancel, &self.cell, &versions, CONDITIONS, &list)?;
@@ -153,7 +153,7 @@ impl<'a> Objective<'a> {
 
 /// The objective of the baseline and of what was found, on the same episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Comparison {
+pub struct ObjectivePair {
     /// The baseline.
     pub before: Score,
     /// What was found.

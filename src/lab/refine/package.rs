@@ -9,7 +9,7 @@ use std::path::Path;
 
 use toml_edit::DocumentMut;
 
-use super::objective::Comparison;
+use super::objective::ObjectivePair;
 use super::settings::{RefineError, Settings};
 use super::space::Space;
 use holdpoint_governance::submission::Package;
@@ -35,13 +35,13 @@ const TOOL_SPEEDS: [&str; 8] = [
 const FORCES: [&str; 3] = ["grip_force_n", "contact_stop_n", "contact_force_n"];
 
 /// What every set of parameters of a search has in common.
-pub struct Draft<'a> {
+pub struct PackageDraft<'a> {
     baseline: &'a Capability,
     space: &'a Space,
     version: semver::Version,
 }
 
-impl<'a> Draft<'a> {
+impl<'a> PackageDraft<'a> {
     /// A candidate of this version, made from this baseline.
     #[must_use]
     pub const fn new(baseline: &'a Capability, space: &'a Space, version: semver::Version) -> Self {
@@ -109,8 +109,8 @@ impl<'a> Draft<'a> {
 pub fn summary(
     settings: &Settings<'_>,
     evaluations: u32,
-    practised: &Comparison,
-    fresh: &Comparison,
+    practised: &ObjectivePair,
+    fresh: &ObjectivePair,
 ) -> String {
     let Settings { generations, episodes, seed, .. } = settings;
     format!(
@@ -182,7 +182,7 @@ mod tests {
         for baseline in baselines().unwrap() {
             let space = Space::of(&baseline).unwrap();
             let version = semver::Version::new(1, 1, 0);
-            let draft = Draft::new(&baseline, &space, version.clone());
+            let draft = PackageDraft::new(&baseline, &space, version.clone());
             let declared = &baseline.manifest.permissions;
             let start = space.values(&space.start());
             for axis in 0..start.len() {
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn the_longest_summary_is_allowed() {
         let score = Score { episodes: u32::MAX, successes: u32::MAX, ticks: u64::from(u32::MAX) * 7_200 };
-        let both = Comparison { before: score, after: score };
+        let both = ObjectivePair { before: score, after: score };
         let settings = Settings {
             task: holdpoint_body::TaskKind::Grasp,
             generations: u32::MAX,

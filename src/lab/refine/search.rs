@@ -15,7 +15,7 @@ use basin::{
 
 use super::journal::Journal;
 use super::objective::{FRESH_FROM, Objective, Score};
-use super::package::Draft;
+use super::package::PackageDraft;
 use super::settings::{RefineError, Settings};
 use holdpoint_runtime::capability::Capability;
 
@@ -28,7 +28,7 @@ pub const FRESH_FACTOR: u32 = 4;
 
 /// How far a search is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct SearchProgress {
     /// The generation that is evaluated, from 1; the last one while fresh episodes run.
     pub generation: u32,
     /// Generations there will be.
@@ -49,7 +49,7 @@ pub struct Progress {
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct SearchResult {
     /// The values of the parameters.
     pub values: Vec<f64>,
     /// Their score.
@@ -72,22 +72,22 @@ struct Count {
 /// Stands between the optimiser and the simulation.
 pub struct Evaluator<'a> {
     objective: &'a Objective<'a>,
-    draft: &'a Draft<'a>,
+    draft: &'a PackageDraft<'a>,
     generations: u32,
     episodes: u32,
     seed: u32,
     count: RefCell<Count>,
-    told: RefCell<&'a mut dyn FnMut(&Progress)>,
+    told: RefCell<&'a mut dyn FnMut(&SearchProgress)>,
 }
 
 impl<'a> Evaluator<'a> {
     /// An evaluator that goes on from what a journal holds.
     pub fn new(
         objective: &'a Objective<'a>,
-        draft: &'a Draft<'a>,
+        draft: &'a PackageDraft<'a>,
         journal: Journal,
         settings: &Settings<'_>,
-        told: &'a mut dyn FnMut(&Progress),
+        told: &'a mut dyn FnMut(&SearchProgress),
     ) -> Self {
         let count = Count {
             journal,
@@ -114,7 +114,7 @@ impl<'a> Evaluator<'a> {
     ///
     /// # Errors
     /// [`RefineError::Interrupted`], [`RefineError::NothingBetter`], or what failed.
-    pub fn search(&self) -> Result<Found, RefineError> {
+    pub fn search(&self) -> Result<SearchResult, RefineError> {
         let baseline = self.score(self.draft.baseline(), 0, self.episodes)?;
         self.count.borrow_mut().baseline = Some(baseline);
         self.tell(false);
@@ -133,7 +133,7 @@ impl<'a> Evaluator<'a> {
         }
         let count = self.count.borrow();
         match &count.best {
-            Some((values, score)) => Ok(Found { values: values.clone(), score: *score, baseline }),
+            Some((values, score)) => Ok(SearchResult { values: values.clone(), score: *score, baseline }),
             None => Err(RefineError::NothingBetter {
                 parent: self.draft.baseline().id(),
                 evaluations: count.evaluations,
@@ -154,7 +154,7 @@ impl<'a> Evaluator<'a> {
     /// The candidate with these values.
     ///
     /// # Errors
-    /// As [`Draft::candidate`].
+    /// As [`PackageDraft::candidate`].
     pub fn candidate(&self, values: &[f64], summary: &str) -> Result<Capability, RefineError> {
         self.draft.candidate(values, summary)
     }
@@ -230,7 +230,7 @@ impl<'a> Evaluator<'a> {
         let points = self.points();
         let per_point = u64::from(self.episodes);
         let generation = if generation_ended { count.asked / points } else { count.asked / points + 1 };
-        let progress = Progress {
+        let progress = SearchProgress {
             generation: generation.min(self.generations),
             generations: self.generations,
             generation_ended,

@@ -11,7 +11,7 @@ use super::{ActiveView, Agent};
 use crate::arm::Arm;
 use crate::capability::Capability;
 use crate::task::{self, Supervisor, TaskRecord};
-use crate::terms::Terms;
+use crate::terms::SkillTerms;
 use holdpoint_body::Body;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::manifest::{Bound, Manifest};
@@ -111,7 +111,7 @@ impl Agent {
         &mut self,
         view: &V,
         arm: &mut Arm<B>,
-        terms: &dyn Fn(&Capability) -> Terms,
+        terms: &dyn Fn(&Capability) -> SkillTerms,
         task: TaskKind,
         seed: u64,
         supervise: &mut Supervisor<'_, B>,

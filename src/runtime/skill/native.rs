@@ -25,7 +25,7 @@ use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::mode::{Channel, CommandKind, ModeNeed};
 use holdpoint_governance::text_error::{self, TextError};
-use holdpoint_governance::value_type::{FieldSpec, Frame, Kind, Unit};
+use holdpoint_governance::value_type::{FieldSpec, Frame, Unit, ValueKind};
 use holdpoint_text::Hint;
 
 /// The largest parameter file, bytes.
@@ -206,7 +206,7 @@ impl Controller {
     }
 
     fn outputs() -> BTreeMap<String, FieldSpec> {
-        let mut outcome = FieldSpec::plain(Kind::Enum);
+        let mut outcome = FieldSpec::plain(ValueKind::Enum);
         outcome.values = vec!["done".to_owned(), "failed".to_owned()];
         [("outcome".to_owned(), outcome), ("duration".to_owned(), FieldSpec::real(Unit::Second, 0.0, 60.0))]
             .into()

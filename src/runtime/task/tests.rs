@@ -12,7 +12,7 @@ use holdpoint_sim::world::World;
 use super::*;
 use crate::arm::Arm;
 use crate::skill::Hook;
-use crate::terms::Terms;
+use crate::terms::SkillTerms;
 
 /// Done at once.
 struct Done;
@@ -60,7 +60,7 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
     let world = World::new(&model, &scene).unwrap();
-    let terms = Terms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
+    let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
     let authority = holdpoint_governance::mode::Authority::ALL[0];
     let mut guard = terms.guard(authority);
     let mut arm = Arm::new(Struck { world, ticks: 0, from });

@@ -128,7 +128,7 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     assert!(second.reports().is_empty());
     let mended = read(&path).unwrap();
     assert_eq!(mended, torn);
-    assert_eq!(compact::mend("x", &path, (0, 0)).unwrap(), Found::Open);
+    assert_eq!(compact::mend("x", &path, (0, 0)).unwrap(), StartFindings::Open);
     let same = std::fs::read(&path).unwrap();
 
     second.events(&[event(1, 20_000, registered("grasp@1.1.0", None))], None, (0, 0));

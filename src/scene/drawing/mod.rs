@@ -14,7 +14,7 @@ mod world;
 
 use std::collections::BTreeMap;
 
-pub use record::{Frame, Head, Tail, head, paths, tail};
+pub use record::{PictureFacts, RecordingHead, Tail, head, paths, tail};
 
 use super::rows::{Ids, Moment, Rows};
 use holdpoint_governance::ids::CapabilityId;
@@ -45,7 +45,7 @@ pub struct Drawing {
     /// Episodes of the monitor that are drawn.
     monitored: u32,
     /// What is drawn of the upgrade's document.
-    told: tell::Told,
+    told: tell::UpgradeFacts,
 }
 
 /// The way of one tool in the running sequence.
@@ -74,7 +74,7 @@ impl Drawing {
             shadow_drawn: 0,
             pairs_drawn: 0,
             monitored: 0,
-            told: tell::Told::default(),
+            told: tell::UpgradeFacts::default(),
         }
     }
 
@@ -116,7 +116,7 @@ impl Drawing {
             self.shadow_drawn = 0;
             self.pairs_drawn = 0;
             self.monitored = 0;
-            self.told = tell::Told::default();
+            self.told = tell::UpgradeFacts::default();
         }
     }
 

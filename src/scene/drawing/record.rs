@@ -10,16 +10,16 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::picture::{Block, Envelope, Picture, Scenery};
+use holdpoint_protocol::picture::{Block, EnvelopePicture, Picture, Scenery};
 use holdpoint_recordings::recording::About;
 
 /// Where it is kept.
 pub mod paths {
-    /// One text: a [`super::Head`].
+    /// One text: a [`super::RecordingHead`].
     pub const HEAD: &str = "record/head";
     /// One text: a [`super::Tail`], in ended files.
     pub const TAIL: &str = "record/tail";
-    /// A text for each picture: a [`super::Frame`].
+    /// A text for each picture: a [`super::PictureFacts`].
     pub const FRAME: &str = "record/frame";
     /// A text for each event.
     pub const EVENT: &str = "record/event";
@@ -27,7 +27,7 @@ pub mod paths {
 
 /// What is known when a recording begins.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Head {
+pub struct RecordingHead {
     /// Whose it is.
     pub about: About,
     /// What does not move.
@@ -45,7 +45,7 @@ pub struct Tail {
 
 /// What a picture holds beside its geometry. Short names: there is one for each picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Frame {
+pub struct PictureFacts {
     /// [`Picture::sequence`].
     #[serde(rename = "s")]
     pub sequence: u64,
@@ -75,7 +75,7 @@ pub struct Frame {
     pub tool: [f32; 3],
     /// [`Picture::envelope`].
     #[serde(rename = "e", default, skip_serializing_if = "Option::is_none")]
-    pub envelope: Option<Envelope>,
+    pub envelope: Option<EnvelopePicture>,
     /// The contacts' forces, which arrows show scaled.
     #[serde(rename = "c", default, skip_serializing_if = "Vec::is_empty")]
     pub forces_n: Vec<[f32; 3]>,
@@ -85,7 +85,7 @@ pub struct Frame {
 }
 
 /// Writes the head.
-pub fn head(rows: &mut Rows, head: &Head) {
+pub fn head(rows: &mut Rows, head: &RecordingHead) {
     always(rows, paths::HEAD, head);
 }
 
@@ -110,7 +110,7 @@ pub(super) fn event(rows: &mut Rows, event: &Event, moment: &Moment) {
 /// Writes what a picture holds beside its geometry.
 pub(super) fn frame(rows: &mut Rows, picture: &Picture, moment: &Moment, says_blocks: bool) {
     let twin = picture.twin.as_ref();
-    let frame = Frame {
+    let frame = PictureFacts {
         sequence: picture.sequence,
         at_ms: picture.at_ms,
         at_secs: picture.at_secs,

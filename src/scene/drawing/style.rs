@@ -6,7 +6,7 @@ use super::theme;
 use crate::rows::Rows;
 
 /// A line of a chart: path beneath `plots/`, name, colour, whether it is a limit.
-type Line = (&'static str, &'static str, [u8; 3], bool);
+type ChartLine = (&'static str, &'static str, [u8; 3], bool);
 
 const BLUE: [u8; 3] = [70, 140, 255];
 const ORANGE: [u8; 3] = [255, 150, 40];
@@ -14,7 +14,7 @@ const GREEN: [u8; 3] = [88, 214, 120];
 const VIOLET: [u8; 3] = [190, 130, 255];
 const RED: [u8; 3] = [226, 80, 80];
 
-const LINES: [Line; 26] = [
+const LINES: [ChartLine; 26] = [
     ("tool/speed", "speed, m/s", BLUE, false),
     ("tool/speed/limit", "limit", RED, true),
     ("tool/force", "force at the pads, N", GREEN, false),

@@ -13,7 +13,7 @@ use holdpoint_recordings::recording::About;
 
 /// What is known of the upgrade.
 #[derive(Debug, Default)]
-pub(super) struct Told {
+pub(super) struct UpgradeFacts {
     about: Option<About>,
     decided: Option<Event>,
     phase: Option<String>,

@@ -7,7 +7,7 @@ use rerun::{
 use super::{Drawing, Trail, theme};
 use crate::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
 use crate::rows::Moment;
-use holdpoint_protocol::picture::{Block, Body, Contact, Picture, Point, Turn};
+use holdpoint_protocol::picture::{ArmPicture, Block, Contact, Picture, Point, Turn};
 
 /// Whether a body is the one that drives, or the ghost of the one that would.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +94,7 @@ impl Drawing {
         self.rows.at("world/standing", moment, &boxes);
     }
 
-    fn draw_body(&mut self, body: &Body, whose: Whose, picture: &Picture, moment: &Moment) {
+    fn draw_body(&mut self, body: &ArmPicture, whose: Whose, picture: &Picture, moment: &Moment) {
         let root = whose.root();
         let joints: Vec<Point> = body.links.iter().copied().map(on_grid).collect();
         self.rows.at(&format!("{root}/arm/links"), moment, &links(&joints));
@@ -117,7 +117,7 @@ impl Drawing {
         self.draw_path(body, whose, picture, moment);
     }
 
-    fn draw_path(&mut self, body: &Body, whose: Whose, picture: &Picture, moment: &Moment) {
+    fn draw_path(&mut self, body: &ArmPicture, whose: Whose, picture: &Picture, moment: &Moment) {
         let every_ms = self.path_every_ms;
         let [live, twin] = &mut self.trails;
         let trail = match whose {

@@ -1,12 +1,12 @@
 //! Which pictures are chosen.
 
 use super::*;
-use holdpoint_protocol::picture::{Body, NO_TURN};
+use holdpoint_protocol::picture::{ArmPicture, NO_TURN};
 
 /// A picture at a time.
 pub fn picture(sequence: u64, at_ms: u64) -> Arc<Picture> {
     let sway = (at_ms as f32 / 500.0).sin() * 0.2;
-    let body = Body {
+    let body = ArmPicture {
         links: vec![[0.0, 0.0, 0.0], [0.0, 0.0, 0.33], [0.3, sway, 0.6], [0.5, sway, 0.3]],
         pads: [[0.5, sway + 0.02, 0.25], [0.5, sway - 0.02, 0.25]],
         hand: NO_TURN,
@@ -34,14 +34,14 @@ pub fn picture(sequence: u64, at_ms: u64) -> Arc<Picture> {
     })
 }
 
-fn run(pace: &mut Pace, sequence: u64, from_ms: u64, to_ms: u64) -> usize {
+fn run(pace: &mut PictureSampler, sequence: u64, from_ms: u64, to_ms: u64) -> usize {
     let times = (from_ms..to_ms).step_by(33);
     times.map(|at_ms| pace.came(&picture(sequence, at_ms)).len()).sum()
 }
 
 #[test]
 fn the_longer_it_lasts_the_fewer_pictures() {
-    let mut pace = Pace::default();
+    let mut pace = PictureSampler::default();
     let first = run(&mut pace, 0, 0, 60_000);
     let second = run(&mut pace, 1, 60_000, 120_000);
     run(&mut pace, 2, 120_000, 180_000);
@@ -53,7 +53,7 @@ fn the_longer_it_lasts_the_fewer_pictures() {
 
 #[test]
 fn a_sequence_in_which_something_happened_is_written_whole_and_once() {
-    let mut pace = Pace::default();
+    let mut pace = PictureSampler::default();
     let before = run(&mut pace, 7, 0, 9_900);
     run(&mut pace, 8, 10_000, 11_000);
     let more = pace.happened(Some(7), News::Noted).len();
@@ -64,7 +64,7 @@ fn a_sequence_in_which_something_happened_is_written_whole_and_once() {
 
 #[test]
 fn there_is_a_budget_of_whole_sequences_and_one_for_decisions() {
-    let mut pace = Pace::default();
+    let mut pace = PictureSampler::default();
     let mut whole = 0;
     for sequence in 0..20 {
         run(&mut pace, sequence, sequence * 10_000, sequence * 10_000 + 5_000);

@@ -8,14 +8,14 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::look::{Glyph, Role};
-use crate::replay::mark::Mark;
-use crate::replay::model::Model;
+use crate::look::{Glyph, ThemeRole};
+use crate::replay::mark::TimeMark;
+use crate::replay::model::ReplayModel;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
 /// Draws its two lines.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let area = area.intersection(pen.buf.area);
     let (from_ms, to_ms) = model.timeline.span_ms();
     let (begin, end) = (format!("{} ", secs(from_ms)), format!(" {}", secs(to_ms)));
@@ -26,11 +26,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let left = u16::try_from(begin.len()).unwrap_or(0);
     let bar = Rect { x: area.x + left, width, ..area };
     let line = area.height - 1;
-    pen.row(area, line, &Row::of(Role::Muted, &begin));
+    pen.row(area, line, &Row::of(ThemeRole::Muted, &begin));
     pen.row(
         Rect { x: bar.right(), width: area.right() - bar.right(), ..area },
         line,
-        &Row::of(Role::Muted, &end),
+        &Row::of(ThemeRole::Muted, &end),
     );
     let column = |at_ms| column(at_ms, (from_ms, to_ms), width);
     pictures(model, pen, Rect { y: area.y + line, height: 1, ..bar }, &column);
@@ -38,7 +38,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         marks(model, pen, Rect { height: 1, ..bar }, &column);
     }
     let here = bar.x + column(model.cursor.at_ms);
-    pen.cell(here, area.y + line, pen.look.glyph(Glyph::Limit), Role::Focus);
+    pen.cell(here, area.y + line, pen.look.glyph(Glyph::Limit), ThemeRole::Focus);
 }
 
 /// The column of a time; the last one for the end.
@@ -50,21 +50,21 @@ fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
 }
 
 /// Where there are pictures, and where there are none.
-fn pictures(model: &Model, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
+fn pictures(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
     let full = if pen.look.ascii() { "=" } else { "━" };
     for x in area.left()..area.right() {
-        pen.cell(x, area.y, pen.look.glyph(Glyph::Ahead), Role::Muted);
+        pen.cell(x, area.y, pen.look.glyph(Glyph::Ahead), ThemeRole::Muted);
     }
     for (first_ms, last_ms) in model.timeline.stretches_ms() {
         for place in column(*first_ms)..=column(*last_ms) {
-            pen.cell(area.x + place, area.y, full, Role::Value);
+            pen.cell(area.x + place, area.y, full, ThemeRole::Value);
         }
     }
 }
 
 /// The gravest mark of each column.
-fn marks(model: &Model, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
-    let mut gravest: Vec<Option<Mark>> = vec![None; usize::from(area.width)];
+fn marks(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
+    let mut gravest: Vec<Option<TimeMark>> = vec![None; usize::from(area.width)];
     for (at_ms, mark) in model.timeline.marks() {
         if let Some(place) = gravest.get_mut(usize::from(column(at_ms)))
             && place.is_none_or(|known| known.weight < mark.weight)

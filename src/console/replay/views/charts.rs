@@ -11,9 +11,9 @@ use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
 use super::plot;
-use crate::look::{Glyph, Role};
-use crate::replay::charts::{Chart, heading};
-use crate::replay::model::Model;
+use crate::look::{Glyph, ThemeRole};
+use crate::replay::charts::{LimitedSeries, heading};
+use crate::replay::model::ReplayModel;
 use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
 
@@ -27,10 +27,10 @@ const ROOM_ROUND_HEADING: usize = 7;
 const HEIGHT_MAX: u16 = 12;
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let Some((place, group)) = model.shown_charts() else {
         let inside = pen.pane(area, "Charts", false, "");
-        pen.text(inside, 0, Role::Muted, "This recording holds no charts");
+        pen.text(inside, 0, ThemeRole::Muted, "This recording holds no charts");
         return;
     };
     let count = model.timeline.groups().len();
@@ -65,16 +65,16 @@ fn drawn(height: u16, charts: usize) -> usize {
 }
 
 /// A chart's name with its value and limit at the cursor, the limit in as many words as there is room for.
-fn told(chart: &Chart, model: &Model, pen: &Pen<'_>, width: u16) -> Row {
+fn told(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: u16) -> Row {
     let (value, limit) = chart.at(model.cursor.at_ms);
     let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
     let what = if chart.limits_mean { "mean " } else { "" };
     let (role, said) = match judged {
-        None => (Role::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
+        None => (ThemeRole::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
         Some(judged) if limit.is_some_and(|limit| chart.is_past(judged, limit)) => {
-            (Role::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
+            (ThemeRole::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
         }
-        Some(judged) => (Role::Value, format!("{what}{judged:.3}")),
+        Some(judged) => (ThemeRole::Value, format!("{what}{judged:.3}")),
     };
     let (long, short) = if chart.at_least { ("at least", "min") } else { ("at most", "max") };
     let limited = |word: &str| limit.map_or_else(String::new, |limit| format!(", {word} {limit:.2}"));
@@ -84,8 +84,8 @@ fn told(chart: &Chart, model: &Model, pen: &Pen<'_>, width: u16) -> Row {
     let limited = wordings.iter().find(|limited| room(limited) >= chart.title.width());
     let limited = limited.map_or("", String::as_str);
     Row::new()
-        .cell(Role::Text, &chart.title, room(limited))
-        .with(Role::Text, " ")
+        .cell(ThemeRole::Text, &chart.title, room(limited))
+        .with(ThemeRole::Text, " ")
         .with(role, &said)
         .with(role, limited)
 }

@@ -10,8 +10,8 @@
 use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
-use crate::look::{Look, Role};
-use crate::replay::model::Model;
+use crate::look::{Look, ThemeRole};
+use crate::replay::model::ReplayModel;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
@@ -27,7 +27,7 @@ const WHOLE_HEIGHT_MIN: u16 = 6;
 const WHOLE_ROWS_MAX: usize = 3;
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let count = model.timeline.recording().events.len();
     if area.height < PANE_HEIGHT_MIN {
         // The event at the cursor alone.
@@ -42,7 +42,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     };
     let inside = pen.pane(area, "Events", false, &right);
     if count == 0 {
-        pen.text(inside, 0, Role::Muted, "No event was recorded");
+        pen.text(inside, 0, ThemeRole::Muted, "No event was recorded");
         return;
     }
     let whole = whole(model, inside);
@@ -51,23 +51,23 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     pen.list(list, count, model.cursor.event, |event, _| row(model, look, event));
     if model.cursor.event.is_none() && list.height > 0 {
-        pen.lay(list, Role::Muted);
+        pen.lay(list, ThemeRole::Muted);
     }
     pen.rows(foot, 0, &whole);
 }
 
 /// One event: its mark on the time bar, and its line of the plain stream.
 #[must_use]
-pub fn row(model: &Model, look: &Look, event: usize) -> Row {
+pub fn row(model: &ReplayModel, look: &Look, event: usize) -> Row {
     let Some(told) = model.timeline.event(event).map(words::line) else { return Row::new() };
     let (glyph, role) =
-        model.timeline.mark(event).map_or((" ", Role::Text), |mark| (look.glyph(mark.glyph), mark.role));
+        model.timeline.mark(event).map_or((" ", ThemeRole::Text), |mark| (look.glyph(mark.glyph), mark.role));
     let is_past = model.cursor.event.is_some_and(|here| event <= here);
-    Row::of(role, glyph).with(if is_past { Role::Text } else { Role::Muted }, &told)
+    Row::of(role, glyph).with(if is_past { ThemeRole::Text } else { ThemeRole::Muted }, &told)
 }
 
 /// The event at the cursor in lines of its own, where its line does not hold it and the pane has room.
-fn whole(model: &Model, inside: Rect) -> Vec<Row> {
+fn whole(model: &ReplayModel, inside: Rect) -> Vec<Row> {
     let width = inside.width.saturating_sub(GUTTER);
     let here = model.cursor.event.and_then(|event| model.timeline.event(event));
     let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(words::line).unwrap_or_default();
@@ -75,5 +75,5 @@ fn whole(model: &Model, inside: Rect) -> Vec<Row> {
         return Vec::new();
     }
     let lines = wrap(told.trim_start(), usize::from(width), WHOLE_ROWS_MAX);
-    lines.iter().map(|line| Row::of(Role::Text, "  ").with(Role::Text, line)).collect()
+    lines.iter().map(|line| Row::of(ThemeRole::Text, "  ").with(ThemeRole::Text, line)).collect()
 }

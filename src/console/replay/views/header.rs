@@ -8,8 +8,8 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::look::{Glyph, Role};
-use crate::replay::model::Model;
+use crate::look::{Glyph, ThemeRole};
+use crate::replay::model::ReplayModel;
 use crate::theme::Mark;
 use crate::theme::mark::of_end;
 use crate::views::short;
@@ -19,7 +19,7 @@ use crate::words;
 use holdpoint_protocol::clock::tick_of;
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let top = spread(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
     pen.row(area, 0, &top);
@@ -50,30 +50,30 @@ fn spread(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
 /// The word that tells a replay from the live cell.
 #[must_use]
 pub fn badge() -> Row {
-    Row::of(Role::ReadOnly, " REPLAY ").with(Role::Text, " ")
+    Row::of(ThemeRole::ReadOnly, " REPLAY ").with(ThemeRole::Text, " ")
 }
 
-fn subject(model: &Model) -> Row {
-    Row::of(Role::Title, &model.timeline.recording().about.version.to_string())
+fn subject(model: &ReplayModel) -> Row {
+    Row::of(ThemeRole::Title, &model.timeline.recording().about.version.to_string())
 }
 
 /// The rest about the recording, the weightiest first.
-fn asides(model: &Model, pen: &Pen<'_>) -> Vec<Row> {
+fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     let recording = model.timeline.recording();
     let about = &recording.about;
     let mut rows = Vec::new();
     if let Some(predecessor) = &about.predecessor {
-        rows.push(Row::of(Role::Text, &format!(" against {predecessor}")));
+        rows.push(Row::of(ThemeRole::Text, &format!(" against {predecessor}")));
     }
     let (pictures, events) = recording.dropped;
     let lost = lost(pictures, events);
     if !lost.is_empty() {
-        rows.push(Row::of(Role::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
+        rows.push(Row::of(ThemeRole::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
     }
     let profile = about.profile.known().map_or(Mark::NO_PROFILE, |profile| Mark::profile(*profile));
-    rows.push(Row::of(Role::Text, "  ").with(profile.role, &pen.look.words(profile)));
-    rows.push(Row::of(Role::Text, &format!("  {}", short(&about.robot, 24))));
-    rows.push(Row::of(Role::Muted, &format!("  seed {}", about.seed)));
+    rows.push(Row::of(ThemeRole::Text, "  ").with(profile.role, &pen.look.words(profile)));
+    rows.push(Row::of(ThemeRole::Text, &format!("  {}", short(&about.robot, 24))));
+    rows.push(Row::of(ThemeRole::Muted, &format!("  seed {}", about.seed)));
     rows
 }
 
@@ -88,43 +88,51 @@ fn lost(pictures: u64, events: u64) -> String {
     if lost.is_empty() { String::new() } else { format!("{} not kept", lost.join(" and ")) }
 }
 
-fn outcome(model: &Model, pen: &Pen<'_>) -> Row {
+fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     match &model.timeline.recording().outcome {
         Some(outcome) => {
-            let (glyph, role) = outcome.known().map_or((Glyph::Unknown, Role::Unknown), |end| of_end(*end));
-            Row::of(Role::Muted, "ended: ")
+            let (glyph, role) =
+                outcome.known().map_or((Glyph::Unknown, ThemeRole::Unknown), |end| of_end(*end));
+            Row::of(ThemeRole::Muted, "ended: ")
                 .with(role, &format!("{} {}", pen.look.glyph(glyph), short(&outcome.to_string(), 24)))
         }
-        None => Row::of(Role::Unknown, &format!("{} not closed", pen.look.glyph(Glyph::Unknown))),
+        None => Row::of(ThemeRole::Unknown, &format!("{} not closed", pen.look.glyph(Glyph::Unknown))),
     }
 }
 
 /// How the version stood at the cursor: sign, word, and where in the pipeline.
-fn stands(model: &Model, pen: &Pen<'_>) -> Row {
+fn stands(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     let standing = model.timeline.standing(model.cursor);
     let Some(state) = standing.state else {
-        return Row::of(Role::Unknown, &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)));
+        return Row::of(
+            ThemeRole::Unknown,
+            &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)),
+        );
     };
     let mark = Mark::version(state, &standing.flags);
     let row = Row::of(mark.role, &pen.look.words(mark));
     let words = words::standing(state, &standing.flags);
     // A state that is a word of its own is said once.
-    if words.replace('-', " ") == mark.word { row } else { row.with(Role::Text, &format!("  {words}")) }
+    if words.replace('-', " ") == mark.word { row } else { row.with(ThemeRole::Text, &format!("  {words}")) }
 }
 
 /// Whether it plays, and how fast.
 #[must_use]
-pub fn playing(model: &Model, pen: &Pen<'_>) -> Row {
+pub fn playing(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     let (glyph, word, role) = if model.playing {
-        (Glyph::Here, "playing", Role::Running)
+        (Glyph::Here, "playing", ThemeRole::Running)
     } else {
-        (Glyph::Paused, "paused", Role::Held)
+        (Glyph::Paused, "paused", ThemeRole::Held)
     };
     Row::of(role, &format!("{} {word}", pen.look.glyph(glyph)))
-        .with(Role::Text, &format!(" {}", model.speed.word()))
+        .with(ThemeRole::Text, &format!(" {}", model.speed.word()))
 }
 
-fn time(model: &Model, with_tick: bool) -> Row {
-    let row = Row::of(Role::Title, &format!("  {}", secs(model.cursor.at_ms)));
-    if with_tick { row.with(Role::Muted, &format!("  tick {}", tick_of(model.cursor.at_ms))) } else { row }
+fn time(model: &ReplayModel, with_tick: bool) -> Row {
+    let row = Row::of(ThemeRole::Title, &format!("  {}", secs(model.cursor.at_ms)));
+    if with_tick {
+        row.with(ThemeRole::Muted, &format!("  tick {}", tick_of(model.cursor.at_ms)))
+    } else {
+        row
+    }
 }

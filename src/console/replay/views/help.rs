@@ -2,8 +2,8 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::{Look, Role};
-use crate::replay::action::Action;
+use crate::look::{Look, ThemeRole};
+use crate::replay::action::ReplayAction;
 use crate::replay::mark::LEGEND;
 use crate::views::window;
 use crate::widgets::pen::Pen;
@@ -27,34 +27,34 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// Actions that go both ways stand in one line.
-const LINES: [(Action, Option<Action>); 12] = [
-    (Action::Play, None),
-    (Action::NextPicture, Some(Action::PreviousPicture)),
-    (Action::SecondOn, Some(Action::SecondBack)),
-    (Action::Faster, Some(Action::Slower)),
-    (Action::NextEvent, Some(Action::PreviousEvent)),
-    (Action::NextTurn, Some(Action::PreviousTurn)),
-    (Action::First, Some(Action::Last)),
-    (Action::Jump, None),
-    (Action::NextCharts, Some(Action::PreviousCharts)),
-    (Action::SkipGaps, None),
-    (Action::Help, None),
-    (Action::Leave, None),
+const LINES: [(ReplayAction, Option<ReplayAction>); 12] = [
+    (ReplayAction::Play, None),
+    (ReplayAction::NextPicture, Some(ReplayAction::PreviousPicture)),
+    (ReplayAction::SecondOn, Some(ReplayAction::SecondBack)),
+    (ReplayAction::Faster, Some(ReplayAction::Slower)),
+    (ReplayAction::NextEvent, Some(ReplayAction::PreviousEvent)),
+    (ReplayAction::NextTurn, Some(ReplayAction::PreviousTurn)),
+    (ReplayAction::First, Some(ReplayAction::Last)),
+    (ReplayAction::Jump, None),
+    (ReplayAction::NextCharts, Some(ReplayAction::PreviousCharts)),
+    (ReplayAction::SkipGaps, None),
+    (ReplayAction::Help, None),
+    (ReplayAction::Leave, None),
 ];
 
 fn rows(look: &Look) -> Vec<Row> {
     let keys = LINES.iter().map(|(one, other)| {
-        let both = |text: fn(&Action) -> String, between: &str| {
+        let both = |text: fn(&ReplayAction) -> String, between: &str| {
             let second = other.as_ref().map_or_else(String::new, |other| format!("{between}{}", text(other)));
             text(one) + &second
         };
         let keys = both(|action| action.keys().to_owned(), "   ");
         let help = both(|action| action.help().to_owned(), "; ");
-        Row::new().cell(Role::Key, &keys, KEYS_WIDTH).with(Role::Text, &help)
+        Row::new().cell(ThemeRole::Key, &keys, KEYS_WIDTH).with(ThemeRole::Text, &help)
     });
-    let title = [Row::of(Role::Title, "On the time bar")];
+    let title = [Row::of(ThemeRole::Title, "On the time bar")];
     let legend = LEGEND.iter().map(|(glyph, text)| {
-        Row::new().cell(Role::Title, look.glyph(*glyph), KEYS_WIDTH).with(Role::Text, text)
+        Row::new().cell(ThemeRole::Title, look.glyph(*glyph), KEYS_WIDTH).with(ThemeRole::Text, text)
     });
     keys.chain(title).chain(legend).collect()
 }
@@ -65,9 +65,9 @@ mod tests {
 
     #[test]
     fn every_action_has_its_line() {
-        let shown: Vec<Action> =
+        let shown: Vec<ReplayAction> =
             LINES.iter().flat_map(|(one, other)| std::iter::once(*one).chain(*other)).collect();
-        assert_eq!(shown.len(), Action::ALL.len());
-        assert!(Action::ALL.iter().all(|action| shown.contains(action)));
+        assert_eq!(shown.len(), ReplayAction::ALL.len());
+        assert!(ReplayAction::ALL.iter().all(|action| shown.contains(action)));
     }
 }

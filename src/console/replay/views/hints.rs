@@ -6,25 +6,25 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::{Glyph, Role};
-use crate::replay::action::Action;
-use crate::replay::model::Model;
+use crate::look::{Glyph, ThemeRole};
+use crate::replay::action::ReplayAction;
+use crate::replay::model::ReplayModel;
 use crate::views::hints::field;
 use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let row = if let Some(line) = &model.typing {
         let what = "Jump to ";
         let room = width.saturating_sub(what.len());
-        let row = Row::of(Role::Key, what).and(field(pen, line, room.min(24), true));
-        row.with(Role::Muted, "   12.5s  1:02  t 3000  +5s   enter jumps, esc cancels")
+        let row = Row::of(ThemeRole::Key, what).and(field(pen, line, room.min(24), true));
+        row.with(ThemeRole::Muted, "   12.5s  1:02  t 3000  +5s   enter jumps, esc cancels")
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
-            if notice.bad { (Role::Problem, Glyph::Warning) } else { (Role::Notice, Glyph::Good) };
+            if notice.bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
         Row::of(role, &format!("{} {}", pen.look.glyph(glyph), short(&notice.text, 400)))
     } else {
         keys(model, width)
@@ -33,8 +33,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// The weightiest first; help and the way out stand in every line.
-fn keys(model: &Model, width: usize) -> Row {
-    use Action as A;
+fn keys(model: &ReplayModel, width: usize) -> Row {
+    use ReplayAction as A;
     let here = [
         A::Play,
         A::NextTurn,
@@ -49,7 +49,7 @@ fn keys(model: &Model, width: usize) -> Row {
         A::Last,
     ];
     let tail = if model.help.is_some() {
-        Row::of(Role::Key, "esc").with(Role::Text, " close")
+        Row::of(ThemeRole::Key, "esc").with(ThemeRole::Text, " close")
     } else {
         hint(model, A::Help).and(hint(model, A::Leave))
     };
@@ -63,12 +63,12 @@ fn keys(model: &Model, width: usize) -> Row {
     row.and(tail)
 }
 
-fn hint(model: &Model, action: Action) -> Row {
+fn hint(model: &ReplayModel, action: ReplayAction) -> Row {
     let key = action.keys().split(' ').next().unwrap_or_default();
     let word = match action {
-        Action::Play if model.playing => "pause",
-        Action::SkipGaps if model.skips_gaps => "play gaps",
+        ReplayAction::Play if model.playing => "pause",
+        ReplayAction::SkipGaps if model.skips_gaps => "play gaps",
         other => other.word(),
     };
-    Row::of(Role::Key, key).with(Role::Text, &format!(" {word}  "))
+    Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {word}  "))
 }

@@ -6,9 +6,9 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::Role;
-use crate::replay::charts::Chart;
-use crate::replay::model::Model;
+use crate::look::ThemeRole;
+use crate::replay::charts::LimitedSeries;
+use crate::replay::model::ReplayModel;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -23,7 +23,7 @@ const WINDOW_MS: (u64, u64) = (15_000, 5_000);
 const JOINED_MS: u64 = 1_000;
 
 /// What is drawn where.
-struct Frame {
+struct PlotArea {
     from_ms: u64,
     to_ms: u64,
     low: f64,
@@ -32,7 +32,7 @@ struct Frame {
     down: usize,
 }
 
-impl Frame {
+impl PlotArea {
     #[allow(clippy::cast_possible_truncation, reason = "a share of the dots across")]
     fn x(&self, at_ms: u64) -> i64 {
         let span_ms = (self.to_ms - self.from_ms).max(1) as f64;
@@ -48,7 +48,7 @@ impl Frame {
 }
 
 /// Draws it. In an area too small for a chart, nothing.
-pub fn draw(chart: &Chart, model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(chart: &LimitedSeries, model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let area = area.intersection(pen.buf.area);
     if area.width <= SCALE + 2 || area.height == 0 {
         return;
@@ -57,7 +57,7 @@ pub fn draw(chart: &Chart, model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (from_ms, to_ms) = window_ms(chart, model);
     let (low, high) = range(chart);
     let (across, down) = (usize::from(plot.width) * ACROSS, usize::from(plot.height) * DOWN);
-    let frame = Frame { from_ms, to_ms, low, high, across, down };
+    let frame = PlotArea { from_ms, to_ms, low, high, across, down };
     scale(&frame, pen, area);
     limit(chart, &frame, pen, plot);
     cursor(model, &frame, pen, plot);
@@ -67,7 +67,7 @@ pub fn draw(chart: &Chart, model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// What is shown: round the cursor of what moves, all of what holds.
-fn window_ms(chart: &Chart, model: &Model) -> (u64, u64) {
+fn window_ms(chart: &LimitedSeries, model: &ReplayModel) -> (u64, u64) {
     let (first_ms, last_ms) = model.timeline.span_ms();
     let (before_ms, after_ms) = WINDOW_MS;
     if !chart.moving || last_ms - first_ms <= before_ms + after_ms {
@@ -78,7 +78,7 @@ fn window_ms(chart: &Chart, model: &Model) -> (u64, u64) {
 }
 
 /// The smallest and largest number of the scale, of the whole recording so that it stands still.
-fn range(chart: &Chart) -> (f64, f64) {
+fn range(chart: &LimitedSeries) -> (f64, f64) {
     let all =
         chart.values.iter().chain(&chart.limits).map(|(_, value)| *value).filter(|value| value.is_finite());
     let (low, high) =
@@ -92,17 +92,17 @@ fn range(chart: &Chart) -> (f64, f64) {
     (if chart.at_least { low - room } else { low }, high + room)
 }
 
-fn scale(frame: &Frame, pen: &mut Pen<'_>, area: Rect) {
+fn scale(frame: &PlotArea, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(SCALE - 1);
     let number = |value: f64| if value.abs() < 100.0 { format!("{value:.2}") } else { format!("{value:.0}") };
-    pen.row(area, 0, &Row::new().cell_right(Role::Muted, &number(frame.high), width));
+    pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, &number(frame.high), width));
     if area.height > 1 {
-        pen.row(area, area.height - 1, &Row::new().cell_right(Role::Muted, &number(frame.low), width));
+        pen.row(area, area.height - 1, &Row::new().cell_right(ThemeRole::Muted, &number(frame.low), width));
     }
 }
 
 /// The limit in force in each column.
-fn limit(chart: &Chart, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
+fn limit(chart: &LimitedSeries, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect) {
     let line = if pen.look.ascii() { "-" } else { "╌" };
     let span_ms = u128::from(frame.to_ms - frame.from_ms);
     for column in 0..plot.width {
@@ -111,31 +111,31 @@ fn limit(chart: &Chart, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
         let Some(limit) = chart.at(at_ms).1.filter(|limit| limit.is_finite()) else { continue };
         let row = usize::try_from(frame.y(limit)).map_or(0, |dot| dot / DOWN);
         let row = u16::try_from(row).unwrap_or(0).min(plot.height - 1);
-        pen.cell(plot.x + column, plot.y + row, line, Role::Limit);
+        pen.cell(plot.x + column, plot.y + row, line, ThemeRole::Limit);
     }
 }
 
-fn cursor(model: &Model, frame: &Frame, pen: &mut Pen<'_>, plot: Rect) {
+fn cursor(model: &ReplayModel, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect) {
     let column = usize::try_from(frame.x(model.cursor.at_ms)).map_or(0, |dot| dot / ACROSS);
     let column = u16::try_from(column).unwrap_or(0).min(plot.width - 1);
     pen.divider(Rect { x: plot.x + column, width: 1, ..plot });
-    pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, Role::Focus);
+    pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, ThemeRole::Focus);
 }
 
 /// The values; what comes after the cursor is muted.
-fn values(chart: &Chart, frame: &Frame, here_ms: u64, dots: &mut Dots) {
+fn values(chart: &LimitedSeries, frame: &PlotArea, here_ms: u64, dots: &mut Dots) {
     let first = chart.values.partition_point(|(at_ms, _)| *at_ms < frame.from_ms);
     let end = chart.values.partition_point(|(at_ms, _)| *at_ms <= frame.to_ms);
     let within = chart.values.get(first..end).unwrap_or_default();
-    let mut before: Option<Point> = None;
+    let mut before: Option<PlotPoint> = None;
     if !chart.moving
         && let (Some(value), _) = chart.at(frame.from_ms)
         && value.is_finite()
     {
-        before = Some(Point::of(chart, frame, (frame.from_ms, value)));
+        before = Some(PlotPoint::of(chart, frame, (frame.from_ms, value)));
     }
     for value in within.iter().filter(|(_, value)| value.is_finite()) {
-        let point = Point::of(chart, frame, *value);
+        let point = PlotPoint::of(chart, frame, *value);
         match before {
             Some(before) if chart.moving && point.at_ms - before.at_ms <= JOINED_MS => {
                 dots.line((before.x, before.y), (point.x, point.y), point.ink(here_ms));
@@ -155,24 +155,24 @@ fn values(chart: &Chart, frame: &Frame, here_ms: u64, dots: &mut Dots) {
 
 /// A value on the dots.
 #[derive(Clone, Copy)]
-struct Point {
+struct PlotPoint {
     at_ms: u64,
     x: i64,
     y: i64,
     is_past: bool,
 }
 
-impl Point {
-    fn of(chart: &Chart, frame: &Frame, (at_ms, value): (u64, f64)) -> Self {
+impl PlotPoint {
+    fn of(chart: &LimitedSeries, frame: &PlotArea, (at_ms, value): (u64, f64)) -> Self {
         let is_past = chart.at(at_ms).1.is_some_and(|limit| chart.is_past(value, limit));
         Self { at_ms, x: frame.x(at_ms), y: frame.y(value), is_past }
     }
 
     const fn ink(self, here_ms: u64) -> Ink {
         let role = match (self.at_ms <= here_ms, self.is_past) {
-            (false, _) => Role::Muted,
-            (true, true) => Role::Past,
-            (true, false) => Role::Value,
+            (false, _) => ThemeRole::Muted,
+            (true, true) => ThemeRole::Past,
+            (true, false) => ThemeRole::Value,
         };
         Ink { role, ascii: if self.is_past { "X" } else { "*" }, dashed: false }
     }
@@ -180,7 +180,7 @@ impl Point {
     /// Draws the value until a column, from the cursor's column on as what is still to come.
     fn hold(self, dots: &mut Dots, until_x: i64, (here_ms, here_x): (u64, i64)) {
         let turns_x = if self.at_ms <= here_ms { here_x.clamp(self.x, until_x.max(self.x)) } else { self.x };
-        dots.line((turns_x, self.y), (until_x, self.y), Ink { role: Role::Muted, ..self.ink(here_ms) });
+        dots.line((turns_x, self.y), (until_x, self.y), Ink { role: ThemeRole::Muted, ..self.ink(here_ms) });
         if self.at_ms <= here_ms {
             dots.line((self.x, self.y), (turns_x, self.y), self.ink(here_ms));
         }

@@ -9,14 +9,14 @@
 use ratatui::layout::Rect;
 
 use super::secs;
-use crate::look::{Glyph, Role};
+use crate::look::{Glyph, ThemeRole};
 use crate::replay::FRESH_MS;
-use crate::replay::model::Model;
+use crate::replay::model::ReplayModel;
 use crate::views::robot;
 use crate::widgets::pen::{Pen, below};
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let picture = model.cursor.picture.and_then(|picture| model.timeline.picture(picture));
     let place = picture
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
@@ -26,7 +26,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// Draws the pane's inside, which may have any size.
-pub fn draw_inside(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let doubts = doubts(model);
     let mut taken = 0;
     for (role, text) in &doubts {
@@ -43,17 +43,17 @@ pub fn draw_inside(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     robot::draw_picture(picture, &model.timeline.recording().scenery, pen, area);
     // What is long past is not drawn as if it were now.
     if model.timeline.gap_ms(model.cursor).is_some() {
-        pen.lay(area, Role::Muted);
+        pen.lay(area, ThemeRole::Muted);
     }
 }
 
 /// What must be known about the picture before it is looked at.
-fn doubts(model: &Model) -> Vec<(Role, String)> {
+fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     let mut said = Vec::new();
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {
         let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));
         said.push((
-            Role::Unknown,
+            ThemeRole::Unknown,
             if model.timeline.standing(model.cursor).is_apart() {
                 format!("no pictures {stretch}: the candidate is evaluated apart from the live cell")
             } else {
@@ -62,7 +62,7 @@ fn doubts(model: &Model) -> Vec<(Role, String)> {
         ));
     }
     if let Some(age_ms) = model.picture_age_ms().filter(|age_ms| *age_ms > FRESH_MS) {
-        said.push((Role::Stale, format!("picture of {} earlier", secs(age_ms))));
+        said.push((ThemeRole::Stale, format!("picture of {} earlier", secs(age_ms))));
     }
     said
 }

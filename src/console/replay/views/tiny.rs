@@ -10,8 +10,8 @@
 use ratatui::layout::Rect;
 
 use super::{bar, events, header, hints, robot, secs};
-use crate::look::Role;
-use crate::replay::model::Model;
+use crate::look::ThemeRole;
+use crate::replay::model::ReplayModel;
 use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
 
@@ -19,10 +19,10 @@ use crate::widgets::row::Row;
 const ROBOT_HEIGHT_MIN: u16 = 9;
 
 /// Draws it.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let version = model.timeline.recording().about.version.to_string();
-    let time = Row::of(Role::Title, &format!(" {}", secs(model.cursor.at_ms)));
-    let head = header::badge().with(Role::Title, &version);
+    let time = Row::of(ThemeRole::Title, &format!(" {}", secs(model.cursor.at_ms)));
+    let head = header::badge().with(ThemeRole::Title, &version);
     let state = header::playing(model, pen).and(time.clone());
     let event = model.cursor.event.map_or_else(Row::new, |event| events::row(model, pen.look, event));
     match area.height {
@@ -47,17 +47,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn foot(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     if model.typing.is_some() || model.notice.is_some() {
         hints::draw(model, pen, area);
         return;
     }
     let plays = if model.playing { " pauses" } else { " plays" };
-    let row = Row::of(Role::Key, "q")
-        .with(Role::Text, " leaves  ")
-        .with(Role::Key, "space")
-        .with(Role::Text, plays)
-        .with(Role::Key, "  ?")
-        .with(Role::Text, " keys");
+    let row = Row::of(ThemeRole::Key, "q")
+        .with(ThemeRole::Text, " leaves  ")
+        .with(ThemeRole::Key, "space")
+        .with(ThemeRole::Text, plays)
+        .with(ThemeRole::Key, "  ?")
+        .with(ThemeRole::Text, " keys");
     pen.row(area, 0, &row);
 }

@@ -11,7 +11,7 @@ fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) ->
 }
 
 /// A dossier of 120 pairs, of which the candidate alone has a violation in so many.
-fn dossier(worse: usize) -> Dossier {
+fn dossier(worse: usize) -> DossierRecord {
     let values = |violation: bool| {
         serde_json::json!({
             "success": true, "violation": violation, "anomaly": false, "recovery": false, "intervention": false,
@@ -29,7 +29,7 @@ fn dossier(worse: usize) -> Dossier {
             "rollback": rollback, "abort": tally(40, 0), "fallback": tally(0, 0), "detect": tally(0, 0),
         })
     };
-    let dossier: Dossier = serde_json::from_value(serde_json::json!({
+    let dossier: DossierRecord = serde_json::from_value(serde_json::json!({
         "kappas": {},
         "field": "of a later build",
         "pairs": pairs,
@@ -54,7 +54,7 @@ fn dossier(worse: usize) -> Dossier {
 /// What another build wrote in another form is as if it were not there, and a word of its own is told as it is.
 #[test]
 fn what_another_build_wrote_is_told_as_far_as_it_can_be() {
-    let dossier: Dossier = serde_json::from_value(serde_json::json!({
+    let dossier: DossierRecord = serde_json::from_value(serde_json::json!({
         "kappas": {}, "behavior": { "form": "of a later build" }, "drills": 7, "pairs": "none",
     }))
     .unwrap();
@@ -103,8 +103,8 @@ fn drills_are_counted() {
 #[test]
 fn people_are_counted() {
     let said = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
-    assert_eq!(change(&said(1.0), &Dossier::default()).unwrap(), "approval by 1 more operator");
-    assert_eq!(change(&said(2.0), &Dossier::default()).unwrap(), "approval by 2 more operators");
+    assert_eq!(change(&said(1.0), &DossierRecord::default()).unwrap(), "approval by 1 more operator");
+    assert_eq!(change(&said(2.0), &DossierRecord::default()).unwrap(), "approval by 2 more operators");
 }
 
 /// Every reason there is either speaks for the version or says what would have to change, also without evidence.
@@ -113,7 +113,7 @@ fn no_reason_is_left_without_a_word() {
     let mut in_favour = Vec::new();
     for code in ReasonCode::ALL {
         let said = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
-        match change(&said, &Dossier::default()) {
+        match change(&said, &DossierRecord::default()) {
             Some(text) => assert!(!text.is_empty(), "{code}"),
             None => in_favour.push(code.as_str()),
         }

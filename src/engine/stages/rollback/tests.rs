@@ -6,14 +6,14 @@ use holdpoint_body::{Command as Motion, RATE_HZ};
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
-use holdpoint_sim::fault::Fault as SimFault;
+use holdpoint_sim::fault::InjectedFault;
 use tempfile::TempDir;
 
 use super::*;
 use crate::cell::Cell;
 use crate::ledger::Ledger;
 use crate::monitors::Watched;
-use crate::pipeline::{Pipeline, Progress, Settings};
+use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::live::LiveFault;
@@ -50,7 +50,7 @@ impl Bench {
     pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let settings = Settings {
+        let settings = PipelineSettings {
             seed: CALIBRATION_FROM_RUN,
             jobs: 1,
             table: PolicyTable::builtin(&profile).unwrap(),
@@ -75,11 +75,11 @@ impl Bench {
         for stage in Stage::ALL {
             pipeline
                 .record
-                .transition(&id.family, Event::Start { version, stage }, Note::because("test"))
+                .transition(&id.family, LifecycleEvent::Start { version, stage }, Note::because("test"))
                 .unwrap();
             pipeline
                 .record
-                .transition(&id.family, Event::Pass { version, stage }, Note::because("test"))
+                .transition(&id.family, LifecycleEvent::Pass { version, stage }, Note::because("test"))
                 .unwrap();
         }
         pipeline.dossiers.edit(&id).twins = vec![GOOD; 40];
@@ -97,7 +97,7 @@ impl Bench {
             before: vec![gate],
             ..Note::because("test")
         };
-        pipeline.record.transition(&id.family, Event::Activate { version }, note).unwrap();
+        pipeline.record.transition(&id.family, LifecycleEvent::Activate { version }, note).unwrap();
         pipeline.monitors.insert(watched);
         pipeline.drain_events();
         id
@@ -174,7 +174,7 @@ impl Bench {
         }
     }
 
-    fn break_arm(&mut self, fault: SimFault) {
+    fn break_arm(&mut self, fault: InjectedFault) {
         self.pipeline.world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
     }
 }
@@ -281,7 +281,7 @@ fn a_family_without_predecessor_is_stopped() {
 fn a_joint_that_runs_away_is_no_standstill() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    bench.break_arm(SimFault::JointRunaway { joint: 0 });
+    bench.break_arm(InjectedFault::JointRunaway { joint: 0 });
     let record = bench.by_operator(&id);
     bench.assert_stopped(&record, RungFailure::NoStandstill);
     assert_eq!(record.time_to_safe_ticks, None);
@@ -292,7 +292,7 @@ fn a_jammed_joint_blocks_the_retreat() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.0, 0.10], 480);
-    bench.break_arm(SimFault::JointStuck { joint: 1 });
+    bench.break_arm(InjectedFault::JointStuck { joint: 1 });
     let record = bench.by_operator(&id);
     bench.assert_stopped(&record, RungFailure::RetreatBlocked);
     assert!(record.time_to_safe_ticks.is_some());

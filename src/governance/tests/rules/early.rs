@@ -2,7 +2,7 @@
 
 use holdpoint_governance::behavior;
 use holdpoint_governance::decision::ReasonCode::{self, *};
-use holdpoint_governance::ended::Ended;
+use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{
     DrillTally, Drills, EpisodeValues, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
@@ -34,7 +34,7 @@ fn what_ends_a_behavioural_evaluation() {
     let mut profile = with_pairs(profile(ProfileName::Sim), 120);
     let alpha = profile.evaluation.early_alpha;
     assert!(alpha > 0.0, "the rule is on");
-    let early = Some(Ended::FinitePopulation { alpha });
+    let early = Some(EndReason::FinitePopulation { alpha });
     for (seen, bad, how, expected) in [
         (20, 0, GOOD, None),
         (20, 5, FAILURE, None),
@@ -44,9 +44,9 @@ fn what_ends_a_behavioural_evaluation() {
         (40, 12, ANOMALY, None),
         // The active version's pairs could still outweigh 40 failures in the 80 that are left, in theory.
         (40, 40, FAILURE, early),
-        (100, 80, FAILURE, Some(Ended::Curtailed)),
-        (120, 0, GOOD, Some(Ended::Full)),
-        (120, 120, FAILURE, Some(Ended::Full)),
+        (100, 80, FAILURE, Some(EndReason::Curtailed)),
+        (120, 0, GOOD, Some(EndReason::Full)),
+        (120, 120, FAILURE, Some(EndReason::Full)),
     ] {
         let evidence = begun(&profile, seen, bad, how);
         assert_eq!(behavior::ended(&evidence, &binding(), &profile), expected, "{seen} {bad} {how:?}");
@@ -57,7 +57,7 @@ fn what_ends_a_behavioural_evaluation() {
     }
     let mut hard = begun(&profile, 3, 0, GOOD);
     hard.hard_stops.push(HardStop::CommandPastGuard);
-    assert_eq!(behavior::ended(&hard, &binding(), &profile), Some(Ended::HardStop));
+    assert_eq!(behavior::ended(&hard, &binding(), &profile), Some(EndReason::HardStop));
     // Off at 0, and evidence of something else ends nothing.
     profile.evaluation.early_alpha = 0.0;
     let lost = begun(&profile, 40, 40, FAILURE);
@@ -71,18 +71,18 @@ fn what_ends_a_behavioural_evaluation() {
 fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
     use BehaviorOutcome::{Incompatible, Inconclusive};
     let profile = with_pairs(profile(ProfileName::Sim), 120);
-    let early = Ended::FinitePopulation { alpha: profile.evaluation.early_alpha };
-    let another = Ended::FinitePopulation { alpha: 0.04 };
+    let early = EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha };
+    let another = EndReason::FinitePopulation { alpha: 0.04 };
     let code = Some(BehaviorEndedEarly);
     for (seen, bad, named, outcome, first) in [
         (40, 40, early, Incompatible, code),
         (40, 40, another, Inconclusive, None),
-        (40, 40, Ended::Curtailed, Inconclusive, None),
+        (40, 40, EndReason::Curtailed, Inconclusive, None),
         (20, 0, early, Inconclusive, None),
-        (100, 80, Ended::Curtailed, Incompatible, code),
-        (100, 80, Ended::Full, Inconclusive, None),
-        (100, 80, Ended::HardStop, Inconclusive, None),
-        (120, 120, Ended::Full, Incompatible, None),
+        (100, 80, EndReason::Curtailed, Incompatible, code),
+        (100, 80, EndReason::Full, Inconclusive, None),
+        (100, 80, EndReason::HardStop, Inconclusive, None),
+        (120, 120, EndReason::Full, Incompatible, None),
     ] {
         let found = behavior::assess_ended(&begun(&profile, seen, bad, FAILURE), &binding(), &profile, named);
         let what = format!("{seen} {bad} {named:?}: {found:?}");
@@ -94,7 +94,7 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
             .map(|reason| reason.code)
             .filter(|code| *code == BehaviorEndedEarly);
         assert_eq!(names, first, "{what}");
-        let borne_out = first.is_some() || (named == Ended::Full && seen == 120);
+        let borne_out = first.is_some() || (named == EndReason::Full && seen == 120);
         assert_eq!(found.ended, borne_out.then_some(named), "{what}");
         assert!(found.assessment.conditions.is_empty() || outcome != Incompatible, "{what}");
     }
@@ -109,13 +109,13 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
 #[test]
 fn the_rule_that_ended_it_is_kept() {
     for (ended, text) in [
-        (Ended::Full, r#""full""#),
-        (Ended::HardStop, r#""hard-stop""#),
-        (Ended::Curtailed, r#""curtailed""#),
-        (Ended::FinitePopulation { alpha: 0.01 }, r#"{"finite-population":{"alpha":0.01}}"#),
+        (EndReason::Full, r#""full""#),
+        (EndReason::HardStop, r#""hard-stop""#),
+        (EndReason::Curtailed, r#""curtailed""#),
+        (EndReason::FinitePopulation { alpha: 0.01 }, r#"{"finite-population":{"alpha":0.01}}"#),
     ] {
         assert_eq!(serde_json::to_string(&ended).unwrap(), text);
-        assert_eq!(serde_json::from_str::<Ended>(text).unwrap(), ended);
+        assert_eq!(serde_json::from_str::<EndReason>(text).unwrap(), ended);
     }
 }
 
@@ -129,25 +129,25 @@ fn done(passed: u32, of: u32) -> Drills {
 fn what_ends_the_drills() {
     let profile = profile(ProfileName::Real);
     assert_eq!(profile.evaluation.drills_per_kind, 40);
-    let early = Some(Ended::FinitePopulation { alpha: profile.evaluation.early_alpha });
+    let early = Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha });
     let seven = DrillTally { passed: 0, failed: 7, infeasible: 0 };
     let whole = done(40, 40);
     for (candidate, expected) in [
         (Drills::default(), None),
         (done(20, 20), None),
-        (done(40, 40), Some(Ended::Full)),
-        (done(10, 40), Some(Ended::Full)),
+        (done(40, 40), Some(EndReason::Full)),
+        (done(10, 40), Some(EndReason::Full)),
         // Rollback below the floor of 30 of 40: certain after 11 failures, at the error rate after 7 of 7.
         (
             Drills { rollback: DrillTally { failed: 11, ..DrillTally::default() }, ..whole },
-            Some(Ended::Curtailed),
+            Some(EndReason::Curtailed),
         ),
         (Drills { rollback: seven, ..whole }, early),
         (Drills { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
         // A fallback that never works alone is lost only where all of its drills are done.
         (
             Drills { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
-            Some(Ended::Curtailed),
+            Some(EndReason::Curtailed),
         ),
         (Drills { fallback: seven, ..whole }, None),
     ] {
@@ -156,17 +156,21 @@ fn what_ends_the_drills() {
         let Some(named) = expected else { continue };
         let found = recovery::assess_ended(&evidence, &binding(), &profile, named);
         assert_eq!(found.ended, Some(named), "{found:?}");
-        if named != Ended::Full {
+        if named != EndReason::Full {
             assert_eq!(found.assessment.outcome, RecoveryOutcome::Incompatible, "{found:?}");
             assert_eq!(found.assessment.reasons[0].code, RecoveryEndedEarly, "{found:?}");
-            assert!(recovery::is_lost(&evidence, &binding(), &profile) || named != Ended::Curtailed);
+            assert!(recovery::is_lost(&evidence, &binding(), &profile) || named != EndReason::Curtailed);
         }
         let plain = recovery::assess(&evidence, &binding(), &profile);
-        assert_eq!(plain.assessment.outcome == RecoveryOutcome::NoData, named != Ended::Full, "{plain:?}");
+        assert_eq!(
+            plain.assessment.outcome == RecoveryOutcome::NoData,
+            named != EndReason::Full,
+            "{plain:?}"
+        );
     }
     // What the evidence does not bear out is no data, whatever is named.
     let begun = RecoveryEvidence { binding: binding(), candidate: done(20, 20), active: whole };
-    for named in [Ended::Full, Ended::Curtailed, Ended::FinitePopulation { alpha: 0.01 }] {
+    for named in [EndReason::Full, EndReason::Curtailed, EndReason::FinitePopulation { alpha: 0.01 }] {
         let found = recovery::assess_ended(&begun, &binding(), &profile, named);
         assert_eq!((found.assessment.outcome, found.ended), (RecoveryOutcome::NoData, None), "{named:?}");
     }

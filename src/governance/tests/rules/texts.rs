@@ -2,8 +2,8 @@
 
 use holdpoint_governance::TextError;
 use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
-use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, Zone};
-use holdpoint_governance::policy::{PolicySource, PolicyTable, Verdict};
+use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, ZoneName};
+use holdpoint_governance::policy::{ModeRuling, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk, Submission};
 
@@ -153,7 +153,7 @@ fn bad_profiles_are_refused_by_name() {
     }
 }
 
-fn mode(channel: Channel, command: CommandKind, zone: Zone, authority: u8) -> ModeKey {
+fn mode(channel: Channel, command: CommandKind, zone: ZoneName, authority: u8) -> ModeKey {
     ModeKey { channel, command, zone, authority: Authority::try_from(authority).unwrap() }
 }
 
@@ -161,20 +161,20 @@ fn mode(channel: Channel, command: CommandKind, zone: Zone, authority: u8) -> Mo
 fn shipped_policies() {
     use Channel::{Arm, Bus, Gripper};
     use CommandKind::{Direct, Gripper as Grip, Joints, ToolPose};
-    use Verdict::{Allow, Forbid, Review, Uncovered};
+    use ModeRuling::{Allow, Forbid, Review, Uncovered};
     let tables = ProfileName::ALL.map(|name| PolicyTable::builtin(&profile(name)).unwrap());
     for (key, expected) in [
-        (mode(Arm, ToolPose, Zone::Work, 1), [Allow, Allow, Allow]),
-        (mode(Gripper, Grip, Zone::Tray, 0), [Allow, Allow, Allow]),
-        (mode(Arm, ToolPose, Zone::Work, 2), [Review, Review, Review]),
-        (mode(Arm, ToolPose, Zone::Work, 3), [Uncovered, Uncovered, Forbid]),
-        (mode(Arm, ToolPose, Zone::Human, 1), [Uncovered, Forbid, Forbid]),
-        (mode(Bus, Direct, Zone::Work, 1), [Uncovered, Forbid, Forbid]),
+        (mode(Arm, ToolPose, ZoneName::Work, 1), [Allow, Allow, Allow]),
+        (mode(Gripper, Grip, ZoneName::Tray, 0), [Allow, Allow, Allow]),
+        (mode(Arm, ToolPose, ZoneName::Work, 2), [Review, Review, Review]),
+        (mode(Arm, ToolPose, ZoneName::Work, 3), [Uncovered, Uncovered, Forbid]),
+        (mode(Arm, ToolPose, ZoneName::Human, 1), [Uncovered, Forbid, Forbid]),
+        (mode(Bus, Direct, ZoneName::Work, 1), [Uncovered, Forbid, Forbid]),
     ] {
         assert_eq!(tables.each_ref().map(|table| table.verdict(&key)), expected, "{key}");
     }
-    let joints = tables[2].verdict(&mode(Arm, Joints, Zone::Work, 1));
-    assert!(matches!(joints, Verdict::AllowTighter(cap) if cap.speed_max_m_s == 0.15), "{joints:?}");
+    let joints = tables[2].verdict(&mode(Arm, Joints, ZoneName::Work, 1));
+    assert!(matches!(joints, ModeRuling::AllowTighter(cap) if cap.speed_max_m_s == 0.15), "{joints:?}");
     assert!(tables.iter().all(|table| table.activation_forbidden(Risk::High, Provenance::Llm).is_none()));
 }
 
@@ -183,19 +183,22 @@ fn shipped_policies() {
 fn policies_fail_closed() {
     let sim = profile(ProfileName::Sim);
     let compile = |text: &str| PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]);
-    let key = mode(Channel::Arm, CommandKind::ToolPose, Zone::Work, 1);
+    let key = mode(Channel::Arm, CommandKind::ToolPose, ZoneName::Work, 1);
     let permit = "permit (principal, action == Action::\"tool-pose\", resource == Zone::\"work\");\n";
     // An overflow passes validation and errs when evaluated.
     let err = "forbid (principal, action == Action::\"tool-pose\", resource == Zone::\"work\")
         when { context.authority * 9223372036854775807 + 1 > 0 };\n";
     for (text, expected) in [
-        (String::new(), Verdict::Uncovered),
-        (permit.to_owned(), Verdict::Allow),
-        (format!("{permit}{err}"), Verdict::Uncovered),
-        ("permit (principal, action, resource);".to_owned(), Verdict::Uncovered),
-        ("permit (principal, action == Action::\"tool-pose\", resource);".to_owned(), Verdict::Uncovered),
-        (format!("{permit}forbid (principal, action == Action::\"tool-pose\", resource);"), Verdict::Forbid),
-        (format!("@review(\"x\")\n{permit}{permit}"), Verdict::Review),
+        (String::new(), ModeRuling::Uncovered),
+        (permit.to_owned(), ModeRuling::Allow),
+        (format!("{permit}{err}"), ModeRuling::Uncovered),
+        ("permit (principal, action, resource);".to_owned(), ModeRuling::Uncovered),
+        ("permit (principal, action == Action::\"tool-pose\", resource);".to_owned(), ModeRuling::Uncovered),
+        (
+            format!("{permit}forbid (principal, action == Action::\"tool-pose\", resource);"),
+            ModeRuling::Forbid,
+        ),
+        (format!("@review(\"x\")\n{permit}{permit}"), ModeRuling::Review),
     ] {
         assert_eq!(compile(&text).unwrap().verdict(&key), expected, "{text}");
     }

@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use super::draw::{Draw, binding};
-use super::report::{Finding, Stated, share};
-use super::tables::Table;
+use super::report::{Stated, StudyFigure, share};
+use super::tables::RecordedTable;
 use super::{BenchError, Study};
 use holdpoint_governance::behavior::{self, BehaviorAssessment, Component, ComponentName};
 use holdpoint_governance::evidence::{Pair, PairedEvidence};
@@ -20,7 +20,7 @@ const OTHER_BUDGETS: [u32; 2] = [120, 200];
 /// More episodes with an anomaly, of a candidate that has to be rejected.
 const WORSE: f64 = 0.13;
 
-pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     let mut done = BTreeSet::new();
     for profile in &study.profiles {
@@ -39,7 +39,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
     Ok(findings)
 }
 
-fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<Finding>, BenchError> {
+fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<StudyFigure>, BenchError> {
     let budget = profile.evaluation.sandbox_pairs;
     let least = |rate: f64| stated.then_some(Stated::AtLeast(rate));
     let mut findings = Vec::new();
@@ -70,7 +70,7 @@ fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<Findin
 
 fn assess(
     draw: &mut Draw,
-    table: &Table,
+    table: &RecordedTable,
     profile: &Profile,
     worsen: &dyn Fn(&mut Draw, &mut Pair),
 ) -> BehaviorAssessment {

@@ -2,7 +2,7 @@
 
 use holdpoint_sim::rng::Stream;
 
-use super::tables::Table;
+use super::tables::RecordedTable;
 use holdpoint_governance::evidence::{Binding, EpisodeValues, Pair};
 use holdpoint_governance::ids::Digest;
 
@@ -58,7 +58,7 @@ impl Draw {
 
     /// So many pairs of a table, drawn with replacement. Which of the two counts as the candidate is drawn pair by
     /// pair, so that both are exactly equally good and differ as often as they really do.
-    pub(super) fn equal_pairs(&mut self, table: &Table, count: u32) -> Vec<Pair> {
+    pub(super) fn equal_pairs(&mut self, table: &RecordedTable, count: u32) -> Vec<Pair> {
         let mut pairs = Vec::with_capacity(count as usize);
         for seed in 0..u64::from(count) {
             if let Some(pair) = self.of(&table.pairs) {
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn equal_pairs_are_equally_good_and_differ_as_recorded() {
         let worse = Pair { seed: 7, active: GOOD, candidate: EpisodeValues { success: false, ..GOOD } };
-        let table = Table { name: "x", provenance: String::new(), pairs: vec![worse] };
+        let table = RecordedTable { name: "x", provenance: String::new(), pairs: vec![worse] };
         let pairs = Draw::new("pairs").equal_pairs(&table, 1_000);
         let lost = pairs.iter().filter(|pair| !pair.candidate.success).count();
         // Six standard errors of a fair coin.

@@ -2,7 +2,7 @@
 //! window is watched.
 
 use super::draw::{Draw, GOOD};
-use super::report::{Finding, Stated, share, told};
+use super::report::{Stated, StudyFigure, share, told};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
@@ -23,7 +23,7 @@ const BEFORE: f64 = 0.05;
 /// Episodes watched at most where a delay is measured.
 const DELAY_MAX: u32 = 400;
 
-pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     for profile in &study.profiles {
         let settings = &profile.evaluation;
@@ -100,7 +100,7 @@ fn unchanged(
     twins: u32,
     name: &str,
     episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
-) -> Result<Vec<Finding>, BenchError> {
+) -> Result<Vec<StudyFigure>, BenchError> {
     let window = profile.activation.provisional_episodes;
     let under = format!("{}, {twins} twins, {window} episodes, {name}", profile.name.name());
     let mut draw = Draw::new(&format!("unchanged {under}"));
@@ -121,7 +121,7 @@ fn unchanged(
 }
 
 /// A version that fails more often from the first live episode on: after how many is it restricted and rolled back?
-fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<Finding>, BenchError> {
+fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure>, BenchError> {
     let window = profile.activation.provisional_episodes;
     let twins = profile.evaluation.shadow_sequences;
     let under = format!("{}, {twins} twins, failures {BEFORE} and +{shift}", profile.name.name());

@@ -1,7 +1,7 @@
 //! Early rejection of a behavioural evaluation, looked at after every 20 pairs as the sandbox does.
 
 use super::draw::{Draw, GOOD, binding};
-use super::report::{Finding, Stated, share, told};
+use super::report::{Stated, StudyFigure, share, told};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::behavior;
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
@@ -35,7 +35,7 @@ const BAD: [(&str, usize, f64); 5] = [
     ("anomalies", 2, 0.3),
 ];
 
-pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     // The profiles differ in their budgets alone here; the smallest is the first.
     let profile = study.profiles.first().ok_or_else(|| missing("profiles"))?;
     let mut findings = Vec::new();
@@ -75,7 +75,7 @@ fn boundary(
     name: &'static str,
     spoil: Spoil,
     opposed: usize,
-) -> Result<Finding, BenchError> {
+) -> Result<StudyFigure, BenchError> {
     let size = profile.evaluation.sandbox_pairs as usize;
     let rejected = |worse: &usize| is_incompatible(&population(size, *worse, opposed, spoil), profile);
     let least =
@@ -118,7 +118,7 @@ fn bad(
     name: &'static str,
     spoil: Spoil,
     worse: f64,
-) -> Result<Vec<Finding>, BenchError> {
+) -> Result<Vec<StudyFigure>, BenchError> {
     let size = profile.evaluation.sandbox_pairs;
     let all = u64::from(study.runs);
     let mut draw = Draw::new(&format!("bad {name} {worse}"));

@@ -19,7 +19,7 @@ pub enum Stated {
 
 /// One figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Finding {
+pub struct StudyFigure {
     /// The rule.
     pub rule: &'static str,
     /// What was counted or averaged.
@@ -45,14 +45,14 @@ pub(super) fn share(
     under: String,
     (events, runs): (u64, u64),
     stated: Option<Stated>,
-) -> Result<Finding, StatsError> {
+) -> Result<StudyFigure, StatsError> {
     let holds = match stated {
         None => true,
         Some(Stated::AtMost(rate)) => clopper_pearson_lower(events, runs, REFUTE_ALPHA)? <= rate,
         Some(Stated::AtLeast(rate)) => clopper_pearson_upper(events, runs, REFUTE_ALPHA)? >= rate,
     };
     let value = events as f64 / runs as f64;
-    Ok(Finding { rule, what, under, runs, value, unit: "share", stated, holds })
+    Ok(StudyFigure { rule, what, under, runs, value, unit: "share", stated, holds })
 }
 
 /// A mean or median that is told, not held against anything.
@@ -63,8 +63,8 @@ pub(super) fn told(
     runs: u64,
     value: f64,
     unit: &'static str,
-) -> Finding {
-    Finding { rule, what, under, runs, value, unit, stated: None, holds: true }
+) -> StudyFigure {
+    StudyFigure { rule, what, under, runs, value, unit, stated: None, holds: true }
 }
 
 #[cfg(test)]

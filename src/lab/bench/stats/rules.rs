@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::draw::Draw;
-use super::report::{Finding, Stated, share, told};
+use super::report::{Stated, StudyFigure, share, told};
 use super::{BenchError, Study};
 use holdpoint_governance::stats::{PassRule, StatsError, Verdict};
 
@@ -16,7 +16,7 @@ const ALPHAS: [f64; 3] = [0.05, 0.01, 0.001];
 /// True rates of a run's success.
 const RATES: [f64; 6] = [0.5, 0.7, 0.85, 0.9, 0.95, 1.0];
 
-pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     for (runs, needed) in RULES {
         let rule = PassRule::new(runs, needed)?;
@@ -82,7 +82,7 @@ fn one(
     looks: &mut Looks,
     under: &str,
     mut outcomes: impl FnMut(u32) -> Vec<bool>,
-) -> Result<Vec<Finding>, BenchError> {
+) -> Result<Vec<StudyFigure>, BenchError> {
     let all = u64::from(study.runs);
     let (mut wrong, mut used) = ([0u64; ALPHAS.len()], [0u64; ALPHAS.len()]);
     let (mut differing, mut curtailed) = (0, 0);

@@ -1,7 +1,7 @@
 //! The shadow comparison: how often does a version that is exactly as good fail it?
 
 use super::draw::{Draw, binding};
-use super::report::{Finding, Stated, share};
+use super::report::{Stated, StudyFigure, share};
 use super::{BenchError, Study};
 use holdpoint_governance::evidence::{Pair, ShadowEvidence, ShadowSequence};
 use holdpoint_governance::gate::{ShadowAssessment, assess_shadow};
@@ -16,7 +16,7 @@ const RATES: [f64; 3] = [0.02, 0.1, 0.3];
 /// How much more frequent the watcher's events are in the twins of a worse version.
 const WORSE: [f64; 2] = [0.2, 0.4];
 
-pub(super) fn study(study: &Study) -> Result<Vec<Finding>, BenchError> {
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     for profile in &study.profiles {
         let alpha = profile.evaluation.shadow_alpha;

@@ -15,7 +15,7 @@ use holdpoint_governance::evidence::{EpisodeValues, Pair};
 
 /// One recorded table.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub struct RecordedTable {
     /// What it is of, e.g. `align-improved, sandbox`.
     pub name: &'static str,
     /// The comment line: versions, conditions, seeds.
@@ -63,7 +63,7 @@ pub fn write(pairs: &[Pair]) -> String {
 ///
 /// # Errors
 /// [`TableError`] with the first line that is no pair, or the first line where there is no pair at all.
-pub fn read(name: &'static str, text: &str) -> Result<Table, TableError> {
+pub fn read(name: &'static str, text: &str) -> Result<RecordedTable, TableError> {
     let mut provenance = String::new();
     let mut pairs = Vec::new();
     for (index, line) in text.lines().enumerate() {
@@ -77,7 +77,7 @@ pub fn read(name: &'static str, text: &str) -> Result<Table, TableError> {
     if pairs.is_empty() {
         return Err(TableError { table: name, line: 1, text: String::new() });
     }
-    Ok(Table { name, provenance, pairs })
+    Ok(RecordedTable { name, provenance, pairs })
 }
 
 fn pair(line: &str) -> Option<Pair> {

@@ -9,7 +9,7 @@ use super::motion::{
     AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{Frame, Phased, Run};
+use super::phases::{PhaseFrame, Phased, Run};
 
 /// Everything a version of the align controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -48,7 +48,7 @@ pub struct AlignParams {
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names say it")]
-pub enum Phase {
+pub enum AlignPhase {
     Look,
     Rise,
     Transit,
@@ -106,7 +106,7 @@ impl Align {
         }
     }
 
-    fn measure(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn measure(&mut self, run: &mut Run<AlignPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick > ticks(3.0) {
             return run.finish(Some(FailureSignal::TargetNotFound));
@@ -142,7 +142,7 @@ impl Align {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), p.correction_gain * turn)
             * seen.tool.isometry().rotation;
         run.target = Pose::from(&Isometry3::from_parts(Translation3::from(pose.position), rotation));
-        run.go(Phase::Settle);
+        run.go(AlignPhase::Settle);
         Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s }
     }
 }
@@ -155,12 +155,12 @@ fn turned_in_hand(in_hand: &Isometry3<f64>) -> f64 {
 }
 
 impl Phased for Align {
-    type Phase = Phase;
-    const FIRST: Phase = Phase::Look;
+    type Phase = AlignPhase;
+    const FIRST: AlignPhase = AlignPhase::Look;
 
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> PhaseFrame {
         let p = &self.params;
-        Frame {
+        PhaseFrame {
             timeout_secs: p.timeout_secs,
             abort: p.abort,
             rollback: p.rollback,
@@ -169,13 +169,13 @@ impl Phased for Align {
         }
     }
 
-    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut Run<AlignPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick > 24 && !holds_something(seen) {
             return run.finish(Some(FailureSignal::ObjectSlipped));
         }
         match run.phase {
-            Phase::Look => {
+            AlignPhase::Look => {
                 if let Some(picture) = &seen.target {
                     self.tray.add(picture);
                 }
@@ -188,23 +188,23 @@ impl Phased for Align {
                     if p.measure_pictures > 0 {
                         self.note_in_hand(seen);
                     }
-                    run.go(Phase::Rise);
+                    run.go(AlignPhase::Rise);
                 } else if run.tick > ticks(2.0) {
                     return run.finish(Some(FailureSignal::TargetNotFound));
                 }
                 Command::Hold
             }
-            Phase::Rise => {
+            AlignPhase::Rise => {
                 if run.tick == 1 && seen.tool.position[2] < p.transit_height_m - 0.01 {
                     run.target = at_height(seen.tool, p.transit_height_m);
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.transit_speed_m_s };
                 }
                 if run.tick == 1 || arrived(seen, &run.target, 0.01) {
-                    run.go(Phase::Transit);
+                    run.go(AlignPhase::Transit);
                 }
                 Command::Hold
             }
-            Phase::Transit => {
+            AlignPhase::Transit => {
                 if run.tick == 1
                     && let Some(over) = self.tool_over_seat(seen, p.hover_height_m)
                 {
@@ -212,11 +212,11 @@ impl Phased for Align {
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.transit_speed_m_s };
                 }
                 if arrived(seen, &run.target, 0.01) {
-                    run.go(Phase::Lower);
+                    run.go(AlignPhase::Lower);
                 }
                 Command::Hold
             }
-            Phase::Lower => {
+            AlignPhase::Lower => {
                 if run.tick == 1
                     && let Some(over) = self.tool_over_seat(seen, p.hover_height_m)
                 {
@@ -224,22 +224,22 @@ impl Phased for Align {
                     return Command::ToolPose { pose: over, max_speed_m_s: p.lower_speed_m_s };
                 }
                 if arrived(seen, &run.target, 0.002) {
-                    run.go(Phase::Settle);
+                    run.go(AlignPhase::Settle);
                 }
                 Command::Hold
             }
-            Phase::Settle => {
+            AlignPhase::Settle => {
                 if run.tick >= ticks(p.settle_secs).max(1) {
                     if p.measure_pictures == 0 {
                         return run.finish(None);
                     }
                     self.tray = PoseAverage::default();
                     self.object = PoseAverage::default();
-                    run.go(Phase::Measure);
+                    run.go(AlignPhase::Measure);
                 }
                 Command::Hold
             }
-            Phase::Measure => self.measure(run, seen),
+            AlignPhase::Measure => self.measure(run, seen),
         }
     }
 }

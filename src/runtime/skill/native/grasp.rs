@@ -8,7 +8,7 @@ use super::motion::{
     AbortStyle, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{Frame, Phased, Run};
+use super::phases::{PhaseFrame, Phased, Run};
 
 /// Everything a version of the grasp controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -73,7 +73,7 @@ const REACTION_SECS: f64 = 0.1;
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names say it")]
-pub enum Phase {
+pub enum GraspPhase {
     Rise,
     Open,
     Look,
@@ -114,7 +114,7 @@ impl Grasp {
 
     /// Sends a pose once per phase, or again where it moved by more than half a millimetre or the
     /// speed is another.
-    fn move_to(&mut self, run: &mut Run<Phase>, pose: Pose, max_speed_m_s: f64) -> Command {
+    fn move_to(&mut self, run: &mut Run<GraspPhase>, pose: Pose, max_speed_m_s: f64) -> Command {
         if run.commanded && pose.distance_m(&run.target) < 5e-4 && max_speed_m_s == self.speed_m_s {
             return Command::Hold;
         }
@@ -144,7 +144,7 @@ impl Grasp {
         }
     }
 
-    fn retry(&mut self, run: &mut Run<Phase>, signal: FailureSignal) -> Command {
+    fn retry(&mut self, run: &mut Run<GraspPhase>, signal: FailureSignal) -> Command {
         if self.retries >= self.params.retries_max {
             run.finish(Some(signal));
             return Command::Stop;
@@ -152,7 +152,7 @@ impl Grasp {
         self.retries += 1;
         self.look = PoseAverage::default();
         self.check = PoseAverage::default();
-        run.go(Phase::Open);
+        run.go(GraspPhase::Open);
         Command::Hold
     }
 
@@ -172,7 +172,7 @@ impl Grasp {
         }
     }
 
-    fn open(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn open(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
         if !seen.tool_available {
             return self.wait_for_tool(run);
         }
@@ -190,21 +190,21 @@ impl Grasp {
             }
         }
         if seen.gripper_width_m > 0.07 && !low {
-            run.go(Phase::Look);
+            run.go(GraspPhase::Look);
         } else if run.tick > ticks(3.0) {
             return self.retry(run, FailureSignal::ToolUnavailable);
         }
         Command::Hold
     }
 
-    fn wait_for_tool(&self, run: &mut Run<Phase>) -> Command {
+    fn wait_for_tool(&self, run: &mut Run<GraspPhase>) -> Command {
         if run.tick > ticks(self.params.tool_wait_secs) {
             run.finish(Some(FailureSignal::ToolUnavailable));
         }
         Command::Hold
     }
 
-    fn close(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn close(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
         if !run.commanded {
             if !seen.tool_available {
                 return self.wait_for_tool(run);
@@ -217,10 +217,10 @@ impl Grasp {
         let closing_secs = 0.1 / self.params.close_speed_m_s;
         let gripped = holds_something(seen) && seen.gripper_force_n > 0.5 * self.params.grip_force_n;
         if gripped && run.tick > ticks(self.params.settle_secs) {
-            run.go(Phase::Lift);
+            run.go(GraspPhase::Lift);
         } else if run.tick > ticks(closing_secs + self.params.settle_secs + 0.3) {
             if holds_something(seen) {
-                run.go(Phase::Lift);
+                run.go(GraspPhase::Lift);
             } else {
                 return self.retry(run, FailureSignal::GraspMissed);
             }
@@ -228,7 +228,7 @@ impl Grasp {
         Command::Hold
     }
 
-    fn verify(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn verify(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
         if !holds_something(seen) {
             return self.retry(run, FailureSignal::ObjectSlipped);
         }
@@ -258,12 +258,12 @@ impl Grasp {
 }
 
 impl Phased for Grasp {
-    type Phase = Phase;
-    const FIRST: Phase = Phase::Rise;
+    type Phase = GraspPhase;
+    const FIRST: GraspPhase = GraspPhase::Rise;
 
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> PhaseFrame {
         let p = &self.params;
-        Frame {
+        PhaseFrame {
             timeout_secs: p.timeout_secs,
             abort: p.abort,
             rollback: p.rollback,
@@ -272,61 +272,61 @@ impl Phased for Grasp {
         }
     }
 
-    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         match run.phase {
-            Phase::Rise => {
+            GraspPhase::Rise => {
                 if holds_something(seen) && seen.tool.position[2] > 0.05 {
                     // Taken over with the object already in the hand: only the lift is left.
-                    run.go(Phase::Lift);
+                    run.go(GraspPhase::Lift);
                     return Command::Hold;
                 }
                 let clear_m = 0.025 + p.approach_height_m.min(0.08);
                 if seen.tool.position[2] >= clear_m {
-                    run.go(Phase::Open);
+                    run.go(GraspPhase::Open);
                     return Command::Hold;
                 }
                 let up = at_height(seen.tool, clear_m + 0.01);
                 if run.commanded { Command::Hold } else { self.move_to(run, up, p.lift_speed_m_s) }
             }
-            Phase::Open => self.open(run, seen),
-            Phase::Look => {
+            GraspPhase::Open => self.open(run, seen),
+            GraspPhase::Look => {
                 if let Some(picture) = &seen.object {
                     self.look.add(picture);
                 }
                 if self.look.count() >= p.look_pictures {
                     self.object = self.look.mean();
                     self.check = PoseAverage::default();
-                    run.go(if p.entry_offset_m > 0.0 { Phase::Enter } else { Phase::Approach });
+                    run.go(if p.entry_offset_m > 0.0 { GraspPhase::Enter } else { GraspPhase::Approach });
                 } else if run.tick > ticks(1.5) {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 }
                 Command::Hold
             }
-            Phase::Enter => {
+            GraspPhase::Enter => {
                 let Some(mut pose) = self.above(p.approach_height_m) else {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 };
                 pose.position[1] += p.entry_offset_m;
                 if arrived(seen, &pose, 0.01) {
-                    run.go(Phase::Approach);
+                    run.go(GraspPhase::Approach);
                     return Command::Hold;
                 }
                 self.move_to(run, pose, p.approach_speed_m_s)
             }
-            Phase::Approach => {
+            GraspPhase::Approach => {
                 self.follow(seen);
                 let Some(pose) = self.above(p.approach_height_m) else {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
                     self.check = PoseAverage::default();
-                    run.go(if p.pregrasp_check { Phase::Check } else { Phase::Descend });
+                    run.go(if p.pregrasp_check { GraspPhase::Check } else { GraspPhase::Descend });
                     return Command::Hold;
                 }
                 self.move_to(run, pose, p.approach_speed_m_s)
             }
-            Phase::Check => {
+            GraspPhase::Check => {
                 if let Some(picture) = &seen.object {
                     self.check.add(picture);
                 }
@@ -337,17 +337,17 @@ impl Phased for Grasp {
                     if moved > p.pregrasp_tolerance_m {
                         self.object = Some((mean, yaw));
                         self.check = PoseAverage::default();
-                        run.go(Phase::Approach);
+                        run.go(GraspPhase::Approach);
                     } else {
                         self.check = PoseAverage::default();
-                        run.go(Phase::Descend);
+                        run.go(GraspPhase::Descend);
                     }
                 } else if run.tick > ticks(1.0) {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 }
                 Command::Hold
             }
-            Phase::Descend => {
+            GraspPhase::Descend => {
                 self.follow(seen);
                 if run.tick > 12 && seen.wrist_force_n.max(seen.gripper_force_n) > p.contact_stop_n {
                     // The pads stand on something: the object is not where it was believed to be.
@@ -359,13 +359,13 @@ impl Phased for Grasp {
                     return self.retry(run, FailureSignal::TargetNotFound);
                 };
                 if arrived(seen, &pose, 0.004) {
-                    run.go(Phase::Close);
+                    run.go(GraspPhase::Close);
                     return Command::Hold;
                 }
                 self.move_to(run, pose, self.descent_speed_m_s(seen))
             }
-            Phase::Close => self.close(run, seen),
-            Phase::Lift => {
+            GraspPhase::Close => self.close(run, seen),
+            GraspPhase::Lift => {
                 if run.tick == 1 {
                     run.target = at_height(seen.tool, seen.tool.position[2] + p.lift_height_m);
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.lift_speed_m_s };
@@ -375,11 +375,11 @@ impl Phased for Grasp {
                 }
                 if arrived(seen, &run.target, 0.006) {
                     self.check = PoseAverage::default();
-                    run.go(Phase::Verify);
+                    run.go(GraspPhase::Verify);
                 }
                 Command::Hold
             }
-            Phase::Verify => self.verify(run, seen),
+            GraspPhase::Verify => self.verify(run, seen),
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::skill::{Hook, Skill};
 
 /// What a controller's parameters say of the frame around its phases.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct PhaseFrame {
     /// Seconds the whole work may take.
     pub timeout_secs: f64,
     /// What the safe-abort hook does.
@@ -30,7 +30,7 @@ pub trait Phased: Send {
     const FIRST: Self::Phase;
 
     /// What its parameters say of the frame.
-    fn frame(&self) -> Frame;
+    fn frame(&self) -> PhaseFrame;
 
     /// One decision in the present phase.
     fn work(&mut self, run: &mut Run<Self::Phase>, seen: &Observation) -> Command;

@@ -8,7 +8,7 @@ use super::motion::{
     AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{Frame, Phased, Run};
+use super::phases::{PhaseFrame, Phased, Run};
 
 /// Everything a version of the place controller may set. Lengths in metres, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -58,7 +58,7 @@ pub struct PlaceParams {
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names say it")]
-pub enum Phase {
+pub enum PlacePhase {
     Look,
     Correct,
     Lower,
@@ -95,11 +95,11 @@ impl Place {
         }
     }
 
-    fn look(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn look(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick == 1 && !holds_something(seen) {
             // Taken over after the object was let go: only the retreat is left.
-            run.go(Phase::Retreat);
+            run.go(PlacePhase::Retreat);
             return Command::Hold;
         }
         let fresh = |age: u32| self.retries == 0 || u64::from(age) < run.tick;
@@ -124,7 +124,7 @@ impl Place {
         self.hang_m = seen.tool.position[2] - object[2];
         self.seat_height_m = seat[2] + OBJECT_HALF_M;
         if p.look_pictures == 0 {
-            run.go(Phase::Lower);
+            run.go(PlacePhase::Lower);
             return Command::Hold;
         }
         // A search step turns by a quarter at each attempt, so that the four sides are tried.
@@ -137,11 +137,11 @@ impl Place {
             seen.tool.position[2],
         ];
         run.target = super::motion::hand_down(position, yaw);
-        run.go(Phase::Correct);
+        run.go(PlacePhase::Correct);
         Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s }
     }
 
-    fn lower(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn lower(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         let released_at = self.seat_height_m + self.hang_m + p.release_gap_m;
         if !run.commanded {
@@ -157,18 +157,18 @@ impl Place {
                 return Command::Stop;
             }
             self.retries += 1;
-            run.go(Phase::BackUp);
+            run.go(PlacePhase::BackUp);
             run.target = at_height(seen.tool, seen.tool.position[2] + 0.02);
             return Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s };
         }
         if touched || arrived(seen, &run.target, 0.003) {
-            run.go(Phase::Release);
+            run.go(PlacePhase::Release);
             return Command::Stop;
         }
         Command::Hold
     }
 
-    fn verify(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn verify(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
         if !self.params.verify {
             return run.finish(None);
         }
@@ -202,12 +202,12 @@ impl Place {
 }
 
 impl Phased for Place {
-    type Phase = Phase;
-    const FIRST: Phase = Phase::Look;
+    type Phase = PlacePhase;
+    const FIRST: PlacePhase = PlacePhase::Look;
 
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> PhaseFrame {
         let p = &self.params;
-        Frame {
+        PhaseFrame {
             timeout_secs: p.timeout_secs,
             abort: p.abort,
             rollback: p.rollback,
@@ -216,34 +216,37 @@ impl Phased for Place {
         }
     }
 
-    fn work(&mut self, run: &mut Run<Phase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
-        let carrying = matches!(run.phase, Phase::Look | Phase::Correct | Phase::Lower | Phase::BackUp);
+        let carrying = matches!(
+            run.phase,
+            PlacePhase::Look | PlacePhase::Correct | PlacePhase::Lower | PlacePhase::BackUp
+        );
         if carrying && run.tick > 24 && !holds_something(seen) {
             return run.finish(Some(FailureSignal::ObjectSlipped));
         }
         match run.phase {
-            Phase::Look => self.look(run, seen),
-            Phase::Correct => {
+            PlacePhase::Look => self.look(run, seen),
+            PlacePhase::Correct => {
                 if arrived(seen, &run.target, 0.001) || run.tick > ticks(0.8) {
-                    run.go(Phase::Lower);
+                    run.go(PlacePhase::Lower);
                 }
                 Command::Hold
             }
-            Phase::Lower => self.lower(run, seen),
-            Phase::BackUp => {
+            PlacePhase::Lower => self.lower(run, seen),
+            PlacePhase::BackUp => {
                 if arrived(seen, &run.target, 0.003) || run.tick > ticks(1.5) {
                     if p.look_pictures > 0 {
                         self.tray = PoseAverage::default();
                         self.object = PoseAverage::default();
-                        run.go(Phase::Look);
+                        run.go(PlacePhase::Look);
                     } else {
-                        run.go(Phase::Lower);
+                        run.go(PlacePhase::Lower);
                     }
                 }
                 Command::Hold
             }
-            Phase::Release => {
+            PlacePhase::Release => {
                 if !run.commanded {
                     if !seen.tool_available {
                         if run.tick > ticks(p.tool_wait_secs) {
@@ -261,22 +264,22 @@ impl Phased for Place {
                 }
                 let open_secs = 0.03 / p.release_speed_m_s;
                 if run.tick > ticks(open_secs + p.settle_secs) {
-                    run.go(Phase::Retreat);
+                    run.go(PlacePhase::Retreat);
                 }
                 Command::Hold
             }
-            Phase::Retreat => {
+            PlacePhase::Retreat => {
                 if !run.commanded {
                     run.commanded = true;
                     run.target = at_height(seen.tool, seen.tool.position[2] + p.retreat_height_m);
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.retreat_speed_m_s };
                 }
                 if arrived(seen, &run.target, 0.006) {
-                    run.go(if p.exit_offset_m > 0.0 { Phase::Exit } else { Phase::Verify });
+                    run.go(if p.exit_offset_m > 0.0 { PlacePhase::Exit } else { PlacePhase::Verify });
                 }
                 Command::Hold
             }
-            Phase::Exit => {
+            PlacePhase::Exit => {
                 if !run.commanded {
                     run.commanded = true;
                     let [x, y, z] = seen.tool.position;
@@ -284,11 +287,11 @@ impl Phased for Place {
                     return Command::ToolPose { pose: run.target, max_speed_m_s: p.retreat_speed_m_s };
                 }
                 if arrived(seen, &run.target, 0.01) {
-                    run.go(Phase::Verify);
+                    run.go(PlacePhase::Verify);
                 }
                 Command::Hold
             }
-            Phase::Verify => self.verify(run, seen),
+            PlacePhase::Verify => self.verify(run, seen),
         }
     }
 }
