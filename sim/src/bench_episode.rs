@@ -21,7 +21,7 @@ use crate::motors::{self, Reference};
 use crate::readout;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
-use crate::scene::StaticBox;
+use crate::scene::Table;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{JointVec, Pose, TICK_SECS};
@@ -100,7 +100,7 @@ pub struct PeerOutcome {
 /// The comparison's robot, and how hard its solver works.
 pub struct PeerBench {
     robot: RobotModel,
-    table: StaticBox,
+    table: Table,
     fidelity: Fidelity,
 }
 
@@ -116,7 +116,7 @@ impl PeerBench {
             "builtin:peer.toml",
             include_str!("../assets/peer.toml"),
         )?;
-        let table = StaticBox { centre_m: [0.6, 0.0, -0.02], half_m: [0.4, 0.6, 0.02], friction: 1.0 };
+        let table = Table { centre_m: [0.6, 0.0, -0.02], half_m: [0.4, 0.6, 0.02], friction: 1.0 };
         Ok(Self { robot, table, fidelity })
     }
 

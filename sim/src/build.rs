@@ -24,7 +24,7 @@ use crate::error::SimError;
 use crate::handles::{ColliderKind, Handles, to_rapier, to_vector};
 use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
-use crate::scene::{Clutter, Scene, StaticBox, Tray};
+use crate::scene::{Clutter, Scene, Table, Tray};
 use holdpoint_body::Shape;
 use holdpoint_body::TICK_SECS;
 
@@ -55,7 +55,7 @@ pub fn empty_world() -> PhysicsWorld {
 
 /// What stands in the cell beside the robot.
 pub struct CellFixtures<'a> {
-    pub table: &'a StaticBox,
+    pub table: &'a Table,
     /// The tray, its pose, and half the edge of the object it is for.
     pub tray: Option<(&'a Tray, Isometry3<f64>, f64)>,
     /// Clutter with its index in the scene.

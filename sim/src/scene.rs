@@ -17,7 +17,7 @@ use crate::robot::read_text;
 /// A static box.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct StaticBox {
+pub struct Table {
     /// Centre, m.
     #[serde(deserialize_with = "finite3")]
     pub centre_m: [f64; 3],
@@ -117,7 +117,7 @@ pub struct Scene {
     /// Name.
     pub name: String,
     /// The bench.
-    pub table: StaticBox,
+    pub table: Table,
     /// The cube.
     pub object: ObjectShape,
     /// The tray.

@@ -124,3 +124,16 @@ impl Cell {
         World::new(&self.model, &self.scene)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Evidence and cached episodes are bound to this digest. It covers the debug text of the scene and of the
+    /// distributions, the types' names included: a renamed type must not void what is on record.
+    #[test]
+    fn the_digest_on_record_stays() {
+        let digest = Cell::builtin().unwrap().digest().to_string();
+        assert_eq!(digest, "c5e8e9b314875c5066d88bc07ab277fbb988d1d5418760b0198462407f3e3694");
+    }
+}
