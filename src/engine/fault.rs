@@ -66,3 +66,17 @@ impl Hint for Fault {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a person is told of an approval that cannot be written: the store's fault is not the person's.
+    #[test]
+    fn only_an_approval_at_fault_is_not_allowed() {
+        let approval = StoreError::Approval { nonce: "7".to_owned(), problem: "used".to_owned() };
+        assert_eq!(Fault::Store(approval).refusal(), Some(Refusal::NotAllowed));
+        assert_eq!(Fault::Store(StoreError::DiskFull { what: "write" }).refusal(), Some(Refusal::Store));
+        assert_eq!(Fault::Store(StoreError::Unknown).refusal(), None, "nobody knows what is written: hold");
+    }
+}
