@@ -120,7 +120,7 @@ impl Pipeline {
             // The engine answers these itself.
             Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
                 code: Refusal::BadInput,
-                text: "this is for the engine, not for the manager".to_owned(),
+                text: "this is for the engine, not for the pipeline".to_owned(),
                 hint: None,
             }),
         }

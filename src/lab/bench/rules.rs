@@ -210,7 +210,7 @@ fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
 }
 
 /// An episode without anything wrong.
-const CLEAN: EpisodeValues = EpisodeValues {
+pub(super) const CLEAN: EpisodeValues = EpisodeValues {
     success: true,
     violation: false,
     anomaly: false,

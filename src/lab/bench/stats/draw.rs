@@ -3,22 +3,8 @@
 use holdpoint_sim::rng::Stream;
 
 use super::tables::RecordedTable;
-use holdpoint_governance::evidence::{Binding, EpisodeValues, Pair};
+use holdpoint_governance::evidence::{Binding, Pair};
 use holdpoint_governance::ids::Digest;
-
-/// An episode in which nothing happened.
-pub(super) const GOOD: EpisodeValues = EpisodeValues {
-    success: true,
-    violation: false,
-    anomaly: false,
-    recovery: false,
-    intervention: false,
-    timeout: false,
-    near_violation: false,
-    retries: 0,
-    time_s: 3.0,
-    unsafe_continuation_ms: 0.0,
-};
 
 /// A stream of draws, named by what it is for.
 pub(super) struct Draw(Stream);
@@ -84,6 +70,9 @@ pub(super) fn binding() -> Binding {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_governance::evidence::EpisodeValues;
+
+    use super::super::super::rules::CLEAN;
     use super::*;
 
     #[test]
@@ -100,7 +89,7 @@ mod tests {
 
     #[test]
     fn equal_pairs_are_equally_good_and_differ_as_recorded() {
-        let worse = Pair { seed: 7, active: GOOD, candidate: EpisodeValues { success: false, ..GOOD } };
+        let worse = Pair { seed: 7, active: CLEAN, candidate: EpisodeValues { success: false, ..CLEAN } };
         let table = RecordedTable { name: "x", provenance: String::new(), pairs: vec![worse] };
         let pairs = Draw::new("pairs").equal_pairs(&table, 1_000);
         let lost = pairs.iter().filter(|pair| !pair.candidate.success).count();

@@ -1,7 +1,8 @@
 //! The monitor after activation, end to end: what is normal is measured on the twins of shadow, then the provisional
 //! window is watched.
 
-use super::draw::{Draw, GOOD};
+use super::super::rules::CLEAN;
+use super::draw::Draw;
 use super::report::{Stated, StudyFigure, share, told};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::evidence::EpisodeValues;
@@ -35,7 +36,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
             }
             for rate in RATES {
                 findings.extend(unchanged(study, profile, twins, &format!("failures {rate}"), &|draw| {
-                    Some(EpisodeValues { success: !draw.chance(rate), ..GOOD })
+                    Some(EpisodeValues { success: !draw.chance(rate), ..CLEAN })
                 })?);
             }
         }
@@ -129,7 +130,7 @@ fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure
     let (mut restricted, mut rolled_back) = (Vec::new(), Vec::new());
     for _ in 0..study.runs {
         let fails =
-            |rate: f64| move |draw: &mut Draw| Some(EpisodeValues { success: !draw.chance(rate), ..GOOD });
+            |rate: f64| move |draw: &mut Draw| Some(EpisodeValues { success: !draw.chance(rate), ..CLEAN });
         let mut monitor = set_up(&mut draw, profile, twins, &fails(BEFORE))?;
         let firsts = watch(&mut draw, &mut monitor, DELAY_MAX, &fails(BEFORE + shift));
         restricted.push(firsts.restricted.unwrap_or(DELAY_MAX + 1));

@@ -1,6 +1,7 @@
 //! Early rejection of a behavioural evaluation, looked at after every 20 pairs as the sandbox does.
 
-use super::draw::{Draw, GOOD, binding};
+use super::super::rules::CLEAN;
+use super::draw::{Draw, binding};
 use super::report::{Stated, StudyFigure, share, told};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::behavior;
@@ -62,7 +63,7 @@ fn is_incompatible(pairs: &[Pair], profile: &Profile) -> bool {
 /// The pairs of a whole budget: so many the candidate's alone, so many the active version's alone.
 fn population(size: usize, worse: usize, better: usize, spoil: Spoil) -> Vec<Pair> {
     let mut pairs: Vec<Pair> =
-        (0..size as u64).map(|seed| Pair { seed, active: GOOD, candidate: GOOD }).collect();
+        (0..size as u64).map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN }).collect();
     pairs.iter_mut().take(worse).for_each(|pair| spoil(&mut pair.candidate));
     pairs.iter_mut().skip(worse).take(better).for_each(|pair| spoil(&mut pair.active));
     pairs
