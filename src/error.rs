@@ -53,20 +53,10 @@ impl From<Exit> for ExitCode {
 pub enum CliError {
     /// Something the caller can put right.
     #[error("{}", one_line(.message))]
-    Usage {
-        /// What is wrong.
-        message: Untrusted,
-        /// What would help.
-        hint: Option<Untrusted>,
-    },
+    Usage { message: Untrusted, hint: Option<Untrusted> },
     /// The engine held, or the time was up.
     #[error("{}", one_line(.message))]
-    Held {
-        /// What is awaited.
-        message: Untrusted,
-        /// What would help.
-        hint: Option<Untrusted>,
-    },
+    Held { message: Untrusted, hint: Option<Untrusted> },
     /// The reader of the output went away: a clean end.
     #[error("the reader of the output went away")]
     ReaderGone,
@@ -121,7 +111,6 @@ impl CliError {
         }
     }
 
-    /// What would help.
     #[must_use]
     pub const fn hint(&self) -> Option<&Untrusted> {
         match self {

@@ -3,6 +3,8 @@
 //! Owns physics, kinematics, the servo, perception and the referee. It knows nothing of manifests,
 //! governance, stores or screens; what decides meets it only through [`holdpoint_body`].
 
+#![warn(missing_docs)]
+
 pub mod bench_episode;
 pub mod distribution;
 pub mod episode;

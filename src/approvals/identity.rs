@@ -29,7 +29,6 @@ pub enum IdentityError {
     /// Its public file names a role that does not exist.
     #[error("the identity {name:?} cannot decide anything: {source}")]
     Role {
-        /// The name.
         name: String,
         /// Which role, and which there are.
         source: WordError,
@@ -40,7 +39,6 @@ pub enum IdentityError {
     /// There is none of that name.
     #[error("there is no identity {name:?} in {folder:?}")]
     Unknown {
-        /// The name.
         name: String,
         /// Where it was looked for.
         folder: PathBuf,
@@ -73,11 +71,8 @@ impl Hint for IdentityError {
 /// Who someone is, without the secret.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IdentityInfo {
-    /// The name.
     pub name: String,
-    /// The role.
     pub role: Role,
-    /// The public key.
     pub public_key: VerifyingKey,
 }
 
@@ -185,7 +180,6 @@ impl Identity {
         Ok(people)
     }
 
-    /// Who this is.
     #[must_use]
     pub const fn info(&self) -> &IdentityInfo {
         &self.info

@@ -17,28 +17,12 @@ use zeroize::Zeroizing;
 pub enum KeyError {
     /// The file could not be used.
     #[error("cannot {what} the key {path:?}: {source}")]
-    Io {
-        /// What was tried.
-        what: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
+    Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// Others can read the secret.
     #[error("the key {path:?} has mode {mode:04o}; others must have no access")]
-    Permissions {
-        /// The file.
-        path: PathBuf,
-        /// Its mode.
-        mode: u32,
-    },
-    /// Not a key.
+    Permissions { path: PathBuf, mode: u32 },
     #[error("{path:?} is not an ed25519 key: 64 hexadecimal digits are needed")]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-    },
+    Malformed { path: PathBuf },
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
@@ -125,7 +109,6 @@ pub fn parse_public(text: &str) -> Option<VerifyingKey> {
     VerifyingKey::from_bytes(&unhex(text)?).ok()
 }
 
-/// Lower-case hexadecimal digits.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {

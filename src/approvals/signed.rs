@@ -76,11 +76,8 @@ impl std::fmt::Display for Nonce {
 pub struct Approval {
     /// Name of the identity.
     pub who: String,
-    /// Its role.
     pub role: Role,
-    /// Yes or no.
     pub decision: Answer,
-    /// Why.
     pub reason: String,
     /// The version decided on.
     pub version: CapabilityId,
@@ -96,7 +93,6 @@ pub struct Approval {
     pub profile: String,
     /// The store it was made for.
     pub store_id: String,
-    /// Used once.
     pub nonce: Nonce,
     /// Virtual time from which it is void, ms.
     pub not_after_ms: u64,
@@ -168,7 +164,6 @@ pub enum ApprovalError {
         who: String,
         /// The role in the decision.
         signed: Role,
-        /// The identity's role.
         is: Role,
     },
     /// The reason is too long.

@@ -3,6 +3,8 @@
 //! Governance and the runtime know a robot by this crate alone. The simulated cell implements [`Body`]; a bridge to a
 //! real robot or to a hard real-time substrate stands behind the same five calls.
 
+#![warn(missing_docs)]
+
 pub mod chain;
 pub mod clearance;
 pub mod geometry;

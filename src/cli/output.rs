@@ -34,7 +34,6 @@ fn pieces(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Where answers go.
 pub struct Output<'a> {
     sink: Box<dyn Write + 'a>,
     json: bool,

@@ -20,14 +20,12 @@ pub(super) struct Limits {
     pub(super) keep: Option<usize>,
     /// What was written longer ago goes.
     pub(super) older_than_secs: Option<u64>,
-    /// All together.
     pub(super) bytes_max: Option<u64>,
 }
 
 /// All recordings of one upgrade: they are kept or removed together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Upgrade {
-    /// Whose.
     pub(super) version: CapabilityId,
     /// Its files, in order.
     pub(super) files: Vec<Filed>,

@@ -51,7 +51,6 @@ impl Side {
         matches!(self, Self::Own(_))
     }
 
-    /// The engine's reply.
     pub(super) fn ask(&mut self, command: Command) -> Result<Reply, CliError> {
         match self {
             Self::Running(client) => client.ask(command).map_err(door_error),
@@ -65,7 +64,6 @@ impl Side {
         }
     }
 
-    /// How things stand.
     pub(super) fn snapshot(&mut self) -> Result<Snapshot, CliError> {
         match self.ask(Command::Snapshot)? {
             Reply::Snapshot { snapshot } => Ok(*snapshot),

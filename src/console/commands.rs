@@ -25,19 +25,14 @@ pub const WITH_ARGUMENT: [(&str, &str, &str); 8] = [
 pub enum Asked {
     /// An action by its name.
     Action(Action),
-    /// A demonstration candidate.
     Demo(Option<String>),
-    /// A candidate's folder.
     Register(String),
-    /// An identity.
     As(String),
-    /// A theme.
     Theme(String),
     /// A pace; absent for as fast as it computes.
     Pace(Option<f64>),
     /// A drift; absent ends it.
     Drift(Option<Drift>),
-    /// A version.
     Candidate(CapabilityId),
 }
 
@@ -121,9 +116,7 @@ fn drift(text: &str) -> Result<Asked, String> {
 pub struct KnownNames<'a> {
     /// Versions in the snapshot.
     pub versions: &'a [String],
-    /// Identities.
     pub people: &'a [String],
-    /// Themes.
     pub themes: &'a [String],
 }
 

@@ -11,33 +11,25 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
 
-/// Something to do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Ask the engine something that decides nothing.
     Ask {
-        /// The request's id.
         id: String,
-        /// What.
         question: Question,
     },
     /// Have the engine do what a person confirmed.
     Operate {
-        /// The request's id.
         id: String,
-        /// What.
         confirmed: Box<Confirmed>,
     },
     /// Sign a decision and hand it to the engine.
     Decide {
-        /// The request's id.
         id: String,
-        /// Which.
         decision: Box<PromptAnswer>,
     },
     /// Read a candidate's folder, or an embedded one, and submit it.
     Register {
-        /// The request's id.
         id: String,
         /// The folder; absent for the next demonstration candidate.
         folder: Option<String>,
@@ -54,7 +46,6 @@ pub enum Effect {
     OpenRecording(CapabilityId),
     /// Show the live scene.
     OpenLive,
-    /// Use another theme.
     UseTheme(String),
     /// Take the mouse, or give it back.
     TakeMouse(bool),
@@ -69,9 +60,7 @@ pub enum Effect {
 pub enum Question {
     /// Everything about a version.
     Detail(CapabilityId),
-    /// The registry.
     Registry {
-        /// Which versions.
         group: VersionGroup,
         /// Whose name contains this.
         text: String,
@@ -81,20 +70,15 @@ pub enum Question {
         /// About this alone; empty for all.
         subject: String,
     },
-    /// Check the chain.
     Verify,
     /// Note that an alarm was seen. Resumes nothing.
     Acknowledge {
-        /// Which.
         alarm: String,
-        /// By whom.
         by: String,
     },
     /// Take an alarm from its shelf.
     Unshelve {
-        /// Which.
         alarm: String,
-        /// By whom.
         by: String,
     },
     /// How fast the simulated cell works.

@@ -36,30 +36,22 @@ pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<
 
 /// What an effect is carried out on.
 pub struct EffectTarget<'a> {
-    /// The screen.
     pub screen: &'a mut Screen,
-    /// The terminal.
     pub terminal: &'a TerminalGuard,
-    /// How it looks.
     pub look: &'a mut Look,
-    /// What is known.
     pub model: &'a Model,
 }
 
 /// What came of an effect.
 #[derive(Debug, PartialEq)]
 pub enum Outcome {
-    /// Nothing to tell.
     Quiet,
     /// Something to tell the reducer.
     Told(MsgKind),
-    /// The program ends.
     End,
 }
 
-/// Carries out effects.
 pub struct Hands {
-    /// The engine.
     pub host: Host,
     candidates: ReadCandidate,
     themes: Themes,

@@ -19,7 +19,6 @@ pub enum Intent {
     Abort(Abort),
     /// Roll an active version back.
     Rollback(CapabilityId),
-    /// Hold a candidate.
     Pause(CapabilityId),
     /// Let a held candidate go on.
     Resume(CapabilityId),
@@ -37,7 +36,6 @@ pub enum Intent {
     Shelve(String),
     /// Close a latched alarm.
     ResetAlarm(String),
-    /// End the program.
     Quit,
 }
 
@@ -101,17 +99,13 @@ impl Intent {
 /// What has the keys in a form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFocus {
-    /// How many minutes.
     Minutes,
-    /// Why.
     Reason,
     /// Leave everything as it is.
     Cancel,
-    /// Do it.
     Confirm,
 }
 
-/// An open form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Form {
     /// What is asked for.
@@ -120,7 +114,6 @@ pub struct Form {
     pub consequences: Vec<String>,
     /// For how long, minutes.
     pub minutes: EditLine,
-    /// Why.
     pub reason: EditLine,
     /// What has the keys.
     pub focus: FormFocus,

@@ -29,7 +29,6 @@ struct KeyEdits {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}:{line}: {what}")]
 pub struct KeymapError {
-    /// The file.
     pub file: String,
     /// The line, from 1.
     pub line: usize,

@@ -24,7 +24,6 @@ impl EditLine {
         Self { input: Input::new(text.chars().take(LINE_MAX).collect()) }
     }
 
-    /// The text.
     #[must_use]
     pub fn text(&self) -> &str {
         self.input.value()
@@ -50,7 +49,6 @@ impl EditLine {
         }
     }
 
-    /// Moves or deletes.
     pub fn edit(&mut self, request: InputRequest) {
         self.input.handle(request);
     }

@@ -21,11 +21,9 @@ macro_rules! glyphs {
     ($($name:ident = $unicode:literal or $ascii:literal;)*) => {
         /// A sign, one column wide.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        #[allow(missing_docs, reason = "the name says which sign, the table below how it looks")]
         pub enum Glyph { $($name,)* }
 
         impl Glyph {
-            /// Every sign.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
             /// How it is drawn.
@@ -91,7 +89,6 @@ pub enum ColorChoice {
     Auto,
     /// Whatever `NO_COLOR` says.
     Always,
-    /// Not at all.
     Never,
 }
 
@@ -155,7 +152,6 @@ impl Look {
         self.theme.style(role, self.depth)
     }
 
-    /// A sign.
     #[must_use]
     pub const fn glyph(&self, glyph: Glyph) -> &'static str {
         glyph.text(self.glyphs)
@@ -173,7 +169,6 @@ impl Look {
         matches!(self.glyphs, Glyphs::Ascii)
     }
 
-    /// The theme.
     #[must_use]
     pub const fn theme(&self) -> &Theme {
         &self.theme

@@ -25,23 +25,19 @@ pub const STALE_AFTER_MS: u64 = 2_000;
 /// How long an answer stays in the status line, ms.
 pub const NOTICE_MS: u64 = 8_000;
 
-/// A screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum View {
     /// Robot, active versions, pipeline.
     #[default]
     Overview,
-    /// Families and versions.
     Registry,
     /// One version in full.
     Candidate,
-    /// Twin against live.
     Shadow,
     /// Alarms.
     Alarms,
     /// What waits for people.
     Approvals,
-    /// The log.
     Audit,
 }
 
@@ -57,7 +53,6 @@ impl View {
         Self::Audit,
     ];
 
-    /// Its title.
     #[must_use]
     pub const fn title(self) -> &'static str {
         match self {
@@ -87,28 +82,22 @@ impl View {
 /// How the engine is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum EngineState {
-    /// Not up yet.
     #[default]
     Starting,
-    /// At work.
     Running,
     /// It ended: in good order, or why not.
     Ended(Result<(), String>),
 }
 
-/// Who sits here.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Operator {
     /// Name of the identity.
     pub name: String,
-    /// Its role.
     pub role: String,
 }
 
-/// A one-line answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// What.
     pub text: String,
     /// Whether something was refused or failed.
     pub bad: bool,
@@ -130,7 +119,6 @@ pub struct Frozen {
 /// A line of the engine's story, sanitised.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoryLine {
-    /// The event's number.
     pub seq: u64,
     /// Virtual time, ms.
     pub at_ms: u64,
@@ -143,7 +131,6 @@ pub struct StoryLine {
 pub enum Overlay {
     /// Help, which is the palette as well.
     Palette(Palette),
-    /// An approval prompt.
     Prompt(Box<Prompt>),
     /// A dangerous or reasoned operation.
     Form(Box<Form>),
@@ -167,14 +154,12 @@ pub struct ConsoleSettings {
     pub mouse: bool,
     /// Step of the tour; absent where dismissed.
     pub tour: Option<usize>,
-    /// The theme's name.
     pub theme: String,
 }
 
 /// The registry as the console last asked for it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Listing {
-    /// The page.
     pub page: Arc<RegistryPage>,
     /// What was asked for.
     pub group: VersionGroup,
@@ -182,12 +167,10 @@ pub struct Listing {
     pub closed: BTreeSet<Family>,
 }
 
-/// Everything.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// Console time, ms since the start; monotonic.
     pub now_ms: u64,
-    /// Columns and rows.
     pub size: (u16, u16),
     /// How the engine is.
     pub engine: EngineState,
@@ -201,17 +184,14 @@ pub struct Model {
     pub told: VecDeque<StoryLine>,
     /// Events that were missed because the console was slow.
     pub missed: u64,
-    /// The registry.
     pub registry: Listing,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.
     pub chosen: Option<CapabilityId>,
     /// Everything about it, once the engine has answered.
     pub detail: Option<Arc<Detail>>,
-    /// The audit log.
     pub audit: Arc<AuditPage>,
     /// What the last check of the chain came to.
     pub verified: Option<Verified>,
-    /// The screen.
     pub view: View,
     /// Where Esc and `q` lead, the nearest last.
     pub back: Vec<View>,
@@ -231,11 +211,8 @@ pub struct Model {
     pub frozen: Option<Frozen>,
     /// Halvings of the charts' range.
     pub zoom: u8,
-    /// Who sits here.
     pub operator: Option<Operator>,
-    /// Who could.
     pub identities: Vec<Operator>,
-    /// The last answer.
     pub notice: Option<Notice>,
     /// Requests without an answer yet: what was asked, by id.
     pub pending: BTreeMap<String, String>,
@@ -245,9 +222,7 @@ pub struct Model {
     pub changes: u64,
     /// The count at which each kind of answer was last asked for, by the first word of its ids.
     pub asked: BTreeMap<&'static str, u64>,
-    /// Settings.
     pub settings: ConsoleSettings,
-    /// Keys.
     pub keymap: Arc<Keymap>,
     /// Names of themes there are.
     pub themes: Vec<String>,

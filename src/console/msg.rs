@@ -15,16 +15,13 @@ use holdpoint_protocol::snapshot::Snapshot;
 pub struct Msg {
     /// When, ms since the start; monotonic.
     pub now_ms: u64,
-    /// What.
     pub what: MsgKind,
 }
 
-/// What happened.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MsgKind {
     /// A key went down (or repeats).
     Key(KeyEvent),
-    /// Text was pasted.
     Paste(String),
     /// The mouse wheel turned: rows down.
     Wheel(i32),
@@ -32,13 +29,9 @@ pub enum MsgKind {
     Resize(u16, u16),
     /// The engine is up.
     EngineStarted,
-    /// The engine tells.
     Events(Vec<Event>),
-    /// The engine answers.
     Answer {
-        /// The request's id.
         id: String,
-        /// The answer.
         reply: Box<Reply>,
     },
     /// The console was too slow for so many events.
@@ -47,7 +40,6 @@ pub enum MsgKind {
     Snapshot(Arc<Snapshot>),
     /// What the cell looks like now.
     Picture(Arc<Picture>),
-    /// The engine ended.
     EngineEnded(Result<(), String>),
     /// Who could sit here.
     Identities(Vec<Operator>),
@@ -55,15 +47,12 @@ pub enum MsgKind {
     Operator(Operator),
     /// An effect came to this: one sentence, and whether it failed.
     Done {
-        /// One sentence.
         text: String,
-        /// Whether it failed.
         bad: bool,
     },
     /// A theme is in use.
     Theme(String),
     /// A signal, or the terminal's loss, asks the program to end.
     EndAsked,
-    /// Time passed.
     Tick,
 }

@@ -17,15 +17,11 @@ pub const FILE_BYTES_MAX: usize = 64 * 1024;
 pub struct CommandLineFlags {
     /// Nothing can be changed from this console.
     pub read_only: bool,
-    /// Who sits here.
     pub operator: Option<String>,
-    /// The theme.
     pub theme: Option<String>,
-    /// Colours.
     pub color: Option<ColorChoice>,
     /// Letters and signs of ASCII alone.
     pub ascii: bool,
-    /// Take the mouse.
     pub mouse: bool,
     /// Begin without the tour.
     pub no_tour: bool,
@@ -35,13 +31,10 @@ pub struct CommandLineFlags {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SettingsFile {
-    /// The theme.
     pub theme: Option<String>,
-    /// Colours.
     pub color: Option<ColorChoice>,
     /// Letters and signs of ASCII alone.
     pub ascii: Option<bool>,
-    /// Take the mouse.
     pub mouse: Option<bool>,
     /// Begin with the tour.
     pub tour: Option<bool>,
@@ -60,7 +53,6 @@ pub struct Options {
     pub color: Option<ColorChoice>,
     /// Letters and signs of ASCII alone.
     pub ascii: bool,
-    /// Take the mouse.
     pub mouse: bool,
     /// Begin with the tour.
     pub tour: bool,

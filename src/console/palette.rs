@@ -6,10 +6,8 @@ use nucleo_matcher::{Config, Matcher};
 use super::action::Action;
 use super::line::EditLine;
 
-/// An open palette.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Palette {
-    /// What is typed.
     pub line: EditLine,
     /// The row under the cursor.
     pub cursor: usize,

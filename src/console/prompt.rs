@@ -72,18 +72,15 @@ impl Obstacle {
 pub struct Stale {
     /// Virtual time it was noticed, ms.
     pub at_ms: u64,
-    /// What changed.
     pub what: &'static str,
 }
 
-/// An open prompt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prompt {
     /// The question as it was read.
     pub seen: PromptView,
     /// The candidate as it was read.
     pub evidence: CandidateView,
-    /// The robot.
     pub robot: String,
     /// Console time at which it was opened or read again, ms.
     pub opened_ms: u64,
@@ -91,9 +88,7 @@ pub struct Prompt {
     pub focus: Focus,
     /// The typed short id.
     pub short_id: EditLine,
-    /// The typed reason.
     pub reason: EditLine,
-    /// What changed since.
     pub stale: Option<Stale>,
     /// Why the last key did nothing.
     pub refused: Option<Obstacle>,
@@ -112,19 +107,16 @@ pub struct PromptAnswer {
 }
 
 impl PromptAnswer {
-    /// Who decides.
     #[must_use]
     pub fn by(&self) -> &str {
         &self.by
     }
 
-    /// Yes or no.
     #[must_use]
     pub const fn answer(&self) -> Answer {
         self.answer
     }
 
-    /// Why.
     #[must_use]
     pub fn reason(&self) -> &str {
         &self.reason

@@ -17,27 +17,22 @@ use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, Promp
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RegistryItem<'a> {
-    /// A family.
     Family {
-        /// Which.
         family: &'a Family,
         /// How many of its versions the page holds.
         versions: usize,
         /// Whether its branch is open.
         open: bool,
     },
-    /// A version.
     Version(&'a VersionSummary),
 }
 
 /// A row of the alarm list.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AlarmItem<'a> {
-    /// One alarm.
     Alarm(&'a AlarmView),
     /// Alarms of one subject in a flood, behind the first of them.
     Group {
-        /// The first out.
         first: &'a AlarmView,
         /// How many it stands for.
         count: usize,
@@ -77,13 +72,11 @@ impl WaitingItem<'_> {
 /// A row of the candidate view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CandidateItem<'a> {
-    /// A dimension.
     Dimension(&'a DimensionResult),
     /// A component of the behavioural comparison: where its worsening lies, against what is tolerated.
     Worsening(&'a Measure),
     /// A measured value with its own interval.
     Measure(&'a Measure),
-    /// A reason.
     Reason(&'a Reason),
     /// A condition of use.
     Condition(&'a Condition),
@@ -95,7 +88,6 @@ pub enum CandidateItem<'a> {
     Mode(&'a str),
     /// A kind of drill.
     Drill(&'a DrillView),
-    /// A decision.
     Decision(&'a Explained),
     /// A record of the log.
     Record(&'a AuditRecord),

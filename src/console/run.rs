@@ -33,13 +33,10 @@ use holdpoint_text::Hint;
 
 /// What a console is started with.
 pub struct Console {
-    /// The engine.
     pub host: HostConfig,
     /// Where the live scene is served; absent where it is not.
     pub view: Option<SocketAddr>,
-    /// Settings.
     pub options: Options,
-    /// Keys.
     pub keymap: Arc<Keymap>,
     /// The themes there are.
     pub themes: Themes,
@@ -52,7 +49,6 @@ pub struct Console {
 pub enum Cause {
     /// Somebody asked for it.
     Asked,
-    /// A signal.
     Told,
     /// The terminal is gone: nothing can be said there.
     Gone,
@@ -61,7 +57,6 @@ pub enum Cause {
 /// How the console left things.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Left {
-    /// Why it ended.
     pub cause: Cause,
     /// Whether the engine ended in good order.
     pub in_order: bool,

@@ -18,9 +18,7 @@ use holdpoint_text::Hint;
 /// When a command may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Timing {
-    /// At once.
     Now,
-    /// Between two sequences.
     Between,
     /// Between two sequences, and the arm is stopped for it.
     Stop,

@@ -18,7 +18,6 @@ pub const EPISODE_SEMANTICS: u32 = 3;
 /// Robot, scene and distributions, shared by every worker.
 #[derive(Clone)]
 pub struct Cell {
-    /// The arm.
     pub model: Arc<RobotModel>,
     /// Table, tray, zones, clutter.
     pub scene: Arc<Scene>,
@@ -26,9 +25,7 @@ pub struct Cell {
     pub geometry: Arc<Geometry>,
     /// What a guard knows of the scene.
     pub zones: Arc<[Zone]>,
-    /// No perturbation.
     pub canonical: Arc<Distribution>,
-    /// The sandbox's perturbations.
     pub sandbox: Arc<Distribution>,
     /// The live world's, held out from the sandbox.
     pub live: Arc<Distribution>,
@@ -39,11 +36,8 @@ pub struct Cell {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Conditions {
-    /// No perturbation.
     Canonical,
-    /// The sandbox's perturbations.
     Sandbox,
-    /// The live world's.
     Live,
 }
 

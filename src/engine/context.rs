@@ -11,11 +11,8 @@ use crate::cell::Cell;
 
 /// The fixed frame of an engine's life. Nothing in it changes after the start.
 pub struct Context {
-    /// The profile.
     pub profile: Arc<Profile>,
-    /// Its digest.
     pub profile_digest: Digest,
-    /// Its compiled policies.
     pub table: Arc<PolicyTable>,
     /// Digest of profile and policies: what prompts and approvals are bound to.
     pub digest: Digest,

@@ -47,9 +47,7 @@ pub enum DoorError {
     /// The socket's path does not fit.
     #[error("the socket's path {path:?} has {bytes} bytes; at most {allowed} are allowed")]
     PathTooLong {
-        /// The path.
         path: PathBuf,
-        /// Its length.
         bytes: usize,
         /// How long it may be.
         allowed: usize,
@@ -57,55 +55,31 @@ pub enum DoorError {
     /// Something that is no socket has the socket's name, or another engine answers there.
     #[error("{path:?} {problem}")]
     Taken {
-        /// The path.
         path: PathBuf,
-        /// What is there.
         problem: &'static str,
         /// What to do about it.
         hint: &'static str,
     },
-    /// A step failed.
     #[error("cannot {what} {path:?}: {source}")]
-    Io {
-        /// What was tried.
-        what: &'static str,
-        /// The socket.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
+    Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// The other side belongs to somebody else.
     #[error("{path:?} is served by the user {uid}, not by you")]
-    Foreign {
-        /// The socket.
-        path: PathBuf,
-        /// Whose it is.
-        uid: u32,
-    },
+    Foreign { path: PathBuf, uid: u32 },
     /// The other side does not speak this protocol.
     #[error("{path:?} answers something else than expected: {problem}")]
-    Protocol {
-        /// The socket.
-        path: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
+    Protocol { path: PathBuf, problem: String },
     /// No answer in time.
     #[error(
         "the engine at {path:?} did not answer within {secs} s; whether the command was carried out is not known"
     )]
     NoAnswer {
-        /// The socket.
         path: PathBuf,
         /// How long was waited, s.
         secs: u64,
     },
     /// The engine ended meanwhile.
     #[error("the engine at {path:?} has ended")]
-    Ended {
-        /// The socket.
-        path: PathBuf,
-    },
+    Ended { path: PathBuf },
     /// The system gave no random numbers for a command's id.
     #[error(transparent)]
     Random(#[from] holdpoint_approvals::ApprovalError),
@@ -224,7 +198,6 @@ impl Door {
         }
     }
 
-    /// Tells every subscriber.
     pub fn publish(&self, events: &[Event]) {
         if self.events.receiver_count() == 0 {
             return;
@@ -256,7 +229,6 @@ impl Door {
         self.endings.load(Ordering::Acquire)
     }
 
-    /// Where it is.
     #[must_use]
     pub fn socket(&self) -> &Path {
         &self.socket

@@ -22,7 +22,6 @@ use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::ProgressView;
 
-/// A candidate's evidence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Dossier {
@@ -36,13 +35,11 @@ pub struct Dossier {
     pub shadow: Option<ShadowAssessment>,
     /// Paired episodes, in seed order.
     pub pairs: Vec<Pair>,
-    /// Hard stops seen.
     pub hard_stops: Vec<HardStop>,
     /// Sandbox metrics per mode, with intervals and tails.
     pub modes: Vec<ModeMetrics>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
-    /// Shadow sequences.
     pub sequences: Vec<ShadowSequence>,
     /// What the candidate did in the twins: what is normal for it in the live world.
     pub twins: Vec<EpisodeValues>,

@@ -15,9 +15,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Confirmation {
-    /// The fresh pairs.
     pub pairs: PairedEvidence,
-    /// The fresh drills.
     pub drills: RecoveryEvidence,
     /// `kappa_B` of them.
     pub behavior: BehaviorAssessment,

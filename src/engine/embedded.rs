@@ -44,7 +44,6 @@ pub fn names_beside(known: &[CapabilityId]) -> impl Iterator<Item = &'static str
     })
 }
 
-/// An embedded candidate.
 #[must_use]
 pub fn package(name: &str) -> Option<Package> {
     let (_, [manifest, submission, params]) = CANDIDATES.iter().find(|(known, _)| *known == name)?;

@@ -18,10 +18,8 @@ pub enum Fault {
     /// A transition could not be written.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The simulation failed.
     #[error(transparent)]
     Sim(#[from] SimError),
     /// The robot's body failed.

@@ -45,11 +45,8 @@ const NICE: i32 = 5;
 
 /// What a host is started with.
 pub struct HostConfig {
-    /// The store's folder.
     pub data: PathBuf,
-    /// The profile.
     pub profile: ProfileName,
-    /// The run's seed.
     pub seed: u64,
     /// Workers for evaluation; 0 for one fewer than there are cores.
     pub jobs: usize,
@@ -89,7 +86,6 @@ pub enum StopError {
 /// What the front end's thread reaches of the engine's without asking it.
 #[derive(Default)]
 struct Shared {
-    /// Stops the arm.
     switch: OnceLock<Arc<Switch>>,
     /// Has the live scene served.
     serve: OnceLock<Serve>,
@@ -200,7 +196,6 @@ impl Host {
     }
 }
 
-/// The engine's thread.
 fn run(
     config: HostConfig,
     asked: &Receiver<Request>,

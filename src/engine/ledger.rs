@@ -37,30 +37,16 @@ pub enum LedgerError {
     Store(#[from] StoreError),
     /// A stored version does not load.
     #[error("{id} does not load from the store: {source}")]
-    Load {
-        /// The version.
-        id: CapabilityId,
-        /// Why.
-        source: PackageError,
-    },
+    Load { id: CapabilityId, source: PackageError },
     /// A stored record cannot be read.
     #[error("the stored {what} of {of} cannot be read: {source}")]
-    Record {
-        /// What it is.
-        what: &'static str,
-        /// Whose.
-        of: String,
-        /// Why.
-        source: serde_json::Error,
-    },
+    Record { what: &'static str, of: String, source: serde_json::Error },
     /// A stored version's digest is not what was recorded.
     #[error("{id} is not what was registered: its digest is {found}, {recorded} was recorded")]
     DigestDiffers {
-        /// The version.
         id: CapabilityId,
         /// What it is now.
         found: Digest,
-        /// What was recorded.
         recorded: Digest,
     },
 }
@@ -90,7 +76,6 @@ pub struct Note {
     pub cause: Option<ActiveCause>,
     /// Written before the state changes (evidence, used approvals).
     pub before: Vec<Change>,
-    /// Written after them.
     pub after: Vec<Change>,
     /// Records for the chain.
     pub audit: Vec<AuditBody>,
@@ -107,11 +92,8 @@ impl Note {
 /// A state that changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moved {
-    /// The version.
     pub id: CapabilityId,
-    /// From.
     pub from: State,
-    /// To.
     pub to: State,
 }
 
@@ -134,7 +116,6 @@ pub struct FamilyEntry {
 }
 
 impl FamilyEntry {
-    /// The active version.
     #[must_use]
     pub fn active(&self) -> Option<&Member> {
         self.state.active().and_then(|version| self.members.get(usize::from(version.0)))
@@ -192,13 +173,11 @@ impl Ledger {
         Ok(Self { store, families, commands: 0, first_command, wall_clock })
     }
 
-    /// The store.
     #[must_use]
     pub const fn store(&self) -> &Store {
         &self.store
     }
 
-    /// Every family.
     pub fn families(&self) -> impl Iterator<Item = (&Family, &FamilyEntry)> {
         self.families.iter()
     }

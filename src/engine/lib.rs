@@ -119,17 +119,12 @@ impl Hint for StartError {
 
 /// What an engine is started with.
 pub struct Config<'a> {
-    /// The store's folder.
     pub data: &'a Path,
-    /// The profile.
     pub profile: ProfileName,
-    /// The run's seed.
     pub seed: u64,
-    /// Workers for evaluation.
     pub jobs: usize,
     /// Whether time is virtual (a script) or follows the machine's.
     pub scripted: bool,
-    /// The cell.
     pub cell: Cell,
     /// Where episodes of active versions are kept.
     pub cache: EpisodeCache,
@@ -335,7 +330,6 @@ impl Engine {
             .collect()
     }
 
-    /// How things stand.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         self.pipeline.snapshot()

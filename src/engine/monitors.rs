@@ -14,7 +14,6 @@ use crate::fault::Fault;
 /// The monitor of one activation.
 #[derive(Clone)]
 pub struct Watched {
-    /// The version.
     pub id: CapabilityId,
     /// Its charts and what they ask for.
     pub monitor: Monitor,

@@ -46,13 +46,9 @@ use holdpoint_text::Hint;
 pub struct PipelineSettings {
     /// Seed of the run.
     pub seed: u64,
-    /// Workers for evaluation.
     pub jobs: usize,
-    /// The profile.
     pub profile: Profile,
-    /// Its compiled policies.
     pub table: PolicyTable,
-    /// The cell.
     pub cell: Cell,
     /// Where episodes of active versions are kept.
     pub cache: EpisodeCache,
@@ -64,10 +60,7 @@ pub enum Progress {
     /// Something was done; there may be more.
     Worked,
     /// Nothing is left to do before a deadline (virtual ms) or a command.
-    Idle {
-        /// The next deadline.
-        next_ms: Option<u64>,
-    },
+    Idle { next_ms: Option<u64> },
 }
 
 /// The stage that is being worked on.
@@ -78,7 +71,6 @@ pub(crate) enum Work {
 }
 
 impl Work {
-    /// Whose it is.
     fn id(&self) -> &CapabilityId {
         match self {
             Self::Sandbox(run) => run.id(),

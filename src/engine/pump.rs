@@ -17,7 +17,6 @@ use crate::pipeline::Progress;
 
 /// An engine with its door and its listeners.
 pub struct Pump {
-    /// The engine.
     pub engine: Engine,
     door: Option<Door>,
     listeners: Listeners,

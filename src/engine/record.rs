@@ -80,7 +80,6 @@ impl Record {
         self.clock.jump_to(at_ms)
     }
 
-    /// Tells something.
     pub fn tell(&mut self, event: EventKind) {
         self.events.push(event);
     }

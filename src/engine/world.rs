@@ -34,14 +34,12 @@ const RECENT: usize = 50;
 
 /// The live cell with its pace, its pictures and what it worked last.
 pub struct LiveWorld {
-    /// The cell itself.
     pub cell: LiveCell,
     /// Sequences that fall due beside an evaluation.
     due: f64,
     pace: Option<f64>,
     /// The thread it works on; absent where it works in step with the engine.
     pub(crate) thread: Option<LiveThread>,
-    /// Where pictures go.
     pub(crate) pictures: Option<Pictures>,
     /// How the last sequence was stopped, where it was.
     pub(crate) stopped: Option<Stopped>,

@@ -193,6 +193,8 @@
 //! [`policy::PolicyTable`], and that a change of state is written together with its record. In this program the
 //! crates `holdpoint-runtime`, `holdpoint-engine` and `holdpoint-registry` do that.
 
+#![warn(missing_docs)]
+
 pub mod alarms;
 pub mod approval;
 pub mod behavior;

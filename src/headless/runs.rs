@@ -22,9 +22,7 @@ use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_text::Hint;
 
-/// A scripted run.
 pub struct RunScript<'a> {
-    /// The scenario file.
     pub script: &'a Path,
     /// The store's folder; a fresh one that is removed afterwards where none is given.
     pub data: Option<&'a Path>,
@@ -32,7 +30,6 @@ pub struct RunScript<'a> {
     pub cache: Option<&'a Path>,
     /// The run's seed in place of the script's.
     pub seed: Option<u64>,
-    /// Workers for evaluation.
     pub jobs: usize,
     /// A robot's URDF file in place of the built-in arm.
     pub robot: Option<&'a Path>,
@@ -44,13 +41,9 @@ pub struct RunScript<'a> {
 
 /// The demonstration, printed as it happens.
 pub struct RunPlain<'a> {
-    /// The store's folder.
     pub data: &'a Path,
-    /// The profile.
     pub profile: ProfileName,
-    /// The run's seed.
     pub seed: u64,
-    /// Workers for evaluation.
     pub jobs: usize,
     /// A robot's URDF file in place of the built-in arm.
     pub robot: Option<&'a Path>,

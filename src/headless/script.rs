@@ -27,20 +27,17 @@ use holdpoint_governance::words::WordError;
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
 
-/// The most steps.
 pub const STEPS_MAX: usize = 256;
 
 /// The longest wait, virtual s.
 pub const WAIT_MAX_SECS: f64 = 1.0e6;
 
-/// A scenario.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Script {
     /// What it shows, for readers.
     #[serde(default)]
     pub about: String,
-    /// The deployment profile.
     pub profile: ProfileName,
     /// The run's seed; the command line's wins.
     #[serde(default)]
@@ -58,9 +55,7 @@ pub struct Step {
     pub register: Option<String>,
     /// Wait for a state or a prompt.
     pub wait: Option<Wait>,
-    /// Approve what waits.
     pub approve: Option<Say>,
-    /// Refuse what waits.
     pub reject: Option<Say>,
     /// Let a drift set in.
     pub drift: Option<DriftStep>,
@@ -88,10 +83,8 @@ pub struct Wait {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Say {
-    /// Who.
     #[serde(rename = "as")]
     pub who: String,
-    /// Why.
     pub reason: String,
 }
 
@@ -99,9 +92,7 @@ pub struct Say {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriftStep {
-    /// Which.
     pub kind: DriftKind,
-    /// How strong.
     pub magnitude: Magnitude,
 }
 
@@ -109,7 +100,6 @@ pub struct DriftStep {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultStep {
-    /// Which.
     pub kind: LiveFault,
 }
 
@@ -117,12 +107,10 @@ pub struct FaultStep {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// Where it stands.
     pub state: Stands,
     /// A reason code that must be among those given for it.
     #[serde(default)]
     pub reason: Option<ReasonCode>,
-    /// Who decided.
     #[serde(default)]
     pub stage: Option<Decider>,
     /// The dimension of the reason.
@@ -134,7 +122,6 @@ pub struct Expect {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Stands {
-    /// In a state.
     In(State),
     /// Active, and its provisional window is over.
     Confirmed,
@@ -166,15 +153,11 @@ impl TryFrom<String> for Stands {
 holdpoint_governance::words! {
     /// Who decides about a version by itself: a stage, or the monitor.
     Decider, "stage", {
-        /// Compatibility validation.
         Validation = "validation",
         /// Sandbox evaluation with drills.
         Sandbox = "sandbox",
-        /// Shadow deployment.
         Shadow = "shadow",
-        /// The gate.
         Activation = "activation",
-        /// The monitor.
         Monitor = "monitor",
     }
 }

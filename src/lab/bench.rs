@@ -45,7 +45,6 @@ pub struct BenchReport {
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The simulation failed.
     #[error("the simulation failed: {0}")]
     Sim(#[from] holdpoint_sim::SimError),
     /// A tick could not be carried out.
@@ -69,7 +68,6 @@ pub enum BenchError {
     /// The scratch store does not verify.
     #[error("the scratch store does not verify: {0}")]
     Verify(#[from] VerifyError),
-    /// No scratch folder.
     #[error("cannot make a scratch folder: {0}")]
     Scratch(#[from] std::io::Error),
     /// A value has no canonical form.
@@ -81,7 +79,6 @@ pub enum BenchError {
     /// What was to be timed did not do what its name says, so its time would mean nothing.
     #[error("{what}: {found:?} where {expected} was expected, so a figure would mean nothing")]
     Unexpected {
-        /// What was measured.
         what: &'static str,
         /// What it came to.
         found: String,
@@ -90,14 +87,7 @@ pub enum BenchError {
     },
     /// Too few samples could be taken.
     #[error("{name}: {found} samples could be taken; {needed} are needed")]
-    TooFew {
-        /// What was measured.
-        name: String,
-        /// Samples taken.
-        found: usize,
-        /// Samples needed.
-        needed: usize,
-    },
+    TooFew { name: String, found: usize, needed: usize },
 }
 
 impl Hint for BenchError {

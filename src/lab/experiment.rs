@@ -21,22 +21,10 @@ pub use drift::{DriftOptions, DriftReport};
 pub enum ExperimentError {
     /// An option is not allowed.
     #[error("{option} {value} is not allowed; {allowed}")]
-    Option {
-        /// Which.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What is allowed.
-        allowed: &'static str,
-    },
+    Option { option: &'static str, value: String, allowed: &'static str },
     /// A file could not be read or written.
     #[error("cannot use {path}: {source}")]
-    File {
-        /// Which.
-        path: String,
-        /// Why.
-        source: std::io::Error,
-    },
+    File { path: String, source: std::io::Error },
     /// The pool cannot be used.
     #[error(transparent)]
     Pool(#[from] crate::pool::PoolError),
@@ -45,16 +33,10 @@ pub enum ExperimentError {
     Sim(#[from] holdpoint_sim::SimError),
     /// A candidate did not come to an end.
     #[error("the candidate {name}: {problem}")]
-    Candidate {
-        /// Which.
-        name: String,
-        /// What happened.
-        problem: String,
-    },
+    Candidate { name: String, problem: String },
     /// The engine could not be started.
     #[error(transparent)]
     Start(#[from] holdpoint_engine::StartError),
-    /// The pipeline failed.
     #[error(transparent)]
     Fault(#[from] holdpoint_engine::fault::Fault),
     /// A statistic could not be computed.

@@ -61,18 +61,14 @@ pub struct PoolIndex {
 pub struct PoolCandidate {
     /// Name of its folder, e.g. `grasp-007`.
     pub name: String,
-    /// Its family.
     pub family: Family,
-    /// Its version.
     pub version: semver::Version,
 }
 
 /// A pool on disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pool {
-    /// Its folder.
     pub dir: PathBuf,
-    /// Its index.
     pub index: PoolIndex,
 }
 
@@ -84,7 +80,6 @@ pub enum PoolError {
     File {
         /// Which file, already made safe to print.
         file: String,
-        /// Why.
         source: std::io::Error,
     },
     /// A file is too large, no JSON, or not of this form.
@@ -100,7 +95,6 @@ pub enum PoolError {
     Tampered {
         /// The truth file, already made safe to print.
         file: String,
-        /// Its digest.
         found: String,
         /// The digest in the index.
         expected: String,
@@ -118,12 +112,7 @@ pub enum PoolError {
     Exists(String),
     /// A generated package is not well formed: a fault of the generator.
     #[error("the generated candidate {name} is not well formed: {problem}")]
-    Generated {
-        /// Which candidate.
-        name: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Generated { name: String, problem: String },
 }
 
 impl Hint for PoolError {

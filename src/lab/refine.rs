@@ -34,18 +34,14 @@ use holdpoint_runtime::capability::Capability;
 pub struct ParameterChange {
     /// Its name in the parameter file.
     pub parameter: &'static str,
-    /// The baseline's value.
     pub before: f64,
-    /// The candidate's.
     pub after: f64,
 }
 
 /// What a search came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RefineReport {
-    /// The candidate.
     pub id: CapabilityId,
-    /// Its folder.
     pub folder: PathBuf,
     /// Where the evaluations are kept.
     pub kept: PathBuf,
@@ -65,7 +61,6 @@ pub struct RefineReport {
     pub max_speed_m_s: f64,
     /// The largest force it declares, N.
     pub max_force_n: f64,
-    /// What was changed.
     pub changes: Vec<ParameterChange>,
 }
 

@@ -11,6 +11,8 @@
 //! returns a `Shown`, whose text may be printed, drawn and wrapped as it is. The console's rows are such a border for
 //! everything that they draw; what is safe already comes out of them as it went in.
 
+#![warn(missing_docs)]
+
 mod answer;
 pub mod clock;
 pub mod command;

@@ -57,16 +57,12 @@ impl Name {
     }
 }
 
-/// A recording's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Filed {
     /// What its name says.
     pub name: Name,
-    /// The name itself.
     pub file: String,
-    /// Where it is.
     pub path: PathBuf,
-    /// Its size.
     pub bytes: u64,
     /// When it was last written, seconds since 1970.
     pub written_secs: u64,

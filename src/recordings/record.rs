@@ -22,11 +22,9 @@ pub const REMOVED_KIND: RecordKind = RecordKind::RecordingRemoved;
 /// A recording as it was when its upgrade was closed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Recorded {
-    /// The file's name.
     pub file: String,
     /// SHA-256 of the file.
     pub sha256: Digest,
-    /// Its size.
     pub bytes: u64,
     /// Moments of the live cell in it.
     pub pictures: u64,
@@ -41,13 +39,10 @@ pub struct Recorded {
 /// A recording that was removed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Removed {
-    /// The file's name.
     pub file: String,
     /// SHA-256 of the file as it was then.
     pub sha256: Digest,
-    /// Its size then.
     pub bytes: u64,
-    /// Why.
     pub reason: String,
 }
 
@@ -84,11 +79,8 @@ pub enum FileCheck {
 #[derive(Debug, thiserror::Error)]
 #[error("audit record {seq} of kind {kind:?} cannot be read: {source}")]
 pub struct RecordError {
-    /// The record.
     pub seq: u64,
-    /// Its kind.
     pub kind: String,
-    /// Why.
     pub source: serde_json::Error,
 }
 

@@ -12,17 +12,13 @@ use holdpoint_protocol::picture::{Picture, Scenery};
 /// Whose recording it is. Source: design 8, recording properties.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// The candidate.
     pub version: CapabilityId,
     /// Digest of its manifest and bundle.
     pub digest: Digest,
     /// The version that was active when the recording began.
     pub predecessor: Option<CapabilityId>,
-    /// The profile.
     pub profile: Word<ProfileName>,
-    /// The robot.
     pub robot: String,
-    /// The run's seed.
     pub seed: u64,
     /// The engine that wrote it.
     pub engine_build: String,
@@ -40,7 +36,6 @@ pub struct Series {
 /// Everything that was kept of one upgrade, in order of virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recording {
-    /// Whose it is.
     pub about: About,
     /// How the upgrade ended; absent where the recording was not closed.
     pub outcome: Option<Word<UpgradeEnd>>,
@@ -48,7 +43,6 @@ pub struct Recording {
     pub scenery: Scenery,
     /// Moments of the live cell. A decimated recording has fewer of them; nothing between two is made up.
     pub pictures: Vec<Picture>,
-    /// What happened.
     pub events: Vec<Event>,
     /// Charts, by name.
     pub series: Vec<Series>,

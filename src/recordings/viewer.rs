@@ -77,43 +77,26 @@ impl ViewerVersion {
 pub struct Viewer {
     /// The program itself, not a script that starts it.
     pub program: PathBuf,
-    /// Its version.
     pub version: ViewerVersion,
 }
 
 /// Why there is no viewer, or why it could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
-    /// None is installed.
     #[error("there is no scene viewer: no `rerun` on PATH")]
     NotFound,
     /// The installed one is too old.
     #[error("the scene viewer {program:?} is version {found}; {OLDEST} or newer is needed")]
-    TooOld {
-        /// The program.
-        program: PathBuf,
-        /// Its version.
-        found: ViewerVersion,
-    },
+    TooOld { program: PathBuf, found: ViewerVersion },
     /// There is no screen to show a window on.
     #[error("there is no screen for the scene viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")]
     NoScreen,
     /// Its log cannot be written.
     #[error("cannot write the scene viewer's log {path:?}: {source}")]
-    Log {
-        /// The log.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Log { path: PathBuf, source: std::io::Error },
     /// It cannot be started.
     #[error("cannot start the scene viewer {program:?}: {source}")]
-    Start {
-        /// The program.
-        program: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Start { program: PathBuf, source: std::io::Error },
 }
 
 impl Hint for ViewerError {

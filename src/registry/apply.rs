@@ -31,7 +31,6 @@ const COMMAND_ID_BYTES_MAX: usize = 128;
 /// What an approval is checked against beside the database.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ApprovalBasis<'a> {
-    /// The store's id.
     pub(crate) store_id: &'a str,
     /// The folder of people's keys.
     pub(crate) identities: &'a Path,

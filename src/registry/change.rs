@@ -47,14 +47,12 @@ pub struct AuditBody {
     pub kind: RecordKind,
     /// What it is about: `family`, `family@version`, or empty.
     pub subject: String,
-    /// JSON text.
     pub body: String,
 }
 
 /// What the store answers once a transaction is on disk.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
 pub struct Receipt {
-    /// The command.
     pub command_id: String,
     /// First audit record written (0 where none was).
     pub first_seq: u64,
@@ -69,7 +67,6 @@ pub struct Receipt {
 /// A version to register (paper appendix F, registry entry).
 #[derive(Clone, Debug, Serialize)]
 pub struct NewVersion {
-    /// Family and version.
     pub id: CapabilityId,
     /// The version it was made from.
     pub parent: Option<CapabilityId>,
@@ -83,7 +80,6 @@ pub struct NewVersion {
     pub manifest: String,
     /// Submission (author, provenance, risk, declared traces), JSON text.
     pub submission: String,
-    /// Who submitted it.
     pub author: String,
     /// How it came about.
     pub provenance: Provenance,
@@ -142,27 +138,19 @@ pub enum Change {
     /// registered to active at once. Leaving `active` clears provisional, restricted and rollback-pending; a final
     /// state clears all flags.
     SetState {
-        /// The version.
         version: CapabilityId,
         /// The row version the decision was made on.
         expected_row_version: u64,
         /// The state the decision was made on.
         from: State,
-        /// The new state.
         to: State,
         /// Why, in a sentence.
         reason: String,
     },
     /// Replaces all flags; the row version stays (a pause does not void an approval).
-    SetFlags {
-        /// The version.
-        version: CapabilityId,
-        /// All its flags.
-        flags: Flags,
-    },
+    SetFlags { version: CapabilityId, flags: Flags },
     /// Scores of the last validation, each in 0..=1 or not measured, and the behavioural signature.
     SetScores {
-        /// The version.
         version: CapabilityId,
         /// kappa I, P, B, R.
         kappas: [Option<f64>; 4],
@@ -171,13 +159,11 @@ pub enum Change {
     },
     /// Moves a family's active pointer. Belongs in one transaction with the `SetState`s it goes with.
     SetActive {
-        /// The family.
         family: Family,
         /// Who is active from now on.
         active: Option<CapabilityId>,
         /// The rollback target: a superseded version of the family.
         pinned: Option<CapabilityId>,
-        /// Why.
         cause: ActiveCause,
     },
     /// Stops a family safely or re-arms it.
@@ -191,21 +177,18 @@ pub enum Change {
     },
     /// Keeps the lifecycle model's own view of a family, so that it can go on from there after a restart.
     SetStanding {
-        /// The family.
         family: Family,
         /// The model, JSON text.
         json: String,
     },
     /// Voids all of a family's earlier gate passes, approvals and comparative evidence.
     VoidFamily {
-        /// The family.
         family: Family,
         /// Why, in a sentence.
         reason: String,
     },
     /// A piece of evidence on a version at its present row version.
     PutEvidence {
-        /// The version.
         version: CapabilityId,
         /// What it is about.
         kind: EvidenceKind,
@@ -220,7 +203,6 @@ pub enum Change {
     PutApproval(Box<SignedApproval>),
     /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
     ConsumeApproval {
-        /// Which.
         nonce: String,
         /// Digest of the evidence as it stands now; must be what was approved.
         evidence_digest: Digest,
@@ -238,22 +220,17 @@ pub enum Change {
     SealTelemetry {
         /// The version it is about.
         version: CapabilityId,
-        /// The batch's number.
         batch: u64,
         /// Its digest, as the telemetry file returned it.
         digest: Digest,
-        /// Rows in it.
         rows: u64,
     },
     /// An alarm as it now stands.
     AlarmChange {
-        /// Which alarm.
         alarm: String,
         /// What it is about.
         subject: String,
-        /// Its state.
         state: AlarmState,
-        /// Its priority.
         priority: Priority,
         /// All of it, JSON text.
         json: String,
@@ -269,17 +246,13 @@ pub struct ApprovalRequest {
     pub version: CapabilityId,
     /// At which row version.
     pub row_version: u64,
-    /// On which evidence.
     pub evidence_digest: Digest,
-    /// Under which policy.
     pub policy_digest: Digest,
-    /// For which profile.
     pub profile: String,
     /// How many distinct people.
     pub needed: u32,
     /// Virtual time it lapses, ms.
     pub deadline_ms: u64,
-    /// How it stands.
     pub state: RequestState,
     /// What was shown to the people asked, JSON text.
     pub json: String,

@@ -28,13 +28,10 @@ const FILE_BYTES_MAX: u64 = 4096;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Checkpoint {
-    /// The store.
     pub store_id: String,
-    /// Last record.
     pub seq: u64,
     /// Its virtual time, ms.
     pub at_ms: u64,
-    /// Its hash.
     pub head: Digest,
     /// ed25519 signature, 128 hexadecimal digits.
     pub signature: String,

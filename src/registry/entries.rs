@@ -10,10 +10,8 @@ use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, Ve
 #[cfg(doc)]
 use super::views::PAGE_ROWS_MAX;
 
-/// What to list.
 #[derive(Clone, Debug, Default)]
 pub struct VersionFilter {
-    /// Which versions.
     pub group: VersionGroup,
     /// Of one family only.
     pub family: Option<String>,
@@ -40,7 +38,6 @@ pub struct EvidenceEntry {
     pub profile: String,
     /// Policy it was made under.
     pub policy_digest: Digest,
-    /// Its digest.
     pub digest: Digest,
     /// The evidence, JSON text.
     pub json: String,
@@ -53,13 +50,10 @@ pub struct EvidenceEntry {
 /// One move of a family's active pointer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActivationEntry {
-    /// The record.
     pub seq: u64,
-    /// Who became active.
     pub active: Option<CapabilityId>,
     /// The rollback target from then on.
     pub pinned: Option<CapabilityId>,
-    /// Why.
     pub cause: ActivationCause,
     /// The gate record it rests on.
     pub gate_digest: Option<Digest>,
@@ -70,7 +64,6 @@ pub struct ActivationEntry {
 /// An approval as it was kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ApprovalEntry {
-    /// The signed decision.
     pub signed: SignedApproval,
     /// The record that used it.
     pub consumed_seq: Option<u64>,
@@ -116,11 +109,8 @@ pub struct VersionDetail {
 /// How a family stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FamilyStatus {
-    /// Its name.
     pub name: String,
-    /// The active version.
     pub active: Option<CapabilityId>,
-    /// The rollback target.
     pub pinned: Option<CapabilityId>,
     /// Whether it ever had an active version.
     pub bootstrapped: bool,
@@ -135,13 +125,10 @@ pub struct FamilyStatus {
 /// An alarm as it stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmEntry {
-    /// Which.
     pub alarm: String,
     /// What it is about.
     pub subject: String,
-    /// Its state.
     pub state: AlarmState,
-    /// Its priority.
     pub priority: Priority,
     /// All of it, JSON text.
     pub json: String,
@@ -162,6 +149,5 @@ pub struct AuditFilter {
     pub subject: Option<String>,
     /// How many at most; 0 for [`PAGE_ROWS_MAX`].
     pub limit: usize,
-    /// Newest first.
     pub newest_first: bool,
 }

@@ -13,18 +13,10 @@ use holdpoint_text::Hint;
 pub enum StoreError {
     /// A file or folder could not be used.
     #[error("cannot {what} {path:?}: {source}")]
-    Io {
-        /// What was tried.
-        what: &'static str,
-        /// On which path.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
+    Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// Another engine has the store.
     #[error("the store {path:?} is in use by {owner}")]
     InUse {
-        /// The store's folder.
         path: PathBuf,
         /// The first engine: its process id and start.
         owner: String,
@@ -32,47 +24,30 @@ pub enum StoreError {
     /// The file is not ours, is newer than this program, is cut short or damaged. It was not modified.
     #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed")]
     Refused {
-        /// The file.
         path: PathBuf,
         /// What is wrong with it.
         problem: String,
-        /// What to do.
         hint: &'static str,
     },
     /// SQLite reported an error.
     #[error("the store could not {what}: {source}")]
-    Sqlite {
-        /// What was tried.
-        what: &'static str,
-        /// Why not.
-        source: rusqlite::Error,
-    },
+    Sqlite { what: &'static str, source: rusqlite::Error },
     /// The disk is full. The transaction was undone.
     #[error("the disk is full: the store could not {what}; nothing was changed")]
-    DiskFull {
-        /// What was tried.
-        what: &'static str,
-    },
+    DiskFull { what: &'static str },
     /// No such version, request, approval or family.
     #[error("there is no {what} {name:?} in the store")]
     NotFound {
         /// What was looked for.
         what: &'static str,
-        /// Its name.
         name: String,
     },
     /// It is there already.
     #[error("the {what} {name:?} is in the store already")]
-    Exists {
-        /// What.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
+    Exists { what: &'static str, name: String },
     /// Someone else changed the version first.
     #[error("{version} has changed: expected {expected}, found {found}")]
     Stale {
-        /// The version.
         version: CapabilityId,
         /// State and row version the caller knew.
         expected: String,
@@ -81,12 +56,7 @@ pub enum StoreError {
     },
     /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
-    Approval {
-        /// Its nonce.
-        nonce: String,
-        /// Why not.
-        problem: String,
-    },
+    Approval { nonce: String, problem: String },
     /// The command id was used for something else.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
@@ -95,20 +65,12 @@ pub enum StoreError {
     Invariant(String),
     /// A value that is not allowed.
     #[error("{what} {value:?} is not allowed: {allowed}")]
-    Invalid {
-        /// Which value.
-        what: &'static str,
-        /// The value.
-        value: String,
-        /// What is allowed.
-        allowed: String,
-    },
+    Invalid { what: &'static str, value: String, allowed: String },
     /// The key that signs checkpoints cannot be used.
     #[error("store key {path:?} is not allowed: {source}")]
     Key {
         /// The file with the secret.
         path: PathBuf,
-        /// Why not.
         source: KeyError,
     },
     /// The virtual clock went back.

@@ -27,11 +27,8 @@ pub enum Invariant {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{subject}: {problem}")]
 pub struct Violation {
-    /// Which.
     pub invariant: Invariant,
-    /// Of what.
     pub subject: String,
-    /// How.
     pub problem: String,
 }
 

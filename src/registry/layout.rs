@@ -21,7 +21,6 @@ impl Layout {
         Self { folder: folder.into() }
     }
 
-    /// The store's folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -45,13 +44,11 @@ impl Layout {
         self.folder.join("engine.lock")
     }
 
-    /// The store's keys.
     #[must_use]
     pub fn keys(&self) -> PathBuf {
         self.folder.join("keys")
     }
 
-    /// People's keys.
     #[must_use]
     pub fn identities(&self) -> PathBuf {
         self.folder.join("keys").join("identities")
@@ -63,7 +60,6 @@ impl Layout {
         self.keys().join("store.key")
     }
 
-    /// Its public half.
     #[must_use]
     pub fn store_public_key(&self) -> PathBuf {
         self.keys().join("store.pub")
@@ -75,13 +71,11 @@ impl Layout {
         self.folder.join("checkpoints")
     }
 
-    /// Scene recordings.
     #[must_use]
     pub fn recordings(&self) -> PathBuf {
         self.folder.join("recordings")
     }
 
-    /// Logs.
     #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.folder.join("logs")

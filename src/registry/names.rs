@@ -39,19 +39,13 @@ words! {
     EvidenceKind, "kind of evidence", {
         /// Compatibility report (the four checks).
         Compat = "compat",
-        /// Sandbox summary.
         Sandbox = "sandbox",
-        /// Shadow summary.
         Shadow = "shadow",
-        /// Gate decision.
         Gate = "gate",
-        /// Activation record.
         Activation = "activation",
         /// Monitor decision or summary.
         Monitor = "monitor",
-        /// Rollback event record.
         Rollback = "rollback",
-        /// Recovery drills.
         Drill = "drill",
     }
 }
@@ -59,11 +53,9 @@ words! {
 words! {
     /// How a request for approval stands.
     RequestState, "state of an approval request", {
-        /// Waiting for people.
         Open = "open",
         /// Enough approvals were given.
         Granted = "granted",
-        /// Somebody refused.
         Refused = "refused",
         /// Nobody answered in time: hold.
         Expired = "expired",

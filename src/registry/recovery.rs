@@ -10,22 +10,11 @@ use holdpoint_governance::lifecycle::Stage;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Interrupted {
     /// A stage was running; its result does not count and must be run again.
-    Stage {
-        /// The version.
-        version: CapabilityId,
-        /// The stage.
-        stage: Stage,
-    },
+    Stage { version: CapabilityId, stage: Stage },
     /// An activation is provisional: monitor it before its next tick, or roll it back.
-    Provisional {
-        /// The version.
-        version: CapabilityId,
-    },
+    Provisional { version: CapabilityId },
     /// A rollback was begun: finish it.
-    RollbackPending {
-        /// The version.
-        version: CapabilityId,
-    },
+    RollbackPending { version: CapabilityId },
 }
 
 /// Everything that was interrupted, in order of registration; a pending rollback comes before the rest of a version.

@@ -150,7 +150,6 @@ impl Store {
         &self.public_key
     }
 
-    /// Where what is.
     #[must_use]
     pub const fn layout(&self) -> &Layout {
         &self.layout

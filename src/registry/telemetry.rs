@@ -52,11 +52,9 @@ pub struct Batch {
 pub struct BatchReceipt {
     /// The version it is about.
     pub version: CapabilityId,
-    /// Its number.
     pub batch: u64,
     /// Digest of all its fields.
     pub digest: Digest,
-    /// Number of rows.
     pub rows: u64,
 }
 
@@ -67,7 +65,6 @@ pub struct EpisodeKey {
     pub bundle: Digest,
     /// Digest of the scenario with its perturbations.
     pub scenario: Digest,
-    /// Seed.
     pub seed: u64,
     /// The engine's build: name, version and whatever else changes results.
     pub engine_build: String,
@@ -100,7 +97,6 @@ fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], b
     Digest::of_parts("holdpoint/telemetry/v1", &parts)
 }
 
-/// The telemetry file.
 #[derive(Debug)]
 pub(crate) struct TelemetryFile {
     connection: Connection,
@@ -332,7 +328,6 @@ pub(crate) enum BatchState {
     Matches,
     /// Removed for age: every batch before it is gone too.
     Pruned,
-    /// Missing or changed.
     Bad(&'static str),
 }
 

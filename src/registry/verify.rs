@@ -25,7 +25,6 @@ use holdpoint_text::Hint;
 /// What was found sound.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VerifyReport {
-    /// The store's id.
     pub store_id: String,
     /// Records in the chain.
     pub records: u64,
@@ -56,49 +55,23 @@ pub enum VerifyError {
     Damaged(String),
     /// A record of the chain.
     #[error("audit record {seq} is bad: {problem}")]
-    Record {
-        /// Which.
-        seq: u64,
-        /// How.
-        problem: String,
-    },
+    Record { seq: u64, problem: String },
     /// The registry is not what the chain says.
     #[error("the {table} {key:?} does not match the audit chain: {problem}")]
-    State {
-        /// Table.
-        table: &'static str,
-        /// Row.
-        key: String,
-        /// How.
-        problem: String,
-    },
+    State { table: &'static str, key: String, problem: String },
     /// An invariant of the registry.
     #[error("the registry breaks an invariant: {0}")]
     Invariant(String),
-    /// A checkpoint.
     #[error("the checkpoint {file:?} is bad: {problem}")]
-    Checkpoint {
-        /// File name.
-        file: String,
-        /// How.
-        problem: String,
-    },
-    /// An approval.
+    Checkpoint { file: String, problem: String },
     #[error("the approval {nonce} is bad: {problem}")]
-    Approval {
-        /// Its nonce.
-        nonce: String,
-        /// How.
-        problem: String,
-    },
+    Approval { nonce: String, problem: String },
     /// A sealed batch of telemetry.
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
     Telemetry {
-        /// Its number.
         batch: u64,
         /// The record that sealed it.
         seq: u64,
-        /// How.
         problem: String,
     },
 }

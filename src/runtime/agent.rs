@@ -20,7 +20,6 @@ use holdpoint_governance::ids::{Digest, Family};
 pub enum Goal {
     /// Bring the object from the table into the tray.
     PickAlignPlace,
-    /// One primitive alone.
     Single(TaskKind),
 }
 
@@ -64,7 +63,6 @@ pub trait ActiveView {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentIdentity {
-    /// The agent's name.
     pub name: String,
     /// What it was made for.
     pub purpose: String,
@@ -72,7 +70,6 @@ pub struct AgentIdentity {
     pub decision_policy: u32,
 }
 
-/// The agent.
 #[derive(Clone, Debug)]
 pub struct Agent {
     identity: AgentIdentity,

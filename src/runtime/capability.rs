@@ -28,7 +28,6 @@ pub enum PackageError {
     Folder {
         /// Which folder, already made safe to print.
         folder: String,
-        /// Why.
         source: io::Error,
     },
     /// A file of the package cannot be read.
@@ -36,59 +35,36 @@ pub enum PackageError {
     Read {
         /// Which file, already made safe to print.
         file: String,
-        /// Why.
         source: io::Error,
     },
     /// A file is not UTF-8.
     #[error("{file} is not UTF-8 text")]
-    NotText {
-        /// Which file.
-        file: String,
-    },
+    NotText { file: String },
     /// A file is too large, or its content is not allowed.
     #[error(transparent)]
     Content(#[from] TextError),
     /// The parameter file is not TOML.
     #[error("{file}: {message}")]
     Params {
-        /// Which file.
         file: String,
         /// What the parser says.
         message: String,
     },
     /// A parameter is infinite or not a number. JSON has no form for it: it would look like a missing value.
     #[error("{file}: the field {field:?} is no finite number")]
-    NotFinite {
-        /// Which file.
-        file: String,
-        /// The field's path.
-        field: String,
-    },
+    NotFinite { file: String, field: String },
     /// The bundle cannot be loaded.
     #[error(transparent)]
     Native(#[from] NativeError),
     /// The kind of bundle is not supported by this build.
     #[error("{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run")]
-    NoWasm {
-        /// The manifest.
-        file: String,
-        /// The bundle.
-        bundle: String,
-    },
+    NoWasm { file: String, bundle: String },
     /// A native bundle without parameters.
     #[error("{file}: deployment.params is missing")]
-    NoParams {
-        /// The manifest.
-        file: String,
-    },
+    NoParams { file: String },
     /// A value has no canonical form.
     #[error("{file} has no canonical form: {source}")]
-    Canonical {
-        /// Which file.
-        file: String,
-        /// Why.
-        source: serde_json::Error,
-    },
+    Canonical { file: String, source: serde_json::Error },
 }
 
 impl Hint for PackageError {
@@ -113,11 +89,9 @@ impl Hint for PackageError {
 /// A version with its bundle loaded.
 #[derive(Clone)]
 pub struct Capability {
-    /// The eight fields.
     pub manifest: Arc<Manifest>,
     /// Who made it and how.
     pub submission: Arc<Submission>,
-    /// The executable.
     pub bundle: Arc<dyn SkillBundle>,
     /// The texts it was made from.
     pub package: Arc<Package>,
@@ -137,11 +111,9 @@ impl std::fmt::Debug for Capability {
 /// A version's texts and what they say. Well formed, and nothing more is known of it: its bundle is not loaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parsed {
-    /// The eight fields.
     pub manifest: Manifest,
     /// Who made it and how.
     pub submission: Submission,
-    /// The texts.
     pub package: Package,
 }
 
@@ -330,7 +302,6 @@ impl Capability {
         })
     }
 
-    /// Family and version.
     #[must_use]
     pub fn id(&self) -> CapabilityId {
         self.manifest.id()

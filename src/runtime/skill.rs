@@ -23,7 +23,6 @@ pub enum Hook {
     Rollback,
 }
 
-/// A loaded executable.
 pub trait SkillBundle: Send + Sync {
     /// SHA-256 over what determines the behaviour.
     fn digest(&self) -> Digest;

@@ -47,7 +47,6 @@ pub struct PathPoint {
 /// What happened in one task (the paper's trace record, section 6.3).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TaskRecord {
-    /// Which primitive.
     pub task: TaskKind,
     /// The seed of the episode.
     pub seed: u64,
@@ -83,7 +82,6 @@ pub struct TaskRecord {
     pub recovered: Option<RecoveryReport>,
     /// Motion after a demanded stop, ms.
     pub unsafe_continuation_ms: u64,
-    /// A hard stop.
     pub hard_stop: Option<HardStop>,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
@@ -180,11 +178,9 @@ impl AttemptCounter {
 /// What a task is run with.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskTerms {
-    /// Which primitive.
     pub task: TaskKind,
     /// The seed, for the record.
     pub seed: u64,
-    /// The watcher's limits.
     pub watch: WatchLimits,
     /// The stop time the version declares for its safe-abort hook, s.
     pub abort_secs: f64,
@@ -195,7 +191,6 @@ pub struct TaskTerms {
 /// What the loop's caller may do after each tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supervision {
-    /// Go on.
     Continue,
     /// Stop the skill here and leave the arm to the caller (a drill, a rollback).
     Release,

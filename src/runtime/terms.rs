@@ -99,7 +99,6 @@ impl SkillTerms {
         &self.envelope
     }
 
-    /// The watcher's limits.
     #[must_use]
     pub const fn watch(&self) -> &WatchLimits {
         &self.watch

@@ -34,7 +34,6 @@ pub enum WatcherSignal {
 }
 
 impl WatcherSignal {
-    /// Every signal.
     pub const ALL: [Self; 9] = [
         Self::ObjectSlip,
         Self::ObjectLost,
@@ -73,13 +72,11 @@ impl WatcherSignal {
 /// A signal and when it was established.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Raised {
-    /// What.
     pub signal: WatcherSignal,
     /// Ticks since the task started.
     pub tick: u64,
 }
 
-/// Watches one task.
 #[derive(Clone, Debug)]
 pub struct Watcher {
     task: TaskKind,

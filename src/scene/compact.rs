@@ -28,9 +28,7 @@ use holdpoint_text::Untrusted;
 pub struct EndedFile {
     /// SHA-256 of its bytes.
     pub digest: Digest,
-    /// Its size.
     pub bytes: u64,
-    /// Pictures in it.
     pub pictures: u64,
 }
 

@@ -25,12 +25,10 @@ pub enum SceneError {
     /// The folder of the recordings cannot be made or listed.
     #[error("cannot use the folder of the recordings \"{path}\": {source}")]
     Folder {
-        /// The folder.
         path: String,
         /// What the system said.
         source: std::io::Error,
     },
-    /// No thread.
     #[error("cannot start the scene thread: {0}")]
     Thread(std::io::Error),
 }
@@ -50,7 +48,6 @@ pub enum ReadError {
     /// The file cannot be opened, read or written.
     #[error("cannot use the recording \"{path}\": {source}")]
     File {
-        /// The file.
         path: String,
         /// What the system said.
         source: std::io::Error,
@@ -58,7 +55,6 @@ pub enum ReadError {
     /// It is no recording of this program.
     #[error("\"{path}\" is no recording of an upgrade: {text}")]
     Foreign {
-        /// The file.
         path: String,
         /// What is missing or wrong.
         text: String,

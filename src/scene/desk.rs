@@ -36,7 +36,6 @@ struct Known {
     active: BTreeMap<Family, CapabilityId>,
 }
 
-/// The open recordings.
 pub struct Desk {
     folder: PathBuf,
     /// Names of files that are never touched again.
@@ -228,7 +227,6 @@ impl Desk {
         }
     }
 
-    /// Writes what waits.
     pub fn flush(&mut self) {
         let ids: Vec<CapabilityId> = self.writers.keys().cloned().collect();
         for version in ids {

@@ -46,7 +46,6 @@ pub fn message(store: &StoreId, chunk: &Chunk) -> io::Result<LogMsg> {
     Ok(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(other)?))
 }
 
-/// Frames messages.
 #[derive(Debug)]
 pub struct Framed<W: Write> {
     out: W,
@@ -80,7 +79,6 @@ impl<W: Write> Framed<W> {
         Ok(framed)
     }
 
-    /// Bytes so far.
     #[must_use]
     pub const fn written(&self) -> u64 {
         self.written

@@ -26,7 +26,6 @@ struct Kept {
     whole: bool,
 }
 
-/// Chooses pictures.
 #[derive(Debug, Default)]
 pub struct PictureSampler {
     /// The last two sequences: what happened in one is told when the next has begun.

@@ -129,7 +129,6 @@ fn column<C: Component + Clone>(
     column
 }
 
-/// A body's columns.
 struct Bodies {
     joints: BTreeMap<i64, Vec<Point>>,
     pads: BTreeMap<i64, Vec<Point>>,

@@ -52,12 +52,10 @@ impl Ids {
         Self { rows: Tuid::from_nanos_and_inc(base, 0), chunks: Tuid::from_nanos_and_inc(base | 1 << 39, 0) }
     }
 
-    /// The next row's.
     pub fn row(&mut self) -> RowId {
         RowId::from_tuid(self.plain())
     }
 
-    /// The next chunk's.
     pub fn chunk(&mut self) -> ChunkId {
         self.chunks = self.chunks.next();
         ChunkId::from_tuid(self.chunks)
@@ -82,7 +80,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// None yet.
     #[must_use]
     pub const fn new(ids: Ids) -> Self {
         Self { ids, waiting: BTreeMap::new(), longest: 0 }

@@ -11,7 +11,6 @@ use rerun::{MemoryLimit, ServerOptions};
 use super::limits::SERVER_BYTES_MAX;
 use holdpoint_text::Problem;
 
-/// A running server.
 pub struct Server {
     sink: Option<GrpcServerSink>,
     url: String,

@@ -122,7 +122,6 @@ impl Drop for Scenes {
     }
 }
 
-/// The thread's state.
 struct SinkWorker {
     desk: Option<Desk>,
     live: Option<LiveServer>,

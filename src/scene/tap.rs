@@ -30,9 +30,7 @@ pub enum Item {
 /// What was dropped because the queue was full.
 #[derive(Debug, Default)]
 pub struct Dropped {
-    /// Pictures.
     pub pictures: AtomicU64,
-    /// Events.
     pub events: AtomicU64,
 }
 
@@ -52,7 +50,6 @@ pub struct Tap {
     dropped: Arc<Dropped>,
 }
 
-/// The sink's side.
 #[derive(Debug)]
 pub struct Drain {
     queue: Receiver<Item>,

@@ -29,7 +29,6 @@ pub type Open = dyn Fn(&std::path::Path) -> io::Result<File> + Send;
 /// The file an upgrade is recorded in.
 #[derive(Clone, Debug)]
 pub struct RecordingPlace {
-    /// The recording's name.
     pub stem: String,
     /// Its segments that are not closed, in order; the last one is written now.
     pub segments: Vec<PathBuf>,
@@ -37,9 +36,7 @@ pub struct RecordingPlace {
     pub segment: u32,
 }
 
-/// One upgrade's recording.
 pub struct Writer {
-    /// Whose it is.
     pub head: RecordingHead,
     place: RecordingPlace,
     store: StoreId,

@@ -97,7 +97,6 @@ impl fmt::Debug for Untrusted {
 pub struct Shown(String);
 
 impl Shown {
-    /// The text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0

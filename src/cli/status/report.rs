@@ -16,7 +16,6 @@ use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 
-/// How things stand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
     /// Whether an engine runs on the store and answers.

@@ -19,7 +19,6 @@ pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
     Ok(Identity::list(folder)?.known.iter().map(operator).collect())
 }
 
-/// Somebody by name.
 pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
     let made = format!("`holdpoint identity new {name}` makes one");
     Identity::find(folder, name)

@@ -32,9 +32,7 @@ const FAILS_WITHIN: Duration = Duration::from_secs(2);
 
 /// What a viewer is to show.
 pub(super) enum ViewerScene {
-    /// Files.
     Files(Vec<PathBuf>),
-    /// The live scene.
     Live(SocketAddr),
 }
 

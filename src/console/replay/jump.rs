@@ -1,6 +1,5 @@
 //! Where to jump: the text that is typed for it.
 
-/// Where to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// Virtual time, ms.

@@ -9,9 +9,7 @@ use holdpoint_protocol::event::EventKind;
 /// A mark on the time bar. Where several fall on one column the gravest is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeMark {
-    /// Its sign.
     pub glyph: Glyph,
-    /// Its role.
     pub role: ThemeRole,
     /// The larger, the graver.
     pub weight: u8,

@@ -13,9 +13,7 @@ pub const NOTICE_MS: u64 = 5_000;
 /// An answer at the foot of the screen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReplayNotice {
-    /// What is said.
     pub text: String,
-    /// Whether something failed.
     pub bad: bool,
     /// Until when, on the screen's clock, ms.
     pub until_ms: u64,
@@ -24,13 +22,9 @@ pub struct ReplayNotice {
 /// Everything a replay's screen is drawn from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayModel {
-    /// The recording.
     pub timeline: Arc<Timeline>,
-    /// Where in it.
     pub cursor: Cursor,
-    /// Whether time passes.
     pub playing: bool,
-    /// How fast.
     pub speed: Speed,
     /// Whether playing skips what has no pictures.
     pub skips_gaps: bool,

@@ -130,7 +130,6 @@ struct Showing {
     guard: RunningGuard,
 }
 
-/// What came first.
 enum ReplayInput {
     Input(Option<msg::MsgKind>),
     Ending,

@@ -12,7 +12,6 @@ use holdpoint_protocol::event::{Event, EventKind};
 pub struct VersionStanding {
     /// Its state; absent before anything was said of it.
     pub state: Option<State>,
-    /// Its flags.
     pub flags: Flags,
 }
 

@@ -100,13 +100,11 @@ impl Timeline {
         self.marks.get(event).copied().flatten()
     }
 
-    /// An event.
     #[must_use]
     pub fn event(&self, event: usize) -> Option<&Event> {
         self.recording.events.get(event)
     }
 
-    /// A picture.
     #[must_use]
     pub fn picture(&self, picture: usize) -> Option<&Picture> {
         self.recording.pictures.get(picture)

@@ -18,29 +18,23 @@ const SECOND_MS: u64 = 1_000;
 pub struct ReplayMsg {
     /// When, ms since the start; monotonic.
     pub now_ms: u64,
-    /// What.
     pub what: ReplayMsgKind,
 }
 
-/// What happened.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReplayMsgKind {
     /// A key went down (or repeats).
     Key(KeyEvent),
-    /// Text was pasted.
     Paste(String),
     /// The screen has another size.
     Resize,
-    /// Time passed.
     Tick,
 }
 
 /// What is to be done beside drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayEffect {
-    /// Draw a frame.
     Draw,
-    /// Leave the replay.
     Leave,
 }
 

@@ -50,7 +50,6 @@ impl Write for FrameWriter {
     }
 }
 
-/// The screen.
 pub struct Screen {
     terminal: Terminal<CrosstermBackend<FrameWriter>>,
     held: Rc<Cell<bool>>,

@@ -75,7 +75,6 @@ pub(super) struct Session {
     ended: Option<Result<(), String>>,
 }
 
-/// What came first.
 enum SessionInput {
     Input(Option<MsgKind>),
     Errand(MsgKind),

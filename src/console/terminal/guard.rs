@@ -31,7 +31,6 @@ const EXIT_HELD: i32 = 3;
 /// Why the program should end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// SIGTERM or SIGINT.
     Told,
     /// SIGHUP, or the other end of the terminal is gone: nothing can be written there.
     Gone,
@@ -84,7 +83,6 @@ impl Drop for RunningGuard {
     }
 }
 
-/// What is watched.
 struct Watch {
     told: mpsc::Sender<Ending>,
     terminate: tokio::signal::unix::Signal,

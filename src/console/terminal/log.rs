@@ -17,7 +17,6 @@ pub const LOG_BYTES_MAX: u64 = 1_000_000;
 /// Where fd 2 pointed before.
 static STDERR: Mutex<Option<OwnedFd>> = Mutex::new(None);
 
-/// The open log.
 #[derive(Debug)]
 pub struct LogFile {
     file: File,
@@ -43,7 +42,6 @@ impl LogFile {
         Ok(Self { file, path })
     }
 
-    /// The file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path

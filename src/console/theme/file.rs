@@ -24,7 +24,6 @@ pub enum ThemeError {
     /// No theme of that name.
     #[error("there is no theme {name:?}; allowed are {allowed}")]
     Unknown {
-        /// The name.
         name: String,
         /// The names there are.
         allowed: String,
@@ -40,7 +39,6 @@ pub enum ThemeError {
     /// A file that does not say what a theme file must say.
     #[error("{file}:{line}: {what}")]
     File {
-        /// The file.
         file: String,
         /// The line, from 1.
         line: usize,

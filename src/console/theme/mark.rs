@@ -16,11 +16,8 @@ use holdpoint_protocol::explained::{PeopleSaid, Ruling};
 /// How a state is shown: always all three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mark {
-    /// Its sign.
     pub glyph: Glyph,
-    /// Its word.
     pub word: &'static str,
-    /// Its role.
     pub role: ThemeRole,
 }
 
@@ -52,7 +49,6 @@ impl Mark {
         }
     }
 
-    /// Of a profile.
     #[must_use]
     pub const fn profile(profile: ProfileName) -> Self {
         match profile {

@@ -27,15 +27,12 @@ pub enum Depth {
     Ansi16,
     /// 256.
     Indexed256,
-    /// Sixteen million.
     True,
 }
 
 impl Depth {
-    /// Every depth.
     pub const ALL: [Self; 4] = [Self::Mono, Self::Ansi16, Self::Indexed256, Self::True];
 
-    /// Its name.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -103,7 +100,6 @@ impl Theme {
         self.paints.insert(role, paint);
     }
 
-    /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name

@@ -136,9 +136,7 @@ const fn sixteen(at: u8) -> Color {
 /// How a role looks. Without colours it is the terminal's own text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Paint {
-    /// Letters.
     pub foreground: Option<Colour>,
-    /// Behind them.
     pub background: Option<Colour>,
     /// Bold, dim, reverse, underline.
     pub modifiers: Modifier,

@@ -5,7 +5,6 @@ use super::{Theme, ThemeError, names};
 /// The most themes of an operator's own.
 pub const OWN_MAX: usize = 32;
 
-/// Themes by name.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Themes {
     own: Vec<Theme>,

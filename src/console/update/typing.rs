@@ -9,7 +9,6 @@ use crate::effect::{Effect, Question};
 use crate::line::EditLine;
 use crate::model::{Model, Overlay, Typing, View};
 
-/// Command lines remembered.
 const HISTORY_MAX: usize = 100;
 
 pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {

@@ -25,7 +25,6 @@ use holdpoint_protocol::snapshot::AlarmView;
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 7;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.alarm_rows();
     let flood = model.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);

@@ -22,7 +22,6 @@ use crate::widgets::row::{Row, wrap};
 use crate::words::reason_line;
 use holdpoint_protocol::snapshot::QuestionView;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.waiting_rows();
     let height = u16::try_from(items.len() + 2).unwrap_or(u16::MAX).clamp(3, (area.height / 2).max(3));

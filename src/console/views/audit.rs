@@ -21,7 +21,6 @@ use holdpoint_governance::record::AuditRecord;
 /// Characters of a record's content that a list's row looks at.
 const CONTENT_CHARS: usize = 200;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.audit_rows();
     let cursor = model.cursor().min(rows.len().saturating_sub(1));

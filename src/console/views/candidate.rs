@@ -28,7 +28,6 @@ const TIMELINE: usize = 4;
 /// Columns from which the timeline stands beside the checks.
 const BESIDE_WIDTH: u16 = 110;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let Some(subject) = model.subject() else {
         pen.text(

@@ -12,7 +12,6 @@ use crate::model::{Model, Overlay, Typing, View};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let row = if let Some(typing) = &model.typing {
         typed(typing, pen, usize::from(area.width))

@@ -28,7 +28,6 @@ const STORY: usize = 2;
 /// Columns in which the seven stages have their words.
 const STRIP_WIDTH: u16 = 62;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     match pen.fit {
         Fit::Tiny | Fit::One => one(model, pen, area),

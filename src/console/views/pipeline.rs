@@ -119,7 +119,6 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
     rows
 }
 
-/// A stage's mark.
 fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
     let done = stages_done(candidate.state, &candidate.flags);
     let running = candidate.flags.running.map(stage_place);

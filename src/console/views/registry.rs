@@ -46,7 +46,6 @@ impl Columns {
     }
 }
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.registry_rows();
     // The rows are many: they are made once.

@@ -25,7 +25,6 @@ const CHARTS: usize = 0;
 
 const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let subject = model.subject();
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);

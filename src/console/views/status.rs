@@ -18,7 +18,6 @@ use holdpoint_protocol::snapshot::{AlarmView, Snapshot};
 /// Columns kept for the text of an alarm before counts are left off.
 const TEXT_MIN: usize = 26;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let waits = waiting(model, pen.look);

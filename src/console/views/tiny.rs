@@ -20,7 +20,6 @@ use crate::widgets::row::Row;
 /// Lines from which an overlay can be read at all.
 const OVERLAY_HEIGHT_MIN: u16 = 6;
 
-/// Draws it.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let last = Rect { y: area.bottom() - 1, height: 1, ..area };
     match area.height {

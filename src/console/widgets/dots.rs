@@ -19,7 +19,6 @@ const LINE_MAX: i64 = 20_000;
 /// What something is drawn with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ink {
-    /// Its role.
     pub role: ThemeRole,
     /// Its sign in ASCII.
     pub ascii: &'static str,

@@ -36,9 +36,7 @@ impl Fit {
 
 /// A look on a buffer.
 pub struct Pen<'a> {
-    /// How it looks.
     pub look: &'a Look,
-    /// Where it goes.
     pub buf: &'a mut Buffer,
     /// How much room the screen has.
     pub fit: Fit,
@@ -108,7 +106,6 @@ impl Pen<'_> {
         self.buf.set_style(area.intersection(self.buf.area), style);
     }
 
-    /// Empties an area.
     pub fn clear(&mut self, area: Rect) {
         let style = self.look.style(ThemeRole::Text);
         let area = area.intersection(self.buf.area);

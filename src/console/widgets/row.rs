@@ -12,7 +12,6 @@ use holdpoint_text::Untrusted;
 /// The widest piece, columns: wider than any screen that is drawn.
 const PIECE_MAX: usize = 600;
 
-/// A line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Row {
     parts: Vec<(Cow<'static, str>, ThemeRole)>,
@@ -30,7 +29,6 @@ pub fn safe(text: &str, width_max: usize) -> String {
 }
 
 impl Row {
-    /// An empty line.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -42,14 +40,12 @@ impl Row {
         Self::new().with(role, text)
     }
 
-    /// Adds a piece.
     #[must_use]
     pub fn with(mut self, role: ThemeRole, text: &str) -> Self {
         self.push(role, text);
         self
     }
 
-    /// Adds a piece.
     pub fn push(&mut self, role: ThemeRole, text: &str) {
         let text = safe(text, PIECE_MAX);
         self.width += text.width();
@@ -101,13 +97,11 @@ impl Row {
         self
     }
 
-    /// Width in columns.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// The pieces.
     pub fn parts(&self) -> impl Iterator<Item = (&str, ThemeRole)> {
         self.parts.iter().map(|(text, role)| (text.as_ref(), *role))
     }

@@ -33,7 +33,6 @@ pub struct Subscription {
 /// What a subscriber is told.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Notification {
-    /// Something happened.
     Event(Box<Event>),
     /// So many events were dropped, because they were not read in time.
     Missed(u64),

@@ -46,7 +46,6 @@ pub(super) struct DoorServer {
 }
 
 impl DoorServer {
-    /// Starts the thread.
     pub(super) fn start(self, listener: StdListener, signals: Signals) -> io::Result<JoinHandle<()>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let listener = {

@@ -17,17 +17,9 @@ pub enum Update {
     /// What happened, in order.
     Events(Vec<Event>),
     /// The answer to a request.
-    Answer {
-        /// The request's id.
-        id: String,
-        /// What was answered.
-        reply: Reply,
-    },
+    Answer { id: String, reply: Reply },
     /// The front end was too slow: so many events were not told.
-    Lagged {
-        /// How many.
-        missed: u64,
-    },
+    Lagged { missed: u64 },
     /// The engine has ended; nothing comes after it.
     Ended(Result<(), String>),
 }

@@ -56,7 +56,6 @@ impl PendingQuestion {
         self.life_row_version
     }
 
-    /// Who answered last.
     #[must_use]
     pub fn last_voter(&self) -> Option<String> {
         self.signed.last().map(|signed| signed.approval().who.clone())
@@ -77,7 +76,6 @@ impl PendingQuestion {
     }
 }
 
-/// The open questions.
 #[derive(Default)]
 pub struct Approvals {
     prompts: BTreeMap<CapabilityId, PendingQuestion>,

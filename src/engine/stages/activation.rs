@@ -26,11 +26,8 @@ use crate::record::Record;
 pub struct Activation<'a> {
     /// What is judged under.
     pub context: &'a Context,
-    /// What becomes known.
     pub record: &'a mut Record,
-    /// The evidence.
     pub dossiers: &'a mut Dossiers,
-    /// Who is asked.
     pub approvals: &'a mut Approvals,
     /// Who is watched from an activation on.
     pub monitors: &'a mut Monitors,

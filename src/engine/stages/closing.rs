@@ -46,7 +46,6 @@ const fn early(stage: Stage) -> &'static str {
     }
 }
 
-/// Tells a decision.
 pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
     context: &Context,
     record: &mut Record,

@@ -17,11 +17,8 @@ pub struct Live<'a> {
     pub context: &'a Context,
     /// Seed of the run.
     pub seed: u64,
-    /// What becomes known.
     pub record: &'a mut Record,
-    /// The evidence.
     pub dossiers: &'a mut Dossiers,
-    /// Who is watched.
     pub monitors: &'a mut Monitors,
     /// Arm, agent and world.
     pub world: &'a mut LiveWorld,

@@ -35,7 +35,6 @@ const ADVERSARIAL_SHARE: f64 = 0.7;
 /// A mode in which the candidate runs alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Alone {
-    /// No perturbation.
     Canonical,
     /// The sandbox's perturbations under a tighter envelope.
     Adversarial,
@@ -61,7 +60,6 @@ struct Comparison {
 }
 
 impl SandboxRun {
-    /// Whose it is.
     #[must_use]
     pub const fn id(&self) -> &CapabilityId {
         &self.id
@@ -74,9 +72,7 @@ pub struct Sandbox<'a> {
     pub context: &'a Context,
     /// How episodes are run.
     pub trials: &'a Trials,
-    /// What becomes known.
     pub record: &'a mut Record,
-    /// The evidence.
     pub dossiers: &'a mut Dossiers,
     /// Who is restricted by a monitor.
     pub monitors: &'a Monitors,

@@ -37,7 +37,6 @@ pub struct ShadowRun {
 }
 
 impl ShadowRun {
-    /// Whose it is.
     #[must_use]
     pub const fn id(&self) -> &CapabilityId {
         &self.id

@@ -30,7 +30,6 @@ use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DrillResult {
-    /// As it should.
     Passed,
     /// Not as it should.
     Failed,

@@ -84,7 +84,6 @@ pub fn episode(
 pub struct EpisodeJob {
     /// Index into the list of versions.
     pub version: usize,
-    /// The episode.
     pub seed: u64,
 }
 

@@ -33,7 +33,6 @@ const ATTEMPTS_FACTOR: u64 = 2;
 /// What is to be worked, and on which seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Pairs.
     pub pairs: u32,
     /// Feasible drills of each kind, for both versions.
     pub drills: u32,
@@ -82,7 +81,6 @@ enum NextSlice {
 /// What one slice did.
 #[derive(Debug)]
 pub struct Slice {
-    /// What was worked.
     pub what: String,
     /// Pairs or drills worked in this slice.
     pub worked: u64,

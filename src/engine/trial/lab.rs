@@ -25,7 +25,6 @@ use holdpoint_runtime::terms::SkillTerms;
 pub struct Lab<'a> {
     /// Seed of the run.
     pub seed: u64,
-    /// Workers.
     pub jobs: usize,
     /// The most pairs or drills worked before whoever asked is heard again.
     pub part: usize,
@@ -42,7 +41,6 @@ pub struct Lab<'a> {
 /// A version that takes part, with what it runs under.
 #[derive(Clone)]
 pub struct Party {
-    /// The version.
     pub version: Capability,
     /// Guard, envelope and watcher limits.
     pub terms: SkillTerms,

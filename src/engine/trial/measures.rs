@@ -40,7 +40,6 @@ pub struct UpperTail {
     pub p95: f64,
     /// Mean of the worst twentieth (at least one episode): the expected shortfall.
     pub worst_mean: f64,
-    /// The largest.
     pub largest: f64,
 }
 
@@ -50,9 +49,7 @@ pub struct UpperTail {
 pub struct ModeMetrics {
     /// `canonical`, `perturbation` or `adversarial`; `perturbation, active version` for the one compared with.
     pub mode: String,
-    /// Episodes.
     pub episodes: u32,
-    /// Means per episode.
     pub means: Signature,
     /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`.
     pub metrics: Vec<Metric>,

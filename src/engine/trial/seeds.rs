@@ -22,9 +22,7 @@ pub enum Purpose {
     Canonical,
     /// Sandbox, adversarial-governance mode.
     Adversarial,
-    /// Recovery drills.
     Drill,
-    /// The live world.
     Live,
     /// Pairs of the confirmation, which the sandbox has not seen.
     Confirmation,

@@ -30,7 +30,6 @@ pub struct TraceBatch {
     pub runs: Vec<Trace>,
 }
 
-/// One run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trace {

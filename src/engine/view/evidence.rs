@@ -115,7 +115,6 @@ pub(super) fn pairs(dossier: &Dossier) -> Option<PairsView> {
     })
 }
 
-/// Shadow so far.
 #[allow(clippy::cast_precision_loss, reason = "sequences are few")]
 pub(super) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowView> {
     let sequences = &dossier.sequences;

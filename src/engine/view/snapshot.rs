@@ -9,7 +9,6 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
 
 impl Pipeline {
-    /// How things stand.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         let mut candidates = Vec::new();

@@ -12,7 +12,6 @@ pub trait Listener {
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
 }
 
-/// Listens to nothing.
 pub struct Nobody;
 
 impl Listener for Nobody {

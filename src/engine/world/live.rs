@@ -37,7 +37,6 @@ const VERDICTS_MAX: usize = 100_000;
 /// One sequence of the live world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SequenceReport {
-    /// The seed.
     pub seed: u64,
     /// The tasks that were worked, in order; a failed one ends the sequence.
     pub tasks: Vec<Dispatched>,
@@ -133,7 +132,6 @@ impl LiveCell {
         self.fault = fault;
     }
 
-    /// What is broken.
     #[must_use]
     pub const fn fault(&self) -> Option<LiveFault> {
         self.fault
@@ -236,7 +234,6 @@ impl LiveCell {
 }
 
 impl Outing {
-    /// Works the sequence.
     pub(crate) fn run<V: ActiveView>(
         &mut self,
         view: &V,
@@ -310,7 +307,6 @@ impl Outing {
         self.rig.world()
     }
 
-    /// Which sequence.
     pub(crate) const fn sequence(&self) -> u64 {
         self.sequence
     }

@@ -24,7 +24,6 @@ const TWIN_PICTURES_MAX: usize = 1_800;
 /// Who works which task of a sequence, and the envelope that holds them.
 pub(crate) type Workers = Vec<(TaskKind, CapabilityId, EnvelopePicture)>;
 
-/// Draws one sequence.
 pub(crate) struct Painter {
     pictures: Pictures,
     clock: Clock,
@@ -171,7 +170,6 @@ impl Sketch {
         Self { pictures, clock, from_ms, sequence, version, envelope, ticks: 0 }
     }
 
-    /// A tick passed.
     pub(crate) fn tick(&mut self, world: &World) {
         self.ticks += 1;
         if !is_due(self.ticks) {

@@ -89,7 +89,6 @@ pub(crate) struct Shadowed {
 }
 
 impl Begun {
-    /// Which sequence.
     pub(crate) const fn index(&self) -> u64 {
         self.index
     }
@@ -110,7 +109,6 @@ impl Begun {
         self.supervisor.tell_at_once(questions);
     }
 
-    /// Works it.
     pub(crate) fn work(self, listener: &mut dyn Listener) -> Worked {
         let Self { index, seed, mut outing, actives, terms, spare, mut supervisor, link_up } = self;
         let choose = |capability: &Capability| {

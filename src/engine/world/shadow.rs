@@ -143,12 +143,10 @@ impl Shadow {
         }
     }
 
-    /// The candidate.
     pub(crate) fn id(&self) -> CapabilityId {
         self.candidate.id()
     }
 
-    /// Its task.
     pub(crate) fn task(&self) -> TaskKind {
         self.candidate.bundle.task()
     }

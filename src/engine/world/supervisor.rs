@@ -31,9 +31,7 @@ pub struct Trip {
 /// What a monitor decided during a sequence.
 #[derive(Clone, Debug)]
 pub struct RaisedMonitor {
-    /// About which version.
     pub id: CapabilityId,
-    /// What.
     pub decision: MonitorDecision,
     /// The task it stopped, where it did.
     pub trip: Option<Trip>,

@@ -92,7 +92,6 @@ pub struct FigureEffort {
 }
 
 impl FigureEffort {
-    /// About a minute.
     pub const DEFAULT: Self = Self {
         samples_min: 5,
         samples_max: 101,
@@ -112,10 +111,8 @@ impl FigureEffort {
     };
 }
 
-/// One figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeasuredFigure {
-    /// What was measured.
     pub name: String,
     /// Samples it was taken from.
     pub n: usize,
@@ -123,7 +120,6 @@ pub struct MeasuredFigure {
     pub median: f64,
     /// The sample that nine in ten are at or below.
     pub p90: f64,
-    /// Unit of both.
     pub unit: FigureUnit,
     /// What time it is.
     pub clock: FigureClock,

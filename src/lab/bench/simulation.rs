@@ -39,7 +39,6 @@ pub struct PeerEntry {
     pub median: f64,
     /// The episode that nine in ten are at or below, ms.
     pub p90: f64,
-    /// Unit of both.
     pub unit: FigureUnit,
     /// Number format of the physics.
     pub precision: &'static str,

@@ -41,7 +41,6 @@ pub struct StudyReport {
     pub runs: u32,
     /// What the recorded tables are of.
     pub tables: Vec<String>,
-    /// The figures.
     pub findings: Vec<StudyFigure>,
 }
 

@@ -37,7 +37,6 @@ const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approv
 pub struct Setting<'a> {
     /// Robot, scene and distributions.
     pub cell: &'a Cell,
-    /// The profile.
     pub profile: ProfileName,
     /// The run's seed: which episodes it is judged on.
     pub seed: u64,
@@ -45,7 +44,6 @@ pub struct Setting<'a> {
     pub cache: &'a Path,
 }
 
-/// One stage's decision.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageRecord {
@@ -65,7 +63,6 @@ pub struct Effort {
     pub sandbox: u64,
     /// What the sandbox would have taken in full.
     pub sandbox_budget: u64,
-    /// Shadowed sequences.
     pub shadow: u64,
     /// Live episodes while it was active.
     pub live: u64,
@@ -77,11 +74,8 @@ pub struct Effort {
 pub struct CandidateEnd {
     /// Name in the pool.
     pub name: String,
-    /// Family and version.
     pub version: CapabilityId,
-    /// The profile.
     pub profile: ProfileName,
-    /// The run's seed.
     pub seed: u64,
     /// The four dimensions as they stood at the end: outcome, kappa and interval.
     pub dimensions: Vec<DimensionResult>,

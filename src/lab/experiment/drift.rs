@@ -30,7 +30,6 @@ pub struct DriftOptions {
     pub runs: u64,
     /// Seed of the first run; the others follow it.
     pub seed: u64,
-    /// Threads.
     pub jobs: usize,
     /// Where cells and report go.
     pub out: PathBuf,
@@ -43,13 +42,10 @@ pub struct DriftOptions {
 /// The median, the ninetieth percentile and the largest of so many values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Values.
     pub n: u64,
-    /// Median.
     pub median: f64,
     /// Ninetieth percentile, nearest rank.
     pub p90: f64,
-    /// Largest.
     pub max: f64,
 }
 
@@ -71,9 +67,7 @@ impl Spread {
 /// What one drift in one magnitude came to. Shares have Wilson intervals at 95 %.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DriftCell {
-    /// Which drift.
     pub kind: DriftKind,
-    /// How strong.
     pub magnitude: Magnitude,
     /// Runs whose candidate was activated.
     pub runs: u64,
@@ -111,14 +105,12 @@ pub struct DriftCell {
     pub unsafe_after: Proportion,
 }
 
-/// The whole experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DriftReport {
     /// Digest of profile, cell, versions and sizes.
     pub setting: Digest,
     /// Seed of the first run.
     pub seed: u64,
-    /// Runs asked for.
     pub runs: u64,
     /// Runs whose candidate the pipeline did not activate; they count in no cell.
     pub not_activated: u64,

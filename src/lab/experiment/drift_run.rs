@@ -184,7 +184,6 @@ pub struct FirstResponse {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartWork {
-    /// Sequences.
     pub sequences: u32,
     /// Tasks of the family that was upgraded.
     pub tasks: u32,
@@ -200,13 +199,9 @@ pub struct PartWork {
 pub struct CellRun {
     /// Digest of everything the result depends on beside the fields below.
     pub setting: Digest,
-    /// The run's seed.
     pub seed: u64,
-    /// The candidate.
     pub candidate: String,
-    /// Which drift.
     pub kind: DriftKind,
-    /// How strong.
     pub magnitude: Magnitude,
     /// Absent where the pipeline did not activate the candidate on this seed: the cell then counts nowhere.
     pub result: Option<CellResult>,
@@ -244,7 +239,6 @@ impl CellResult {
 }
 
 impl Activated {
-    /// One cell.
     pub(super) fn cell(&self, setting: &DriftSetting, drift: Drift) -> Result<CellResult, ExperimentError> {
         let need = self.need(setting, drift)?;
         let copy = self.copy()?;

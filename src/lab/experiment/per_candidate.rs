@@ -25,7 +25,6 @@ use holdpoint_text::Hint;
 /// What is to be run.
 #[derive(Clone, Debug)]
 pub struct RunPlan {
-    /// The pool's folder.
     pub pool: PathBuf,
     /// The profiles, from the loosest to the strictest.
     pub profiles: Vec<ProfileName>,
@@ -33,7 +32,6 @@ pub struct RunPlan {
     pub seed: u64,
     /// Run seeds that the candidates are spread over.
     pub blocks: u64,
-    /// Candidates at once.
     pub jobs: usize,
     /// Finished candidates are kept here and not run again; nowhere where absent.
     pub out: Option<PathBuf>,
@@ -45,7 +43,6 @@ pub struct RunPlan {
 pub struct PerCandidateReport {
     /// Each candidate under each profile, in the pool's order.
     pub candidates: Vec<Judged>,
-    /// One a profile.
     pub summaries: Vec<Summary>,
     /// What was to be shown, and whether it was.
     pub claims: Vec<Claim>,

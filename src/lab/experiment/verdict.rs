@@ -27,9 +27,7 @@ const EARLY_SHARE: f64 = 0.25;
 pub struct Judged {
     /// Benign, faulty or marginal.
     pub class: Class,
-    /// Kind and mechanism.
     pub kind: String,
-    /// What was changed.
     pub what: String,
     /// What the engine made of it.
     pub end: CandidateEnd,
@@ -76,7 +74,6 @@ pub struct KindCounts {
     pub stopped: [u64; 4],
     /// Active, and taken off before it was confirmed.
     pub contained: u64,
-    /// Confirmed.
     pub kept: u64,
     /// Median of its sandbox episodes.
     pub median_episodes: u64,
@@ -86,7 +83,6 @@ pub struct KindCounts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Summary {
-    /// The profile.
     pub profile: ProfileName,
     /// Overtly faulty and benign ones: three BADR, `false_reject_rate`, `false_accept_rate`.
     pub overt: Screening,
@@ -100,7 +96,6 @@ pub struct Summary {
     pub median_to_reject_measured: Option<u64>,
     /// Sandbox episodes of a whole budget.
     pub budget: u64,
-    /// By kind.
     pub kinds: Vec<KindCounts>,
 }
 
@@ -167,7 +162,6 @@ fn kinds(judged: &[&Judged]) -> Vec<KindCounts> {
     found
 }
 
-/// The lower median.
 fn median(mut values: Vec<u64>) -> Option<u64> {
     values.sort_unstable();
     values.get(values.len().checked_sub(1)? / 2).copied()
@@ -201,11 +195,8 @@ impl Demonstrated {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
-    /// What.
     pub claim: String,
-    /// Whether it was.
     pub verdict: Demonstrated,
-    /// On which numbers.
     pub because: String,
 }
 

@@ -45,7 +45,6 @@ impl Draft {
         })
     }
 
-    /// Sets a parameter.
     pub fn param(&mut self, name: &str, value: impl Into<Value>) {
         let value = value.into();
         let old = self.params.insert(name.to_owned(), value.clone());

@@ -50,14 +50,12 @@ pub struct Order {
     pub seed: u64,
     /// How many times each kind occurs in a family, 1 to [`SETS_MAX`].
     pub sets: u32,
-    /// Which kinds.
     pub preset: Preset,
 }
 
 /// A drawn pool, not yet written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrawnPool {
-    /// The index.
     pub index: PoolIndex,
     /// The packages, in the index's order.
     pub packages: Vec<Package>,
@@ -292,7 +290,6 @@ pub(super) fn whole(stream: &mut Stream, [low, high]: [u32; 2]) -> u32 {
     low + u32::try_from(stream.bits() % span).unwrap_or(0)
 }
 
-/// Fisher-Yates.
 fn shuffle<T>(items: &mut [T], stream: &mut Stream) {
     for last in (1..items.len()).rev() {
         let other = whole(stream, [0, u32::try_from(last).unwrap_or(u32::MAX)]);

@@ -10,7 +10,6 @@ use super::kind::CandidateKind;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::text_error::{self, TextError};
 
-/// The embedded table.
 const TEXT: &str = include_str!("recipes.toml");
 
 /// Its name in errors.
@@ -68,9 +67,7 @@ impl Makes {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// For which family.
     pub family: Family,
-    /// What it makes.
     pub makes: Makes,
     /// The mechanism, for the truth's `kind`; empty where the kind says it.
     #[serde(default)]

@@ -36,7 +36,6 @@ impl Class {
 pub struct TruthEntry {
     /// Its name in the index.
     pub name: String,
-    /// Its class.
     pub class: Class,
     /// Its kind and mechanism, e.g. `improved`, `interface-frame`, `behavior-force`, `marginal-recovery`.
     pub kind: String,

@@ -77,7 +77,6 @@ impl Journal {
         Ok(Self { known, file, path })
     }
 
-    /// A kept score.
     #[must_use]
     pub fn get(&self, key: &Digest) -> Option<Score> {
         self.known.get(key).copied()

@@ -43,7 +43,6 @@ const TIME_SCALE_SECS: f64 = 120.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Score {
-    /// Episodes.
     pub episodes: u32,
     /// Those in which the work was done.
     pub successes: u32,
@@ -154,9 +153,7 @@ impl<'a> Objective<'a> {
 /// The objective of the baseline and of what was found, on the same episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ObjectivePair {
-    /// The baseline.
     pub before: Score,
-    /// What was found.
     pub after: Score,
 }
 

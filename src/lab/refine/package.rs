@@ -54,7 +54,6 @@ impl<'a> PackageDraft<'a> {
         self.space
     }
 
-    /// The baseline.
     #[must_use]
     pub const fn baseline(&self) -> &Capability {
         self.baseline

@@ -35,7 +35,6 @@ pub struct SearchProgress {
     pub generations: u32,
     /// Whether this evaluation ended a generation.
     pub generation_ended: bool,
-    /// The baseline's score.
     pub baseline: Score,
     /// The best score so far.
     pub best: Score,
@@ -47,12 +46,10 @@ pub struct SearchProgress {
     pub episodes_total: u64,
 }
 
-/// What was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchResult {
     /// The values of the parameters.
     pub values: Vec<f64>,
-    /// Their score.
     pub score: Score,
     /// The baseline's score on the same episodes.
     pub baseline: Score,

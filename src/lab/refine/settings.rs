@@ -17,13 +17,11 @@ pub const GENERATIONS_MAX: u32 = 1_000;
 /// The most episodes per set of parameters. Four times as many fresh ones fit a search's block of seeds.
 pub const EPISODES_MAX: u32 = 500;
 
-/// The most workers.
 pub const JOBS_MAX: usize = 64;
 
 /// What is searched, and with what effort.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Settings<'a> {
-    /// The family.
     pub task: TaskKind,
     /// Generations of the search, 1 to [`GENERATIONS_MAX`].
     pub generations: u32,
@@ -45,9 +43,7 @@ pub enum RefineError {
     /// A setting is outside its range.
     #[error("{field} = {value} is not allowed; {allowed} is")]
     Setting {
-        /// Which.
         field: &'static str,
-        /// What it is.
         value: String,
         /// What it may be.
         allowed: String,
@@ -57,24 +53,10 @@ pub enum RefineError {
     Exists(PathBuf),
     /// A file or folder cannot be used.
     #[error("cannot {what} {path:?}: {source}")]
-    Io {
-        /// What was tried.
-        what: &'static str,
-        /// Where.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
+    Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// The kept evaluations are more than any search makes.
     #[error("{path:?} has {bytes} bytes; up to {allowed} are allowed")]
-    JournalTooLarge {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-        /// What is allowed.
-        allowed: u64,
-    },
+    JournalTooLarge { path: PathBuf, bytes: u64, allowed: u64 },
     /// The search was interrupted.
     #[error("interrupted after {evaluations} evaluations; they are kept in {kept:?}")]
     Interrupted {
@@ -86,7 +68,6 @@ pub enum RefineError {
     /// No set of parameters was better than the baseline.
     #[error("nothing better than {parent} was found in {evaluations} evaluations")]
     NothingBetter {
-        /// The baseline.
         parent: CapabilityId,
         /// How many were tried.
         evaluations: u32,
@@ -102,19 +83,13 @@ pub enum RefineError {
     Native(#[from] NativeError),
     /// A text of the baseline cannot be edited.
     #[error("the baseline's {file} cannot be edited: {source}")]
-    Edit {
-        /// Which text.
-        file: &'static str,
-        /// Why not.
-        source: toml_edit::TomlError,
-    },
+    Edit { file: &'static str, source: toml_edit::TomlError },
     /// An embedded profile does not parse.
     #[error(transparent)]
     Profile(#[from] TextError),
     /// The embedded policies do not compile.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// The simulation failed.
     #[error("the simulation failed: {0}")]
     Sim(#[from] holdpoint_sim::SimError),
     /// The optimiser refused its box.

@@ -14,12 +14,10 @@ use holdpoint_runtime::skill::native::Controller;
 /// has no use for more digits, and what is evaluated is exactly what is written.
 const STEPS_PER_UNIT: f64 = 1e4;
 
-/// One numeric parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     /// Its name in the parameter file.
     pub name: &'static str,
-    /// The baseline's value.
     pub baseline: f64,
     /// Lowest value the controller takes.
     pub lowest: f64,

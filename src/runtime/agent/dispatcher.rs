@@ -26,11 +26,8 @@ pub enum Refused {
     /// A declared precondition does not hold.
     #[error("{id} needs {observable} {needs}, and it is {found:?}")]
     Precondition {
-        /// The version.
         id: CapabilityId,
-        /// The observable.
         observable: String,
-        /// What is needed.
         needs: String,
         /// What was measured; absent where nothing measures it.
         found: Option<f64>,
@@ -40,10 +37,8 @@ pub enum Refused {
 /// What can stop a dispatch.
 #[derive(Debug, thiserror::Error)]
 pub enum DispatchError {
-    /// Governance refused.
     #[error(transparent)]
     Refused(#[from] Refused),
-    /// The body failed.
     #[error(transparent)]
     Body(#[from] BodyError),
 }
@@ -96,9 +91,7 @@ pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), Refused> {
 /// A task that ran: which version did it, and what happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dispatched {
-    /// The version.
     pub id: CapabilityId,
-    /// The record.
     pub record: TaskRecord,
 }
 

@@ -14,7 +14,6 @@ use crate::arm::Arm;
 use crate::skill::Hook;
 use crate::terms::SkillTerms;
 
-/// Done at once.
 struct Done;
 
 impl Skill for Done {

@@ -95,7 +95,6 @@ impl Drawing {
         self.standing = Some(picture.sequence);
     }
 
-    /// Something that happened.
     pub fn event(&mut self, event: &Event) {
         let moment = self.moment(event.at_ms, self.sequence);
         self.draw_event(event, &moment);

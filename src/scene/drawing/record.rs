@@ -28,7 +28,6 @@ pub mod paths {
 /// What is known when a recording begins.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RecordingHead {
-    /// Whose it is.
     pub about: About,
     /// What does not move.
     pub scenery: Scenery,
@@ -61,7 +60,6 @@ pub struct PictureFacts {
     /// [`Picture::version`].
     #[serde(rename = "v", default, skip_serializing_if = "Option::is_none")]
     pub version: Option<CapabilityId>,
-    /// The twin's version.
     #[serde(rename = "n", default, skip_serializing_if = "Option::is_none")]
     pub twin: Option<CapabilityId>,
     /// Held, held by the twin, unexpected contact, stopped.
@@ -84,12 +82,10 @@ pub struct PictureFacts {
     pub blocks: Vec<Block>,
 }
 
-/// Writes the head.
 pub fn head(rows: &mut Rows, head: &RecordingHead) {
     always(rows, paths::HEAD, head);
 }
 
-/// Writes the tail.
 pub fn tail(rows: &mut Rows, tail: &Tail) {
     always(rows, paths::TAIL, tail);
 }
@@ -100,7 +96,6 @@ fn always<T: Serialize>(rows: &mut Rows, path: &str, value: &T) {
     }
 }
 
-/// Writes an event.
 pub(super) fn event(rows: &mut Rows, event: &Event, moment: &Moment) {
     if let Ok(text) = serde_json::to_string(event) {
         rows.at(paths::EVENT, moment, &TextLog::new(text));

@@ -12,7 +12,6 @@ use crate::rows::Rows;
 use holdpoint_protocol::picture::{Region, Scenery};
 use holdpoint_text::Untrusted;
 
-/// Draws both.
 pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
     for fixture in &scenery.fixtures {

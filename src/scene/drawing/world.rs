@@ -12,9 +12,7 @@ use holdpoint_protocol::picture::{ArmPicture, Block, Contact, Picture, Point, Tu
 /// Whether a body is the one that drives, or the ghost of the one that would.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whose {
-    /// The live world's.
     Live,
-    /// The twin's.
     Twin,
 }
 

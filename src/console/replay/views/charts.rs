@@ -26,7 +26,6 @@ const ROOM_ROUND_HEADING: usize = 7;
 /// The most lines that a chart gets.
 const HEIGHT_MAX: u16 = 12;
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let Some((place, group)) = model.shown_charts() else {
         let inside = pen.pane(area, "Charts", false, "");

@@ -26,7 +26,6 @@ const WHOLE_HEIGHT_MIN: u16 = 6;
 /// The most lines that it takes.
 const WHOLE_ROWS_MAX: usize = 3;
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let count = model.timeline.recording().events.len();
     if area.height < PANE_HEIGHT_MIN {

@@ -18,7 +18,6 @@ use crate::widgets::row::Row;
 use crate::words;
 use holdpoint_protocol::clock::tick_of;
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let top = spread(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);

@@ -14,7 +14,6 @@ use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let row = if let Some(line) = &model.typing {

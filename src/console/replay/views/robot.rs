@@ -15,7 +15,6 @@ use crate::replay::model::ReplayModel;
 use crate::views::robot;
 use crate::widgets::pen::{Pen, below};
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let picture = model.cursor.picture.and_then(|picture| model.timeline.picture(picture));
     let place = picture

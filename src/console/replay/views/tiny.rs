@@ -18,7 +18,6 @@ use crate::widgets::row::Row;
 /// Lines from which the arm is drawn.
 const ROBOT_HEIGHT_MIN: u16 = 9;
 
-/// Draws it.
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let version = model.timeline.recording().about.version.to_string();
     let time = Row::of(ThemeRole::Title, &format!(" {}", secs(model.cursor.at_ms)));

@@ -35,7 +35,6 @@ impl Draw {
         values.get(self.below(values.len())).copied()
     }
 
-    /// Fisher and Yates.
     pub(super) fn shuffle<T>(&mut self, values: &mut [T]) {
         for last in (1..values.len()).rev() {
             values.swap(last, self.below(last + 1));

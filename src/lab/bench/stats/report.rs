@@ -17,14 +17,11 @@ pub enum Stated {
     AtLeast(f64),
 }
 
-/// One figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudyFigure {
-    /// The rule.
     pub rule: &'static str,
     /// What was counted or averaged.
     pub what: &'static str,
-    /// Under which circumstances.
     pub under: String,
     /// Runs it was taken from.
     pub runs: u64,

@@ -13,7 +13,6 @@
 
 use holdpoint_governance::evidence::{EpisodeValues, Pair};
 
-/// One recorded table.
 #[derive(Clone, Debug)]
 pub struct RecordedTable {
     /// What it is of, e.g. `align-improved, sandbox`.
@@ -28,11 +27,9 @@ pub struct RecordedTable {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{table}, line {line}: {text:?} is no pair of episodes")]
 pub struct TableError {
-    /// Which table.
     pub table: &'static str,
     /// Its line, from 1.
     pub line: usize,
-    /// What stands there.
     pub text: String,
 }
 

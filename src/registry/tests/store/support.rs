@@ -25,12 +25,10 @@ pub fn digest(text: &str) -> Digest {
     Digest::of_parts("test", &[text.as_bytes()])
 }
 
-/// A version's id.
 pub fn id(text: &str) -> CapabilityId {
     text.parse().unwrap()
 }
 
-/// A family.
 pub fn family(text: &str) -> Family {
     Family::new(text).unwrap()
 }
@@ -188,7 +186,6 @@ pub fn consume(name: &str, nonce: u8) -> Change {
     }
 }
 
-/// Opens a store.
 pub fn open(folder: &Path) -> Store {
     Store::open(folder).unwrap()
 }

@@ -47,7 +47,6 @@ pub struct AlignParams {
 
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
 pub enum AlignPhase {
     Look,
     Rise,

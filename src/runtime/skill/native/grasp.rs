@@ -72,7 +72,6 @@ const REACTION_SECS: f64 = 0.1;
 
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
 pub enum GraspPhase {
     Rise,
     Open,

@@ -71,7 +71,6 @@ impl PoseAverage {
         true
     }
 
-    /// Pictures so far.
     #[must_use]
     pub const fn count(&self) -> u32 {
         self.count
@@ -134,7 +133,6 @@ pub enum RollbackStyle {
     Lower,
     /// Leave the arm wherever it is.
     Stay,
-    /// No hook.
     None,
 }
 

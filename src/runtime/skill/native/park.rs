@@ -29,7 +29,6 @@ pub struct Park {
 }
 
 impl Park {
-    /// Begins a run.
     #[must_use]
     pub const fn new(params: ParkParams) -> Self {
         Self { params, began: None, target: None, hook: None }

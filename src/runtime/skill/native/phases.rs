@@ -24,7 +24,6 @@ pub struct PhaseFrame {
 
 /// A controller that works in phases.
 pub trait Phased: Send {
-    /// Its phases.
     type Phase: Copy + Send;
     /// The one it begins in.
     const FIRST: Self::Phase;
@@ -39,7 +38,6 @@ pub trait Phased: Send {
 /// Where a run stands.
 #[derive(Clone, Debug)]
 pub struct Run<P> {
-    /// The phase.
     pub phase: P,
     /// Ticks in it, 1 in its first.
     pub tick: u64,
@@ -85,7 +83,6 @@ pub struct Runner<C: Phased> {
 }
 
 impl<C: Phased> Runner<C> {
-    /// Begins a run.
     pub const fn new(controller: C) -> Self {
         let run = Run { phase: C::FIRST, tick: 0, commanded: false, target: Pose::IDENTITY, ended: None };
         Self { controller, run, began: None, hook: None }

@@ -57,7 +57,6 @@ pub struct PlaceParams {
 
 /// What it is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
 pub enum PlacePhase {
     Look,
     Correct,
