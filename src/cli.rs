@@ -10,6 +10,7 @@ pub mod candidate;
 pub mod completions;
 #[cfg(feature = "console")]
 mod console;
+mod context;
 pub mod data;
 pub mod decide;
 pub mod doctor;
@@ -42,10 +43,11 @@ pub mod theme;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 pub use crate::error::{CliError, Exit};
-pub use engine_verbs::RealEngine;
+pub use context::CliContext;
+pub use engine_verbs::{EngineVerbs, RealEngine};
 pub use output::Output;
 
 /// Decides whether a new version of a robot's skill may take control of the robot.
@@ -136,75 +138,6 @@ pub enum Verb {
     Schema(schema::SchemaArgs),
 }
 
-/// What every verb is given beside its own arguments.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CliContext {
-    /// The store's folder; it may not exist yet.
-    pub data: PathBuf,
-    /// Whether that folder was asked for; a scenario keeps away from the default one.
-    pub data_given: bool,
-    /// Whether answers are JSON.
-    pub json: bool,
-}
-
-/// The verbs that need the engine. Each prints its answer and says how it ended.
-pub trait EngineVerbs {
-    /// Runs upgrades; `args.headless`, `args.plain` or the lack of a terminal choose the front end.
-    ///
-    /// # Errors
-    /// [`CliError`] with the exit code to end with.
-    fn run(
-        &mut self,
-        context: &CliContext,
-        args: &run::RunArgs,
-        out: &mut Output<'_>,
-    ) -> Result<Exit, CliError>;
-
-    /// Registers a candidate's folder.
-    ///
-    /// # Errors
-    /// As [`EngineVerbs::run`].
-    fn register(
-        &mut self,
-        context: &CliContext,
-        args: &candidate::RegisterArgs,
-        out: &mut Output<'_>,
-    ) -> Result<Exit, CliError>;
-
-    /// Shows, watches or awaits states.
-    ///
-    /// # Errors
-    /// As [`EngineVerbs::run`].
-    fn status(
-        &mut self,
-        context: &CliContext,
-        args: &status::StatusArgs,
-        out: &mut Output<'_>,
-    ) -> Result<Exit, CliError>;
-
-    /// Takes an operator's decision to the engine, which may refuse it.
-    ///
-    /// # Errors
-    /// As [`EngineVerbs::run`].
-    fn decide(
-        &mut self,
-        context: &CliContext,
-        asked: &decide::AskedDecision,
-        out: &mut Output<'_>,
-    ) -> Result<Exit, CliError>;
-
-    /// Measures.
-    ///
-    /// # Errors
-    /// As [`EngineVerbs::run`].
-    fn bench(
-        &mut self,
-        context: &CliContext,
-        args: &bench::BenchArgs,
-        out: &mut Output<'_>,
-    ) -> Result<Exit, CliError>;
-}
-
 /// The whole program but its engine: parses `arguments`, does what they ask, prints, and says how it ended.
 pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn EngineVerbs) -> Exit {
     let cli = match Cli::try_parse_from(arguments) {
@@ -260,8 +193,8 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Keys(args)) => keys::run(args, out),
         #[cfg(feature = "console")]
         Some(Verb::Theme(args)) => theme::run(args, out),
-        Some(Verb::Completions(args)) => completions::run(cli.data.as_deref(), args, out),
-        Some(Verb::Man(args)) => man::run(args, out),
+        Some(Verb::Completions(args)) => completions::run(Cli::command(), cli.data.as_deref(), args, out),
+        Some(Verb::Man(args)) => man::run(Cli::command(), args, out),
         Some(Verb::Schema(args)) => schema::run(args, out),
     }
 }

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::output::Table;
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};

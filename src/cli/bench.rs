@@ -5,7 +5,8 @@
 use clap::{Args, Subcommand};
 
 use super::output::Table;
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_lab::bench::stats::{self, Stated};
 use holdpoint_lab::bench::{self, BenchReport};
 use holdpoint_text::Hint;

@@ -9,7 +9,10 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::output::Table;
-use super::{CliContext, CliError, EngineVerbs, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::engine_verbs::EngineVerbs;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_engine::check::{self, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::Digest;

@@ -6,11 +6,13 @@
 use std::path::Path;
 
 use clap::builder::PossibleValuesParser;
-use clap::{Arg, Args, Command, CommandFactory, ValueEnum};
+use clap::{Arg, Args, Command, ValueEnum};
 use clap_complete::Shell;
 use serde::Serialize;
 
-use super::{Cli, CliError, Exit, Output, data};
+use super::data;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::Family;
 use holdpoint_registry::{Layout, Views};
 
@@ -86,9 +88,14 @@ struct ShellScript {
 ///
 /// # Errors
 /// Where the output cannot be written, or no folder of a store is known.
-pub fn run(data: Option<&Path>, args: &CompletionsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(
+    program: Command,
+    data: Option<&Path>,
+    args: &CompletionsArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
     if let Some(shell) = args.shell {
-        let answer = ShellScript { shell: shell.to_string(), script: script(shell)? };
+        let answer = ShellScript { shell: shell.to_string(), script: script(program, shell)? };
         // The script is this program's own text and must keep its lines.
         out.answer(&answer, |out| Ok(out.sink().write_all(answer.script.as_bytes())?))?;
     } else if let Some(names) = args.list {
@@ -124,8 +131,9 @@ fn stored(data: &Path, names: Names) -> Vec<String> {
 }
 
 /// The script for a shell.
-fn script(shell: Shell) -> Result<String, CliError> {
-    let mut command = Cli::command();
+fn script(program: Command, shell: Shell) -> Result<String, CliError> {
+    let places = places(&program);
+    let mut command = program;
     match shell {
         Shell::Bash | Shell::Zsh | Shell::Fish => command = marked(command),
         // Elvish, PowerShell: what is fixed alone.
@@ -137,7 +145,7 @@ fn script(shell: Shell) -> Result<String, CliError> {
     Ok(match shell {
         Shell::Bash => bash(script),
         Shell::Zsh => zsh(script),
-        Shell::Fish => fish(script),
+        Shell::Fish => fish(script, places),
         _ => script,
     })
 }
@@ -175,11 +183,11 @@ fn zsh(script: String) -> String {
 }
 
 /// clap's script for fish knows the values of options alone; those of positional arguments are added.
-fn fish(script: String) -> String {
+fn fish(script: String, places: Vec<NameArgument>) -> String {
     let called =
         |names: Names| (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()));
     let mut script = format!("{}\n{}", include_str!("completions/stored.fish"), with_calls(script, called));
-    for NameArgument { verbs, option, names, or_path } in places(&Cli::command()) {
+    for NameArgument { verbs, option, names, or_path } in places {
         let seen = match verbs.as_slice() {
             [verb] if option.is_none() => format!("__fish_holdpoint_using_subcommand {verb}"),
             [verb, inner] if option.is_none() => {

@@ -6,9 +6,11 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::run::{LivePace, RunArgs};
+use super::run::{LivePace, RunArgs, SEED_DEFAULT};
 use super::settings::{file, themes};
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError};
@@ -40,7 +42,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     let host = HostConfig {
         data: context.data.clone(),
         profile: args.profile(),
-        seed: args.seed.unwrap_or(super::engine_verbs::SEED_DEFAULT),
+        seed: args.seed.unwrap_or(SEED_DEFAULT),
         jobs: args.spare_jobs(),
         robot: args.robot.clone(),
         pace: args.pace.unwrap_or(PACE_DEFAULT).times(),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::CliError;
+use crate::error::CliError;
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///

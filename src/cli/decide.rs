@@ -6,8 +6,11 @@
 
 use clap::Args;
 
+use super::audit;
 use super::side::{Side, running};
-use super::{CliContext, CliError, Exit, Output, audit};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};

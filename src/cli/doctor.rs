@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use super::output::Table;
 use super::recordings::{counted, size};
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_recordings::{folder, viewer};
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;

@@ -1,18 +1,76 @@
-//! The verbs that need the engine, carried out by the real one.
+//! The verbs that need the engine, and the real engine that carries them out.
 //!
 //! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
 //! anything itself.
 
 use super::side::Side;
-use super::{CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, run, status};
+use super::{bench, candidate, decide, run, status};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use crate::headless::{RunPlain, RunScript, run_plain, run_script};
 use holdpoint_engine::embedded;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
 
-/// The seed of a run that names none.
-pub(super) const SEED_DEFAULT: u64 = 1;
+/// The verbs that need the engine. Each prints its answer and says how it ended.
+pub trait EngineVerbs {
+    /// Runs upgrades; `args.headless`, `args.plain` or the lack of a terminal choose the front end.
+    ///
+    /// # Errors
+    /// [`CliError`] with the exit code to end with.
+    fn run(
+        &mut self,
+        context: &CliContext,
+        args: &run::RunArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Registers a candidate's folder.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn register(
+        &mut self,
+        context: &CliContext,
+        args: &candidate::RegisterArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Shows, watches or awaits states.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn status(
+        &mut self,
+        context: &CliContext,
+        args: &status::StatusArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Takes an operator's decision to the engine, which may refuse it.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn decide(
+        &mut self,
+        context: &CliContext,
+        asked: &decide::AskedDecision,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Measures.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn bench(
+        &mut self,
+        context: &CliContext,
+        args: &bench::BenchArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+}
 
 /// The engine of this program.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,7 +105,7 @@ impl EngineVerbs for RealEngine {
                 let run = RunPlain {
                     data: &context.data,
                     profile: args.profile(),
-                    seed: args.seed.unwrap_or(SEED_DEFAULT),
+                    seed: args.seed.unwrap_or(run::SEED_DEFAULT),
                     jobs: args.jobs(),
                     robot,
                     json,

@@ -7,7 +7,10 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::{CliContext, CliError, Exit, Output, audit};
+use super::audit;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;

@@ -5,7 +5,9 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use super::output::Table;
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_approvals::{Identity, IdentityInfo, People, keyfile};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::Layout;

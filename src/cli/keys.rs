@@ -5,8 +5,10 @@
 use clap::Args;
 use serde::Serialize;
 
+use super::console;
 use super::output::Table;
-use super::{CliError, Exit, Output, console};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_console::action::{Action, Scope};
 use holdpoint_console::keymap::Keymap;
 

@@ -4,11 +4,12 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 use serde::Serialize;
 
-use super::{Cli, CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 
 /// The arguments of `man`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -33,15 +34,15 @@ struct ManPage {
 ///
 /// # Errors
 /// Where the folder or the output cannot be written.
-pub fn run(args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(program: Command, args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.out {
         None => {
-            let page = page(&built())?;
+            let page = page(&built(program))?;
             // The page is this program's own text and must keep its lines.
             out.answer(&page, |out| Ok(out.sink().write_all(page.roff.as_bytes())?))?;
         }
         Some(folder) => {
-            let names = write(folder)?;
+            let names = write(program, folder)?;
             out.answer(&serde_json::json!({ "folder": folder, "pages": names }), |out| {
                 out.line(&format!("wrote {} pages to {}", names.len(), folder.display()))
             })?;
@@ -51,8 +52,8 @@ pub fn run(args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
 }
 
 /// The command with the full names of its verbs; `help` needs no page.
-fn built() -> Command {
-    let mut command = Cli::command().disable_help_subcommand(true);
+fn built(program: Command) -> Command {
+    let mut command = program.disable_help_subcommand(true);
     command.build();
     command
 }
@@ -66,13 +67,13 @@ fn page(command: &Command) -> Result<ManPage, CliError> {
 }
 
 /// Writes every page; their names.
-fn write(folder: &Path) -> Result<Vec<String>, CliError> {
+fn write(program: Command, folder: &Path) -> Result<Vec<String>, CliError> {
     fn walk(command: &Command, pages: &mut Vec<ManPage>) -> Result<(), CliError> {
         pages.push(page(command)?);
         command.get_subcommands().filter(|verb| !verb.is_hide_set()).try_for_each(|verb| walk(verb, pages))
     }
     let mut pages = Vec::new();
-    walk(&built(), &mut pages)?;
+    walk(&built(program), &mut pages)?;
     let cannot = |error: std::io::Error| CliError::usage(format!("cannot write into {folder:?}: {error}"));
     fs::create_dir_all(folder).map_err(cannot)?;
     for ManPage { name, roff } in &pages {
@@ -85,17 +86,20 @@ fn write(folder: &Path) -> Result<Vec<String>, CliError> {
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory as _;
+
     use super::*;
+    use crate::cli::Cli;
 
     #[test]
     fn a_page_has_every_section_and_verb() {
         let mut bytes = Vec::new();
-        run(&ManArgs::default(), &mut Output::to(&mut bytes, false)).unwrap();
+        run(Cli::command(), &ManArgs::default(), &mut Output::to(&mut bytes, false)).unwrap();
         let text = String::from_utf8(bytes).unwrap();
         for heading in ["NAME", "SYNOPSIS", "OPTIONS", "SUBCOMMANDS", "VERSION"] {
             assert!(text.contains(&format!(".SH {heading}\n")), "{heading}");
         }
-        for verb in built().get_subcommands() {
+        for verb in built(Cli::command()).get_subcommands() {
             assert!(
                 text.contains(&format!("holdpoint\\-{}(1)", verb.get_name().replace('-', "\\-"))),
                 "{verb}"
@@ -108,7 +112,7 @@ mod tests {
     fn one_page_a_verb_is_written() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("man1");
-        let names = write(&folder).unwrap();
+        let names = write(Cli::command(), &folder).unwrap();
         for name in ["holdpoint.1", "holdpoint-run.1", "holdpoint-audit.1", "holdpoint-audit-verify.1"] {
             assert!(names.iter().any(|there| there == name), "{name} is not in {names:?}");
             let text = fs::read_to_string(folder.join(name)).unwrap();
@@ -120,7 +124,7 @@ mod tests {
         }
         assert_eq!(fs::read_dir(&folder).unwrap().count(), names.len());
         // Once more over what is there; but not into a file.
-        assert_eq!(write(&folder).unwrap(), names);
-        assert_eq!(write(&folder.join("holdpoint.1")).unwrap_err().exit(), Exit::Usage);
+        assert_eq!(write(Cli::command(), &folder).unwrap(), names);
+        assert_eq!(write(Cli::command(), &folder.join("holdpoint.1")).unwrap_err().exit(), Exit::Usage);
     }
 }

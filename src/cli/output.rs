@@ -8,7 +8,7 @@ use std::io::{self, IsTerminal, Write};
 use comfy_table::{ContentArrangement, presets};
 use serde::Serialize;
 
-use super::CliError;
+use crate::error::CliError;
 use holdpoint_text::{WIDTH_MAX, escape_json, sanitise};
 
 /// The widest cell of a table, in columns.
@@ -239,6 +239,6 @@ mod tests {
             }
         }
         let error = Output::to(Gone, false).line("text").unwrap_err();
-        assert_eq!(error.exit(), super::super::Exit::Confirmed);
+        assert_eq!(error.exit(), crate::error::Exit::Confirmed);
     }
 }

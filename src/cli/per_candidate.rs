@@ -10,7 +10,8 @@ use clap::Args;
 
 use super::output::Table;
 use super::run::{JOBS_MAX, ProfileArg};
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::experiment::ExperimentError;
 use holdpoint_lab::experiment::per_candidate::{self, PerCandidateReport};

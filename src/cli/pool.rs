@@ -7,7 +7,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::output::Table;
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_lab::pool::generate::{self, Order, SETS_MAX};
 use holdpoint_lab::pool::{Pool, PoolError, PoolIndex, Preset, shown, truth_path};
 

@@ -9,7 +9,8 @@ use serde_json::Value;
 
 use super::output::Table;
 use super::run::ProfileArg;
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::{PROFILE_BYTES_MAX, Profile, ProfileName};
 

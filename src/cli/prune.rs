@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::CliError;
+use crate::error::CliError;
 use holdpoint_approvals::Nonce;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;

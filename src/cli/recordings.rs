@@ -9,7 +9,9 @@ use serde_json::{Value, json};
 
 use super::output::Table;
 use super::prune::{self, Limits, Upgrade};
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_engine::recordings;
 use holdpoint_recordings::folder::{self, Filed};
 use holdpoint_recordings::record::{FileCheck, OnRecord};

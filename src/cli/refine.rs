@@ -18,7 +18,8 @@ use tokio_util::sync::CancellationToken;
 
 use super::output::Table;
 use super::run::JOBS_MAX;
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_lab::refine::objective::ObjectivePair;
 use holdpoint_lab::refine::search::SearchProgress;
 use holdpoint_lab::refine::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, Settings};

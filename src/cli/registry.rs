@@ -4,7 +4,9 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
 use super::output::Table;
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};

@@ -16,8 +16,10 @@ use serde_json::json;
 
 use super::recordings::{check, on_record};
 use super::run::ColorArg;
-use super::{CliContext, CliError, Exit, Output};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
 use crate::error::hint_line;
+use crate::error::{CliError, Exit};
 use holdpoint_console::options::{CommandLineFlags, Options};
 use holdpoint_console::replay::speed::Speed;
 use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};

@@ -12,6 +12,9 @@ use holdpoint_console::look::ColorChoice;
 use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::profile::ProfileName;
 
+/// The seed of a run that names none.
+pub(super) const SEED_DEFAULT: u64 = 1;
+
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
 

@@ -5,7 +5,8 @@ use clap::builder::PossibleValuesParser;
 use holdpoint_protocol::schema;
 use serde_json::{Map, Value};
 
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 
 /// The arguments of `schema`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]

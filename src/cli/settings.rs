@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::CliError;
+use crate::error::CliError;
 use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
 use holdpoint_text::Untrusted;
 

@@ -3,7 +3,10 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
-use super::{CliContext, CliError, Exit, Output, audit};
+use super::audit;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_approvals::Nonce;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};

@@ -8,9 +8,12 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 
 use self::report::{StatusReport, VersionRow};
+use super::audit;
 use super::decide::{known_family, known_version};
 use super::side::running;
-use super::{CliContext, CliError, Exit, Output, audit};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_engine::door::{DoorError, Subscription};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;

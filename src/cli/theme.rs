@@ -10,7 +10,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 
 use super::settings::themes;
-use super::{CliError, Exit, Output};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
 use holdpoint_console::look::{ColorChoice, Depth, Look, LookOptions, ThemeRole};
 use holdpoint_console::theme::{Mark, Themes, escape};
 

@@ -4,7 +4,7 @@
 //! drawing and [`Form::confirm`].
 
 use super::line::EditLine;
-use super::model::Operator;
+use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_text::{Hint, Problem};

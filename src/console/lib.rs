@@ -15,6 +15,7 @@ pub mod line;
 pub mod look;
 pub mod model;
 pub mod msg;
+pub mod operator;
 pub mod options;
 pub mod palette;
 pub mod prompt;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::form::Form;
 use super::keymap::Keymap;
 use super::line::EditLine;
+use super::operator::Operator;
 use super::palette::Palette;
 use super::prompt::Prompt;
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -87,13 +88,6 @@ pub enum EngineState {
     Running,
     /// It ended: in good order, or why not.
     Ended(Result<(), String>),
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Operator {
-    /// Name of the identity.
-    pub name: String,
-    pub role: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]

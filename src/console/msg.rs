@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ratatui::crossterm::event::KeyEvent;
 
-use super::model::Operator;
+use super::operator::Operator;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::Picture;

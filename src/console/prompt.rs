@@ -4,7 +4,7 @@
 //! and the reducer what to refuse, so that the two cannot disagree (reference A6, design 7).
 
 use super::line::EditLine;
-use super::model::Operator;
+use super::operator::Operator;
 use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
 

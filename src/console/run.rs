@@ -17,6 +17,7 @@ use std::net::SocketAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
+pub use self::farewell::{Cause, Left};
 use self::screen::Screen;
 use self::session::Session;
 use super::effects::ReadCandidate;
@@ -42,26 +43,6 @@ pub struct Console {
     pub themes: Themes,
     /// How a candidate is read for registration.
     pub candidates: ReadCandidate,
-}
-
-/// Why the console ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// Somebody asked for it.
-    Asked,
-    Told,
-    /// The terminal is gone: nothing can be said there.
-    Gone,
-}
-
-/// How the console left things.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Left {
-    pub cause: Cause,
-    /// Whether the engine ended in good order.
-    pub in_order: bool,
-    /// One line on how things were left, sanitised.
-    pub text: String,
 }
 
 /// Why there was no console, or none any more.

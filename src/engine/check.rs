@@ -11,7 +11,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::text_error::TextError;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
-use crate::baselines;
+use crate::embedded::baselines;
 
 /// Why a version could not be checked: something that comes with the program does not load.
 #[derive(Debug, thiserror::Error)]

@@ -1,10 +1,24 @@
-//! The candidates that come with the program, so that the first run needs no files.
+//! The versions that come with the program, baselines and candidates, so that the first run needs no files.
 
 use std::path::Path;
 
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::{Capability, PackageError, shown};
+
+/// The three texts of a family's first version.
+macro_rules! embedded_baseline {
+    ($family:literal) => {
+        (
+            concat!("manifests/", $family, "/1.0.0"),
+            [
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/manifest.toml")),
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/submission.toml")),
+                include_str!(concat!("../../manifests/", $family, "/1.0.0/params.toml")),
+            ],
+        )
+    };
+}
 
 macro_rules! candidates {
     ($($name:literal),* $(,)?) => {
@@ -30,6 +44,32 @@ const CANDIDATES: [(&str, [&str; 3]); 8] = candidates![
     "grasp-improved",
     "place-robust",
 ];
+
+/// The embedded baselines, in the order they are bootstrapped: what others fall back to comes first.
+const BASELINES: [(&str, [&str; 3]); 4] = [
+    embedded_baseline!("park"),
+    embedded_baseline!("grasp"),
+    embedded_baseline!("align"),
+    embedded_baseline!("place"),
+];
+
+/// The embedded first versions of every family.
+///
+/// # Errors
+/// Where an embedded file does not load.
+pub fn baselines() -> Result<Vec<Capability>, PackageError> {
+    BASELINES
+        .into_iter()
+        .map(|(name, [manifest, submission, params])| {
+            let package = Package {
+                manifest: manifest.to_owned(),
+                submission: submission.to_owned(),
+                params: params.to_owned(),
+            };
+            Capability::load(name, package)
+        })
+        .collect()
+}
 
 /// Names of the embedded candidates, the demonstration first.
 pub fn names() -> impl Iterator<Item = &'static str> {

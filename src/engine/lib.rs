@@ -41,6 +41,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::beside::Timing;
 use crate::cell::Cell;
+use crate::embedded::baselines;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
@@ -48,29 +49,15 @@ use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_governance::submission::Package;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
-use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::capability::PackageError;
 use holdpoint_text::Hint;
 
-/// The three texts of a family's first version.
-macro_rules! embedded_baseline {
-    ($family:literal) => {
-        (
-            concat!("manifests/", $family, "/1.0.0"),
-            [
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/manifest.toml")),
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/submission.toml")),
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/params.toml")),
-            ],
-        )
-    };
-}
 /// Answers remembered for retried commands.
 const ANSWERS_KEPT: usize = 1024;
 
@@ -137,32 +124,6 @@ pub struct Engine {
     answers: VecDeque<(String, Reply)>,
     waiting: VecDeque<Request>,
     ended: bool,
-}
-
-/// The embedded baselines, in the order they are bootstrapped: what others fall back to comes first.
-const BASELINES: [(&str, [&str; 3]); 4] = [
-    embedded_baseline!("park"),
-    embedded_baseline!("grasp"),
-    embedded_baseline!("align"),
-    embedded_baseline!("place"),
-];
-
-/// The embedded first versions of every family.
-///
-/// # Errors
-/// Where an embedded file does not load.
-pub fn baselines() -> Result<Vec<Capability>, PackageError> {
-    BASELINES
-        .into_iter()
-        .map(|(name, [manifest, submission, params])| {
-            let package = Package {
-                manifest: manifest.to_owned(),
-                submission: submission.to_owned(),
-                params: params.to_owned(),
-            };
-            Capability::load(name, package)
-        })
-        .collect()
 }
 
 impl Engine {

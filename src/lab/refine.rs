@@ -25,7 +25,7 @@ use self::package::PackageDraft;
 use self::search::{Evaluator, SearchProgress};
 use self::settings::{EPISODES_MAX, GENERATIONS_MAX, JOBS_MAX, RefineError, Settings};
 use self::space::Space;
-use holdpoint_engine::baselines;
+use holdpoint_engine::embedded::baselines;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_runtime::capability::Capability;
 

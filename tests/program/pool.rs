@@ -95,7 +95,7 @@ fn verdict(
 
 #[test]
 fn what_can_be_read_has_the_verdict_it_was_made_for() {
-    let baselines = engine::baselines().unwrap();
+    let baselines = engine::embedded::baselines().unwrap();
     let mut problems = Vec::new();
     let mut seen: BTreeSet<String> = BTreeSet::new();
     let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());

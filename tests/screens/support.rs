@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use holdpoint::console::keymap::Keymap;
-use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, Operator, StoryLine, View};
+use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, StoryLine, View};
+use holdpoint::console::operator::Operator;
 use holdpoint::protocol::detail::{AuditPage, Verified};
 
 pub use crate::shift::*;

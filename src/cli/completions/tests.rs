@@ -2,19 +2,21 @@
 
 use std::process::Command as Process;
 
+use clap::CommandFactory as _;
+
 use super::*;
-use crate::cli::CliContext;
 use crate::cli::side::Side;
+use crate::cli::{Cli, CliContext};
 
 /// What `completions` prints.
 fn printed(data: &Path, line: &[&str]) -> String {
     use clap::Parser as _;
     let words = ["holdpoint", "completions"].into_iter().chain(line.iter().copied());
-    let Some(super::super::Verb::Completions(args)) = Cli::try_parse_from(words).unwrap().verb else {
+    let Some(crate::cli::Verb::Completions(args)) = Cli::try_parse_from(words).unwrap().verb else {
         panic!("no completions: {line:?}");
     };
     let mut bytes = Vec::new();
-    run(Some(data), &args, &mut Output::to(&mut bytes, false)).unwrap();
+    run(Cli::command(), Some(data), &args, &mut Output::to(&mut bytes, false)).unwrap();
     String::from_utf8(bytes).unwrap()
 }
 

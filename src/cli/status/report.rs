@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{CliError, StatusSubject};
+use super::StatusSubject;
+use crate::error::CliError;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use crate::model::Operator;
+use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
 use holdpoint_protocol::command::Command;

@@ -1,9 +1,28 @@
 //! The last line: how things were left, in words that are true.
 
-use super::{Cause, Left};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_text::Untrusted;
+
+/// Why the console ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Somebody asked for it.
+    Asked,
+    Told,
+    /// The terminal is gone: nothing can be said there.
+    Gone,
+}
+
+/// How the console left things.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Left {
+    pub cause: Cause,
+    /// Whether the engine ended in good order.
+    pub in_order: bool,
+    /// One line on how things were left, sanitised.
+    pub text: String,
+}
 
 /// How a console left things: why it ended, how the engine did, and what was on its way when it was last seen.
 pub(super) fn left(cause: Cause, ended: Option<Result<(), String>>, last: Option<&Snapshot>) -> Left {

@@ -11,9 +11,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
+use super::farewell::{self, Cause, Left};
+use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
-use super::{Cause, Left, farewell, input};
 use crate::effect::Effect;
 use crate::effects::{EffectTarget, Hands, Outcome, ReadCandidate};
 use crate::frame;

@@ -54,7 +54,7 @@ impl Subjects {
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());
-        let active = holdpoint_engine::baselines()?;
+        let active = holdpoint_engine::embedded::baselines()?;
         let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
         let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;
         Ok(Self { cell, profile, table, terms, active: Active(active), candidate })

@@ -11,14 +11,15 @@ use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
+use holdpoint_engine::StartError;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
+use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::ledger::Ledger;
 use holdpoint_engine::pipeline::Pipeline;
 use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::{StartError, baselines};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;

@@ -73,7 +73,8 @@ pub fn draw(order: Order) -> Result<DrawnPool, PoolError> {
     }
     let fault = |name: &str, problem: String| PoolError::Generated { name: name.to_owned(), problem };
     let recipes = recipes().map_err(|error| fault("(the table)", error.to_string()))?;
-    let baselines = holdpoint_engine::baselines().map_err(|error| fault("(a baseline)", error.sentence()))?;
+    let baselines =
+        holdpoint_engine::embedded::baselines().map_err(|error| fault("(a baseline)", error.sentence()))?;
     let mut candidates = Vec::new();
     let mut entries = Vec::new();
     let mut packages = Vec::new();

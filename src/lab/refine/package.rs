@@ -158,7 +158,7 @@ fn open_to_readers(folder: &Path) -> Result<(), RefineError> {
 mod tests {
     use super::*;
     use crate::refine::objective::Score;
-    use holdpoint_engine::baselines;
+    use holdpoint_engine::embedded::baselines;
     use holdpoint_governance::submission::SUMMARY_CHARS_MAX;
 
     /// A pad that closes fast moves no tool.

@@ -59,7 +59,7 @@ impl Bench {
             cache: EpisodeCache::InStore,
         };
         let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
-        let baselines = crate::baselines().unwrap();
+        let baselines = crate::embedded::baselines().unwrap();
         let pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
         Self { folder, pipeline }
     }
