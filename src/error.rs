@@ -119,7 +119,7 @@ impl CliError {
         }
     }
 
-    /// Prints `error: ...` and, where there is one, `Hint: ...`. Nothing where the reader went away; an error
+    /// Prints `error: ...` and, if there is one, `Hint: ...`. Nothing where the reader went away; an error
     /// while printing has nowhere to go.
     pub fn print(&self, stderr: &mut dyn Write) {
         if matches!(self, Self::ReaderGone) {

@@ -1,4 +1,4 @@
-//! Recordings and live scenes, where this program was built with them; one sentence where it was not.
+//! Recordings and live scenes, where this program was built with them; one sentence if it was not.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -24,7 +24,7 @@ impl SceneOptions {
     /// The listeners that do it.
     ///
     /// # Errors
-    /// Where a viewer is asked for that this program was built without.
+    /// If a viewer is asked for that this program was built without.
     pub fn sinks(self) -> Result<Vec<MakeSink>, CliError> {
         if self.view.is_some() && !BUILT_IN {
             return Err(not_built_in());
@@ -60,7 +60,7 @@ impl SceneOptions {
 /// Reads a recording.
 ///
 /// # Errors
-/// Where it cannot be read, or this program was built without scenes.
+/// If it cannot be read, or this program was built without scenes.
 #[cfg(feature = "rerun")]
 pub fn read(path: &Path) -> Result<Recording, CliError> {
     holdpoint_scene::read(path).map_err(CliError::usage)
@@ -69,7 +69,7 @@ pub fn read(path: &Path) -> Result<Recording, CliError> {
 /// Copies a recording up to a tick.
 ///
 /// # Errors
-/// Where it cannot be read or written, or this program was built without scenes.
+/// If it cannot be read or written, or this program was built without scenes.
 #[cfg(feature = "rerun")]
 pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), CliError> {
     holdpoint_scene::until(path, tick, out).map_err(CliError::usage)

@@ -26,7 +26,7 @@ const LINES_MAX: usize = 600;
 /// Shorter files need no module comment.
 const UNCOMMENTED_LINES_MAX: usize = 5;
 
-/// All `.rs` files beneath a folder of the workspace; none where there is no such folder.
+/// All `.rs` files beneath a folder of the workspace; none if there is no such folder.
 fn sources(folder: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];

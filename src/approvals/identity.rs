@@ -104,7 +104,7 @@ impl Identity {
     /// Makes an identity with a fresh key and writes it into `folder`.
     ///
     /// # Errors
-    /// Where the name is not allowed or taken, or the files cannot be written.
+    /// If the name is not allowed or taken, or the files cannot be written.
     pub fn create(folder: &Path, name: &str, role: Role) -> Result<Self, IdentityError> {
         Self::create_with(folder, name, role, keyfile::generate()?)
     }
@@ -125,7 +125,7 @@ impl Identity {
     /// Reads an identity with its secret.
     ///
     /// # Errors
-    /// Where there is none, others can read the secret, or the two files do not belong together.
+    /// If there is none, others can read the secret, or the two files do not belong together.
     pub fn load(folder: &Path, name: &str) -> Result<Self, IdentityError> {
         let info = Self::find(folder, name)?;
         let secret = keyfile::read_secret(&paths(folder, name)?.0)?;
@@ -138,7 +138,7 @@ impl Identity {
     /// Reads who someone is, without the secret.
     ///
     /// # Errors
-    /// Where there is no such identity or its public file is damaged.
+    /// If there is no such identity or its public file is damaged.
     pub fn find(folder: &Path, name: &str) -> Result<IdentityInfo, IdentityError> {
         let (_, public_path) = paths(folder, name)?;
         if fs::symlink_metadata(&public_path).is_err() {
@@ -155,7 +155,7 @@ impl Identity {
     /// Everyone known, by name.
     ///
     /// # Errors
-    /// Where the folder cannot be read, a file in it is damaged, or there are more than 1000.
+    /// If the folder cannot be read, a file in it is damaged, or there are more than 1000.
     pub fn list(folder: &Path) -> Result<People, IdentityError> {
         let unreadable = |source| KeyError::Io { what: "list", path: folder.to_owned(), source };
         let mut names = Vec::new();

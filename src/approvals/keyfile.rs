@@ -55,7 +55,7 @@ pub fn generate() -> Result<SigningKey, KeyError> {
 /// Writes a secret key to a new file with mode 0600.
 ///
 /// # Errors
-/// Where the file exists or cannot be written.
+/// If the file exists or cannot be written.
 pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
     let mut text = Zeroizing::new(String::with_capacity(65));
     for byte in key.as_bytes() {
@@ -85,7 +85,7 @@ pub fn read_secret(path: &Path) -> Result<SigningKey, KeyError> {
 /// Writes a public key to a new file: 64 hexadecimal digits, then `note` (a role) on the same line.
 ///
 /// # Errors
-/// Where the file exists or cannot be written.
+/// If the file exists or cannot be written.
 pub fn write_public(path: &Path, key: &VerifyingKey, note: &str) -> Result<(), KeyError> {
     let mut file =
         OpenOptions::new().write(true).create_new(true).mode(0o644).open(path).map_err(io("create", path))?;

@@ -48,7 +48,7 @@ Example:
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
         limit: u32,
     },
-    /// Verifies the whole chain and names the first bad record. Ends with 1 where there is one.
+    /// Verifies the whole chain and names the first bad record. Ends with 1 if there is one.
     #[command(after_help = "\
 Example:
   holdpoint audit verify --file copy/holdpoint.db --key store.pub")]
@@ -120,7 +120,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
 /// Opens the store's views for reading.
 ///
 /// # Errors
-/// [`CliError::Usage`] where there is no store, or it cannot be read.
+/// [`CliError::Usage`] if there is no store, or it cannot be read.
 pub(super) fn open(data: &Path) -> Result<Views, CliError> {
     let database = Layout::new(data).database();
     if !database.is_file() {

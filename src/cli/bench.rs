@@ -52,7 +52,7 @@ pub struct StatsArgs {
 /// Measures and prints.
 ///
 /// # Errors
-/// Where the engine could not be measured, or the output cannot be written.
+/// If the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     if let Some(BenchStudy::Stats(args)) = args.what {
         let report = stats::run(args.runs).map_err(|error| CliError::internal(error.sentence()))?;

@@ -30,7 +30,7 @@ pub struct CompletionsArgs {
     /// The shell.
     #[arg(value_enum, required_unless_present = "list")]
     pub shell: Option<Shell>,
-    /// What a script asks for at a tab: names in the store, one a line; none where there is no store.
+    /// What a script asks for at a tab: names in the store, one a line; none if there is no store.
     #[arg(long, hide = true, value_enum, value_name = "NAMES", conflicts_with = "shell")]
     pub list: Option<Names>,
 }
@@ -87,7 +87,7 @@ struct ShellScript {
 /// Prints the script, or the names one asks for.
 ///
 /// # Errors
-/// Where the output cannot be written, or no folder of a store is known.
+/// If the output cannot be written, or no folder of a store is known.
 pub fn run(
     program: Command,
     data: Option<&Path>,
@@ -105,7 +105,7 @@ pub fn run(
     Ok(Exit::Confirmed)
 }
 
-/// The names in a store; none where it cannot be read, for a tab has nowhere to say so.
+/// The names in a store; none if it cannot be read, for a tab has nowhere to say so.
 fn stored(data: &Path, names: Names) -> Vec<String> {
     let database = Layout::new(data).database();
     // Opening makes no store.

@@ -22,7 +22,7 @@ use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::Problem;
 
-/// Simulated seconds of the live cell in a second, where nothing was asked for: people can follow it.
+/// Simulated seconds of the live cell in a second, if nothing was asked for: people can follow it.
 const PACE_DEFAULT: LivePace = LivePace::Times(1.0);
 
 /// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.

@@ -7,7 +7,7 @@ use crate::error::CliError;
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///
 /// # Errors
-/// Where none is given and the environment names no home.
+/// If none is given and the environment names no home.
 pub fn folder(given: Option<&Path>) -> Result<PathBuf, CliError> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from);
     folder_from(given, variable("XDG_DATA_HOME"), variable("HOME")).ok_or_else(|| {

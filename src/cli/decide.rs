@@ -108,7 +108,7 @@ Examples:
   holdpoint pause --as mara --reason 'maintenance'
   holdpoint resume grasp --as mara --reason 'maintenance done'")]
 pub struct PauseArgs {
-    /// One family; all where none is named. What is registered later is not paused.
+    /// One family; all if none is named. What is registered later is not paused.
     #[arg(value_parser = parse_family)]
     pub family: Option<Family>,
     /// Who and why.
@@ -201,7 +201,7 @@ fn approve(
     Ok(if open { Exit::Held } else { Exit::Confirmed })
 }
 
-/// The approval is bound to the evidence that was read, where it was named; a profile with people nearby asks for it.
+/// The approval is bound to the evidence that was read, if it was named; a profile with people nearby asks for it.
 fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError> {
     let waits = prompt.evidence.short();
     match given {

@@ -78,7 +78,7 @@ fn finding(item: &str, standing: FindingStatus, detail: impl Into<String>) -> Fi
 /// Looks and prints.
 ///
 /// # Errors
-/// Where the output cannot be written.
+/// If the output cannot be written.
 pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let variable = |name: &str| std::env::var(name).ok();
     let size = terminal_size::terminal_size().map(|(width, height)| (width.0, height.0));

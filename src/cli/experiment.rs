@@ -69,7 +69,7 @@ pub struct DriftArgs {
 /// Measures and prints.
 ///
 /// # Errors
-/// Where the options are not allowed, a file cannot be used, or the pipeline fails.
+/// If the options are not allowed, a file cannot be used, or the pipeline fails.
 pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.which {
         Which::Drift(args) => run_drift(args, out),

@@ -32,7 +32,7 @@ pub struct ExplainArgs {
 /// Reads and prints.
 ///
 /// # Errors
-/// Where there is no store, or no such version in it.
+/// If there is no store, or no such version in it.
 pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = audit::open(&context.data)?;
     let id = version(&args.subject)?;

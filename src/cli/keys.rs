@@ -65,7 +65,7 @@ pub fn markdown() -> String {
 /// Prints the keys.
 ///
 /// # Errors
-/// Every problem of the operator's keymap file; where the output cannot be written.
+/// Every problem of the operator's keymap file; if the output cannot be written.
 pub fn run(args: &KeysArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     if args.markdown {
         let text = markdown();

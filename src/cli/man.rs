@@ -33,7 +33,7 @@ struct ManPage {
 /// Prints the program's page, or writes all of them.
 ///
 /// # Errors
-/// Where the folder or the output cannot be written.
+/// If the folder or the output cannot be written.
 pub fn run(program: Command, args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.out {
         None => {

@@ -17,7 +17,7 @@ const CELL_WIDTH_MAX: usize = 160;
 /// The narrowest terminal a table is fitted into; below it lines are left to wrap.
 const TABLE_WIDTH_MIN: u16 = 40;
 
-/// The width of text where there is no terminal.
+/// The width of text if there is no terminal.
 const WRAP_WIDTH: u16 = 80;
 
 /// Characters that are made harmless at a time; even as escapes they stay below the sanitiser's width.
@@ -105,7 +105,7 @@ impl<'a> Output<'a> {
         Ok(writeln!(self.sink, "{}", sanitise(text, WIDTH_MAX))?)
     }
 
-    /// Text for people, indented and wrapped to the terminal, or to 80 columns where there is none. Lines after the
+    /// Text for people, indented and wrapped to the terminal, or to 80 columns if there is none. Lines after the
     /// first stand four columns further in. Nothing is left off.
     ///
     /// # Errors
@@ -125,7 +125,7 @@ impl<'a> Output<'a> {
     /// One JSON document on one line, with nothing in it that a terminal would act on.
     ///
     /// # Errors
-    /// As [`Output::line`], or [`CliError::Internal`] where the value has no JSON form.
+    /// As [`Output::line`], or [`CliError::Internal`] if the value has no JSON form.
     pub fn json<T: Serialize>(&mut self, value: &T) -> Result<(), CliError> {
         let json = serde_json::to_string(value).map_err(CliError::internal)?;
         Ok(writeln!(self.sink, "{}", escape_json(&json))?)
@@ -159,7 +159,7 @@ impl<'a> Output<'a> {
         Ok(())
     }
 
-    /// Either of both: JSON where it was asked for, else what `show` prints.
+    /// Either of both: JSON if it was asked for, else what `show` prints.
     ///
     /// # Errors
     /// As [`Output::json`].

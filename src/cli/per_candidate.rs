@@ -51,7 +51,7 @@ pub struct PerCandidateArgs {
 /// Runs the experiment and prints its report.
 ///
 /// # Errors
-/// Where the pool or the folder cannot be used, or a candidate does not come to an end.
+/// If the pool or the folder cannot be used, or a candidate does not come to an end.
 pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = per_candidate::RunPlan {

@@ -99,7 +99,7 @@ pub(super) fn choose(mut upgrades: Vec<Upgrade>, limits: Limits, now_secs: u64) 
 /// Takes the store for this verb alone.
 ///
 /// # Errors
-/// Where an engine runs on it, or it cannot be opened.
+/// If an engine runs on it, or it cannot be opened.
 pub(super) fn take_store(data: &Path) -> Result<Store, CliError> {
     Store::open(data).map_err(CliError::usage)
 }
@@ -108,7 +108,7 @@ pub(super) fn take_store(data: &Path) -> Result<Store, CliError> {
 /// next prune finds it again.
 ///
 /// # Errors
-/// Where the record cannot be written: then the file is still there. Where the file cannot be removed.
+/// If the record cannot be written: then the file is still there. Where the file cannot be removed.
 pub(super) fn remove(
     store: &Store,
     version: &CapabilityId,

@@ -41,7 +41,7 @@ pub enum RecordingsVerb {
 Example:
   holdpoint recordings list --json")]
     List,
-    /// Compares every recording with the digest on the audit record. Ends with 1 where one differs or is missing.
+    /// Compares every recording with the digest on the audit record. Ends with 1 if one differs or is missing.
     #[command(after_help = "\
 Whether the audit chain itself is sound, `holdpoint audit verify` says.
 

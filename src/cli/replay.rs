@@ -56,7 +56,7 @@ pub struct ReplayArgs {
     /// Writes the recording up to that moment to a new file, and opens nothing.
     #[arg(long, value_name = "FILE", requires = "to", conflicts_with_all = ["terminal", "plain"])]
     pub out: Option<PathBuf>,
-    /// Replays in this terminal; where there is none it prints the events.
+    /// Replays in this terminal; if there is none it prints the events.
     #[arg(long)]
     pub terminal: bool,
     /// Prints the events, one a line.
@@ -194,7 +194,7 @@ fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     Ok(problems)
 }
 
-/// The store whose folder of recordings a file lies in, and the file; `None` where it lies elsewhere.
+/// The store whose folder of recordings a file lies in, and the file; `None` if it lies elsewhere.
 fn in_store(path: &Path) -> Option<(PathBuf, Filed)> {
     let path = path.canonicalize().ok()?;
     let folder = path.parent()?;

@@ -36,7 +36,7 @@ pub struct RunArgs {
     /// afterwards, unless --data names one.
     #[arg(long, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
-    /// Prints one event a line in place of the screen; also chosen where there is no terminal.
+    /// Prints one event a line in place of the screen; also chosen if there is no terminal.
     #[arg(long, conflicts_with = "headless")]
     pub plain: bool,
     /// Same script and same seed give the same log [default: the scenario's, else 1].
@@ -66,7 +66,7 @@ pub struct RunArgs {
     pub console: ConsoleArgs,
 }
 
-/// The address at which a viewer may connect, where none is named: the viewer's own default.
+/// The address at which a viewer may connect, if none is named: the viewer's own default.
 pub const VIEW_DEFAULT: &str = "127.0.0.1:9876";
 
 /// What is kept and shown of the live cell.

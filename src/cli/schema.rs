@@ -23,7 +23,7 @@ pub struct SchemaArgs {
 /// Prints one schema, or an object of all of them; with `--json` on one line.
 ///
 /// # Errors
-/// Where the output cannot be written.
+/// If the output cannot be written.
 pub fn run(args: &SchemaArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let documents =
         schema::documents().into_iter().map(|(name, schema)| (name.to_owned(), schema.to_value()));

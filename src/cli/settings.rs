@@ -8,7 +8,7 @@ use crate::error::CliError;
 use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
 use holdpoint_text::Untrusted;
 
-/// A file of the operator's settings: its path for messages, and its text. Absent where there is none.
+/// A file of the operator's settings: its path for messages, and its text. Absent if there is none.
 pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from);
     let Some(folder) = folder(variable("XDG_CONFIG_HOME"), variable("HOME")) else { return Ok(None) };

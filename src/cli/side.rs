@@ -26,13 +26,13 @@ pub(super) enum Side {
     Own(Box<Engine>),
 }
 
-/// The engine that runs on the store; `None` where none does.
+/// The engine that runs on the store; `None` if none does.
 pub(super) fn running(context: &CliContext) -> Result<Option<Client>, CliError> {
     Client::connect(&Layout::new(&context.data)).map_err(door_error)
 }
 
 impl Side {
-    /// The engine that runs on the store, else one of this verb's own, which makes the store where there is none.
+    /// The engine that runs on the store, else one of this verb's own, which makes the store if there is none.
     pub(super) fn open(context: &CliContext) -> Result<Self, CliError> {
         if let Some(client) = running(context)? {
             return Ok(Self::Running(client));
@@ -82,7 +82,7 @@ impl Side {
     /// Asks for something to be done and prints the reply.
     ///
     /// # Errors
-    /// Where the engine refused, with the exit code that fits.
+    /// If the engine refused, with the exit code that fits.
     pub(super) fn carry_out(&mut self, command: Command, out: &mut Output<'_>) -> Result<Exit, CliError> {
         let reply = self.ask(command)?;
         match &reply {

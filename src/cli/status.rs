@@ -24,7 +24,7 @@ use holdpoint_registry::Views;
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
 
-/// How often the store is read where nothing tells of a change.
+/// How often the store is read if nothing tells of a change.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
 /// The arguments of `status`.
@@ -37,7 +37,7 @@ Examples:
   holdpoint status --watch --json
   holdpoint status grasp@1.3.0 --until confirmed --timeout 600")]
 pub struct StatusArgs {
-    /// One version or family; all where none is named.
+    /// One version or family; all if none is named.
     #[arg(value_name = "FAMILY[@VERSION]", value_parser = parse_subject)]
     pub subject: Option<StatusSubject>,
     /// Goes on printing what changes.

@@ -79,7 +79,7 @@ impl Hands {
     /// Does one thing.
     ///
     /// # Errors
-    /// Where the terminal cannot be written to: it is gone.
+    /// If the terminal cannot be written to: it is gone.
     pub fn carry_out(&mut self, effect: Effect, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
         Ok(match effect {
             Effect::Ask { id, question } => self.ask(id, question.into_command()),

@@ -163,7 +163,7 @@ impl Keymap {
         keys
     }
 
-    /// The first key of an action, for hints; empty where it has none.
+    /// The first key of an action, for hints; empty if it has none.
     #[must_use]
     pub fn key(&self, action: Action) -> String {
         self.keys(action).into_iter().next().unwrap_or_default()

@@ -107,7 +107,7 @@ pub struct LookOptions {
     pub term: Option<String>,
     /// `COLORTERM`.
     pub colorterm: Option<String>,
-    /// Whether the background is light; absent where the terminal does not tell.
+    /// Whether the background is light; absent if the terminal does not tell.
     pub light_background: Option<bool>,
 }
 
@@ -129,7 +129,7 @@ impl Look {
     /// The look that fits what was asked for and what the terminal says of itself.
     ///
     /// # Errors
-    /// [`ThemeError`] where there is no such built-in theme.
+    /// [`ThemeError`] if there is no such built-in theme.
     pub fn detect(options: &LookOptions) -> Result<Self, ThemeError> {
         let fitting =
             if options.light_background == Some(true) { theme::DEFAULT_LIGHT } else { theme::DEFAULT };

@@ -146,7 +146,7 @@ pub struct ConsoleSettings {
     pub read_only: bool,
     /// Whether the console takes the mouse.
     pub mouse: bool,
-    /// Step of the tour; absent where dismissed.
+    /// Step of the tour; absent if dismissed.
     pub tour: Option<usize>,
     pub theme: String,
 }
@@ -263,7 +263,7 @@ impl Model {
         }
     }
 
-    /// What charts show: the frozen picture where there is one.
+    /// What charts show: the frozen picture if there is one.
     #[must_use]
     pub fn charted(&self) -> Option<&Snapshot> {
         self.frozen.as_ref().map_or(self.snapshot.as_deref(), |frozen| Some(&frozen.snapshot))
@@ -278,7 +278,7 @@ impl Model {
         }
     }
 
-    /// How old the newest snapshot is where it is stale, ms.
+    /// How old the newest snapshot is if it is stale, ms.
     #[must_use]
     pub fn stale_ms(&self) -> Option<u64> {
         let age_ms = self.now_ms.saturating_sub(self.snapshot_ms);

@@ -49,7 +49,7 @@ pub struct Options {
     pub operator: Option<String>,
     /// The theme; by the terminal's background where absent.
     pub theme: Option<String>,
-    /// Colours. Absent where neither flag nor file said, so that `NO_COLOR` counts.
+    /// Colours. Absent if neither flag nor file said, so that `NO_COLOR` counts.
     pub color: Option<ColorChoice>,
     /// Letters and signs of ASCII alone.
     pub ascii: bool,

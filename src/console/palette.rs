@@ -22,7 +22,7 @@ impl Palette {
         Self { line: EditLine::default(), cursor: 0, actions }
     }
 
-    /// The actions that match what is typed, the best first; all in order where nothing is typed.
+    /// The actions that match what is typed, the best first; all in order if nothing is typed.
     #[must_use]
     pub fn rows(&self) -> Vec<Action> {
         let typed = self.line.text().trim();

@@ -136,7 +136,7 @@ impl PromptAnswer {
 }
 
 impl Prompt {
-    /// Opens a prompt over a question that waits. Absent where its candidate is gone.
+    /// Opens a prompt over a question that waits. Absent if its candidate is gone.
     #[must_use]
     pub fn open(question: &PromptView, snapshot: &Snapshot, now_ms: u64) -> Option<Self> {
         let evidence = snapshot.candidates.iter().find(|known| known.version == question.version)?.clone();
@@ -227,7 +227,7 @@ impl Prompt {
         checks.into_iter().filter_map(|(stands, block)| stands.then_some(block)).collect()
     }
 
-    /// The decision, where nothing stands against it.
+    /// The decision, if nothing stands against it.
     ///
     /// # Errors
     /// What stands against it first.

@@ -35,7 +35,7 @@ use holdpoint_text::Hint;
 /// What a console is started with.
 pub struct Console {
     pub host: HostConfig,
-    /// Where the live scene is served; absent where it is not.
+    /// Where the live scene is served; absent if it is not.
     pub view: Option<SocketAddr>,
     pub options: Options,
     pub keymap: Arc<Keymap>,

@@ -26,7 +26,7 @@ impl TerminalGuard {
     /// focus reports and, where wanted, the mouse. Without a log file fd 2 stays, and nothing is written to it.
     ///
     /// # Errors
-    /// Where the terminal takes no settings; it is as it was then.
+    /// If the terminal takes no settings; it is as it was then.
     pub fn enter(log: Option<LogFile>, mouse: bool) -> io::Result<Self> {
         if let Some(log) = &log {
             log.take_stderr()?;
@@ -37,7 +37,7 @@ impl TerminalGuard {
         Ok(guard)
     }
 
-    /// Where messages go while the screen is up; absent where there is no place for a log.
+    /// Where messages go while the screen is up; absent if there is no place for a log.
     #[must_use]
     pub fn log_path(&self) -> Option<&std::path::Path> {
         self.log.as_ref().map(LogFile::path)
@@ -46,7 +46,7 @@ impl TerminalGuard {
     /// Takes the mouse, or gives it back.
     ///
     /// # Errors
-    /// Where the terminal cannot be written to.
+    /// If the terminal cannot be written to.
     pub fn take_mouse(&self, take: bool) -> io::Result<()> {
         modes::mouse(take)
     }

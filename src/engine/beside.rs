@@ -149,7 +149,7 @@ impl Pipeline {
         Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
     }
 
-    /// Lets the live world work the next sequence, with the candidate in shadow where there is one.
+    /// Lets the live world work the next sequence, with the candidate in shadow if there is one.
     fn set_off(&mut self) -> Result<(), Fault> {
         if self.world.thread.as_ref().is_none_or(crate::world::thread::LiveThread::rests) {
             return Ok(());

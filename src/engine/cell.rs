@@ -57,7 +57,7 @@ impl Cell {
     /// The embedded scene and distributions with a robot.
     ///
     /// # Errors
-    /// Where an embedded file does not parse, or the robot does not fit the scene.
+    /// If an embedded file does not parse, or the robot does not fit the scene.
     pub fn new(model: RobotModel) -> Result<Self, SimError> {
         let scene = Scene::cell()?;
         let canonical = Distribution::canonical()?;
@@ -113,7 +113,7 @@ impl Cell {
     /// A new world of this cell.
     ///
     /// # Errors
-    /// Where the robot cannot be built.
+    /// If the robot cannot be built.
     pub fn world(&self) -> Result<World, SimError> {
         World::new(&self.model, &self.scene)
     }

@@ -220,7 +220,7 @@ impl Pipeline {
         let state = standing.state;
         self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
         if state == State::Active {
-            // A profile demotion leaves a version active where it is not closed.
+            // A profile demotion leaves a version active if it is not closed.
             if !profiles.is_empty() && !profiles.contains(&self.context.profile.name) {
                 return accepted(&id, "closed to the profiles named");
             }

@@ -24,7 +24,7 @@ impl Context {
     /// A context of a profile with its compiled policies and a cell.
     ///
     /// # Errors
-    /// Where the profile has no canonical form.
+    /// If the profile has no canonical form.
     pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
         let digest =

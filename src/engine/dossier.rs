@@ -43,7 +43,7 @@ pub struct Dossier {
     pub sequences: Vec<ShadowSequence>,
     /// What the candidate did in the twins: what is normal for it in the live world.
     pub twins: Vec<EpisodeValues>,
-    /// What settled the doubt it was let in with, where there was one.
+    /// What settled the doubt it was let in with, if there was one.
     pub confirmation: Option<Confirmation>,
     /// What each piece was gathered for.
     pub bindings: Vec<Binding>,
@@ -115,7 +115,7 @@ impl Dossiers {
         self.0.get(id)
     }
 
-    /// What is known of a version, to add to; an empty dossier where there was none.
+    /// What is known of a version, to add to; an empty dossier if there was none.
     pub fn edit(&mut self, id: &CapabilityId) -> &mut Dossier {
         self.0.entry(id.clone()).or_default()
     }

@@ -56,7 +56,7 @@ const BASELINES: [(&str, [&str; 3]); 4] = [
 /// The embedded first versions of every family.
 ///
 /// # Errors
-/// Where an embedded file does not load.
+/// If an embedded file does not load.
 pub fn baselines() -> Result<Vec<Capability>, PackageError> {
     BASELINES
         .into_iter()
@@ -94,10 +94,10 @@ pub fn package(name: &str) -> Option<Package> {
     })
 }
 
-/// A candidate's folder, or the embedded one of that name where there is no such folder.
+/// A candidate's folder, or the embedded one of that name if there is no such folder.
 ///
 /// # Errors
-/// Where there is neither, or what there is does not load.
+/// If there is neither, or what there is does not load.
 pub fn read(path: &Path) -> Result<Capability, PackageError> {
     let name = path.file_name().and_then(|name| name.to_str());
     match name.and_then(package) {

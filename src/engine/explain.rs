@@ -1,14 +1,14 @@
 //! Why a version stands where it stands: every decision on record, in plain words, with what would have to change.
 //!
 //! Reads the store's views and nothing else, so it works without an engine and beside a running one. Judges
-//! nothing: what it says is computed from the record, and where the record has no number it says none.
+//! nothing: what it says is computed from the record, and if the record has no number it says none.
 
 pub mod difference;
-mod need;
-mod seen;
+mod on_record;
+mod remedy;
 
-pub use need::is_in_favour;
-use seen::{DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord};
+use on_record::{DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord};
+pub use remedy::is_in_favour;
 
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
@@ -19,10 +19,10 @@ use holdpoint_protocol::explained::{Explained, ExplainedReason, Explanation, Peo
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, Views};
 
-/// Reads everything that was decided about a version; `None` where the store does not know it.
+/// Reads everything that was decided about a version; `None` if the store does not know it.
 ///
 /// # Errors
-/// Where the store cannot be read.
+/// If the store cannot be read.
 pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
@@ -103,14 +103,14 @@ impl Reader<'_> {
             })
             .unwrap_or_default();
         let mut reasons = decision.reasons;
-        let mut outcome = seen::word(&decision.outcome);
+        let mut outcome = on_record::word(&decision.outcome);
         let kind = entry.map(|entry| entry.kind);
         if kind == Some(EvidenceKind::Shadow)
             && let Some(shadow) = &dossier.shadow
         {
             // Shadow has a rule of its own beside the composition.
             reasons = shadow.reasons.iter().map(Noted::from).chain(reasons).collect();
-            outcome = serde_json::to_value(shadow.check).map_or(outcome, |check| seen::word(&check));
+            outcome = serde_json::to_value(shadow.check).map_or(outcome, |check| on_record::word(&check));
         }
         let ruling = ruling(kind, outcome);
         let moved: Vec<String> = before
@@ -186,7 +186,7 @@ impl Reader<'_> {
         let reasons: Vec<&Noted> =
             reasons.iter().filter(|reason| seen.insert((&reason.code, &reason.text))).collect();
         let mut change: Vec<String> = Vec::new();
-        for text in reasons.iter().filter_map(|reason| need::change(reason, dossier)) {
+        for text in reasons.iter().filter_map(|reason| remedy::change(reason, dossier)) {
             if !change.contains(&text) {
                 change.push(text);
             }
@@ -206,7 +206,7 @@ impl Reader<'_> {
                     evidence: reason.evidence,
                     limit: reason.limit,
                     rule: rule_of(reason.dimension.as_ref()),
-                    measured: need::measured(reason, dossier),
+                    measured: remedy::measured(reason, dossier),
                 })
                 .collect(),
             change,
@@ -300,8 +300,12 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
             Dimension::Recovery,
         ));
     }
-    let change =
-        told.rungs.iter().filter_map(|rung| rung.failure.map(need::of_failure)).map(str::to_owned).collect();
+    let change = told
+        .rungs
+        .iter()
+        .filter_map(|rung| rung.failure.map(remedy::of_failure))
+        .map(str::to_owned)
+        .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
     Explained { record: record.seq, at_ms: record.at_ms, rule: ruling.rule(), ruling, reasons, change, then }
 }

@@ -172,7 +172,7 @@ impl Host {
     /// Ends the engine in an orderly way: the arm is stopped, nothing is approved or activated.
     ///
     /// # Errors
-    /// [`StopError`] where it takes longer than `patience`, or ended with an error.
+    /// [`StopError`] if it takes longer than `patience`, or ended with an error.
     pub fn stop(mut self, patience: Duration) -> Result<(), StopError> {
         let until = Instant::now() + patience;
         // A queue that is full is closed below, which ends the engine as well.

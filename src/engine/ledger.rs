@@ -72,7 +72,7 @@ impl Hint for LedgerError {
 pub struct Note {
     /// Why, one sentence.
     pub reason: String,
-    /// Why the active pointer moves, where it does.
+    /// Why the active pointer moves, if it does.
     pub cause: Option<ActiveCause>,
     /// Written before the state changes (evidence, used approvals).
     pub before: Vec<Change>,
@@ -155,7 +155,7 @@ impl Ledger {
     /// Reads the families of a store.
     ///
     /// # Errors
-    /// Where a version does not load or is not what was registered.
+    /// If a version does not load or is not what was registered.
     pub fn open(store: Store, wall_clock: bool) -> Result<Self, LedgerError> {
         let first_command = store.opening().head.seq;
         let mut families = BTreeMap::new();
@@ -193,7 +193,7 @@ impl Ledger {
     /// A version with its standing.
     ///
     /// # Errors
-    /// Where there is no such family or version.
+    /// If there is no such family or version.
     pub fn version(&self, id: &CapabilityId) -> Result<(VersionRef, &Version, &Member), LedgerError> {
         self.family(&id.family)?.find(id).ok_or_else(|| LedgerError::UnknownVersion(id.clone()))
     }
@@ -201,7 +201,7 @@ impl Ledger {
     /// Reads a version from the store again, as it is kept there now.
     ///
     /// # Errors
-    /// Where it is not there, does not load, or is not what was registered.
+    /// If it is not there, does not load, or is not what was registered.
     pub fn reload(&self, id: &CapabilityId) -> Result<Capability, LedgerError> {
         let registered = self.version(id)?.2.capability.digest();
         let member =
@@ -228,7 +228,7 @@ impl Ledger {
     /// Takes in a version; `baseline` makes it active without a gate, by an explicit record.
     ///
     /// # Errors
-    /// Where the version exists, the lifecycle refuses, or the store does.
+    /// If the version exists, the lifecycle refuses, or the store does.
     pub fn register(
         &mut self,
         capability: Capability,
@@ -274,7 +274,7 @@ impl Ledger {
     /// Applies an event to a family.
     ///
     /// # Errors
-    /// Where the lifecycle refuses, or the store does. Nothing has changed then.
+    /// If the lifecycle refuses, or the store does. Nothing has changed then.
     pub fn transition(
         &mut self,
         family: &Family,
@@ -370,7 +370,7 @@ impl Ledger {
     /// Writes changes that move no state.
     ///
     /// # Errors
-    /// Where the store does not take them.
+    /// If the store does not take them.
     pub fn write(
         &mut self,
         changes: Vec<Change>,

@@ -163,7 +163,7 @@ impl Engine {
         self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
     }
 
-    /// As [`Engine::submit`], but never waits: `None` where the request has to wait for the end of a sequence of the
+    /// As [`Engine::submit`], but never waits: `None` if the request has to wait for the end of a sequence of the
     /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
     pub fn offer(&mut self, request: Request) -> Option<Reply> {
         if let Some(reply) = self.answer_of(&request.id) {
@@ -249,7 +249,7 @@ impl Engine {
         self.pipeline.pace_live_world(times, pictures);
     }
 
-    /// Stops the arm where it works now, from any thread; absent where the live world works in step.
+    /// Stops the arm where it works now, from any thread; absent if the live world works in step.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
         self.pipeline.switch()
@@ -302,7 +302,7 @@ impl Engine {
         self.ended
     }
 
-    /// Why the engine holds, where it does.
+    /// Why the engine holds, if it does.
     #[must_use]
     pub fn holding(&self) -> Option<&str> {
         self.pipeline.record().holding()

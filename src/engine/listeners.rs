@@ -40,7 +40,7 @@ impl Listeners {
         Self { sinks }
     }
 
-    /// Takes pictures of the live world for all of them; absent where nobody wants any.
+    /// Takes pictures of the live world for all of them; absent if nobody wants any.
     #[must_use]
     pub fn pictures(&self) -> Option<Pictures> {
         let mut takers: Vec<Pictures> = self.sinks.iter().filter_map(|sink| sink.pictures()).collect();
@@ -51,7 +51,7 @@ impl Listeners {
         }
     }
 
-    /// How a live viewer is served; absent where nobody can.
+    /// How a live viewer is served; absent if nobody can.
     #[must_use]
     pub fn serve(&self) -> Option<Serve> {
         self.sinks.iter().find_map(|sink| sink.serve())

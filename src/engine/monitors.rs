@@ -27,7 +27,7 @@ pub struct Watched {
     pub told: MonitorAction,
     /// What its first question was raised for.
     pub asked: Option<ReasonCode>,
-    /// Why it asks people now; empty where it does not.
+    /// Why it asks people now; empty if it does not.
     pub question: Vec<Reason>,
 }
 
@@ -36,7 +36,7 @@ impl Watched {
     /// unfavourable end of what so few of them can tell.
     ///
     /// # Errors
-    /// Where there is no shadow evidence to monitor it against.
+    /// If there is no shadow evidence to monitor it against.
     pub fn new(
         id: &CapabilityId,
         dossier: Option<&Dossier>,
@@ -112,7 +112,7 @@ impl Monitors {
         }
     }
 
-    /// Live tasks that a family's version has worked in its window; absent where none is open.
+    /// Live tasks that a family's version has worked in its window; absent if none is open.
     #[must_use]
     pub fn window(&self, family: &Family) -> Option<u32> {
         self.0.get(family).filter(|watched| !watched.confirmed).map(|watched| watched.episodes)

@@ -98,7 +98,7 @@ impl Pipeline {
     /// what an interrupted engine left as not done, and sets the context.
     ///
     /// # Errors
-    /// [`Fault`] where any of it cannot be written.
+    /// [`Fault`] if any of it cannot be written.
     pub fn new(
         settings: PipelineSettings,
         mut ledger: Ledger,
@@ -327,7 +327,7 @@ impl Pipeline {
         self.shadow_worked(&id, trace, fork)
     }
 
-    /// What goes along with the next sequence; `None` where no candidate is in shadow, or where it cannot go on.
+    /// What goes along with the next sequence; `None` if no candidate is in shadow, or if it cannot go on.
     pub(crate) fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
         let mut run = match self.work.take() {
             Some(Work::Shadow(run)) => run,
@@ -344,7 +344,7 @@ impl Pipeline {
         Ok(along)
     }
 
-    /// Takes in what a candidate did in one sequence, where it is still in shadow.
+    /// Takes in what a candidate did in one sequence, if it is still in shadow.
     pub(crate) fn shadow_worked(
         &mut self,
         id: &CapabilityId,
@@ -422,7 +422,7 @@ impl Pipeline {
         self.world.work_on_a_thread(times);
     }
 
-    /// Stops the arm where it works now; absent where the live world is not paced.
+    /// Stops the arm where it works now; absent if the live world is not paced.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
         self.world.switch()
@@ -448,7 +448,7 @@ impl Pipeline {
     /// recording is for people: nothing that decides reads it.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_recording(
         &mut self,
         version: &CapabilityId,

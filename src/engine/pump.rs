@@ -39,13 +39,13 @@ impl Pump {
         Ok(())
     }
 
-    /// Takes pictures of the live world for all listeners; absent where nobody wants any.
+    /// Takes pictures of the live world for all listeners; absent if nobody wants any.
     #[must_use]
     pub fn pictures(&self) -> Option<Pictures> {
         self.listeners.pictures()
     }
 
-    /// How a live viewer is served; absent where nobody can.
+    /// How a live viewer is served; absent if nobody can.
     #[must_use]
     pub fn serve(&self) -> Option<Serve> {
         self.listeners.serve()

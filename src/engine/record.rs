@@ -89,7 +89,7 @@ impl Record {
         std::mem::take(&mut self.events)
     }
 
-    /// Why the engine holds, where it does.
+    /// Why the engine holds, if it does.
     #[must_use]
     pub fn holding(&self) -> Option<&str> {
         self.holding.as_deref()
@@ -110,7 +110,7 @@ impl Record {
     /// Applies a lifecycle event and tells what moved.
     ///
     /// # Errors
-    /// Where the lifecycle refuses or the store does; nothing has changed then.
+    /// If the lifecycle refuses or the store does; nothing has changed then.
     pub fn transition(
         &mut self,
         family: &Family,
@@ -134,7 +134,7 @@ impl Record {
     /// Takes in a version; `baseline` makes it active without a gate, by an explicit record.
     ///
     /// # Errors
-    /// Where the version exists, the lifecycle refuses, or the store does.
+    /// If the version exists, the lifecycle refuses, or the store does.
     pub fn register(
         &mut self,
         capability: Capability,
@@ -150,7 +150,7 @@ impl Record {
     /// Writes changes that move no state.
     ///
     /// # Errors
-    /// Where the store does not take them.
+    /// If the store does not take them.
     pub fn write(&mut self, changes: Vec<Change>, records: Vec<AuditBody>) -> Result<(), StoreError> {
         let at_ms = self.clock.now_ms();
         self.ledger.write(changes, records, at_ms).map(|_| ())
@@ -159,7 +159,7 @@ impl Record {
     /// Writes one audit record.
     ///
     /// # Errors
-    /// Where the store does not take it.
+    /// If the store does not take it.
     pub fn note(&mut self, kind: RecordKind, subject: String, body: String) -> Result<(), StoreError> {
         self.write(Vec::new(), vec![AuditBody { kind, subject, body }])
     }
@@ -173,7 +173,7 @@ impl Record {
     /// A registered version.
     ///
     /// # Errors
-    /// Where there is no such version.
+    /// If there is no such version.
     pub fn capability(&self, id: &CapabilityId) -> Result<Capability, Fault> {
         Ok(self.ledger.version(id)?.2.capability.clone())
     }
@@ -195,7 +195,7 @@ impl Record {
     /// Closes the record of an upgrade: how it ended, and how many records are about it.
     ///
     /// # Errors
-    /// Where the store cannot be read or written.
+    /// If the store cannot be read or written.
     pub fn close_audit(&mut self, id: &CapabilityId, outcome: UpgradeEnd) -> Result<(), Fault> {
         let detail = self.ledger.store().views()?.version(id)?;
         let records = detail.map_or(0, |detail| detail.audit_links.len() as u64);

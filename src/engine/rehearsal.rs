@@ -34,7 +34,7 @@ impl Pipeline {
     /// Lets a drift set in, or ends it.
     ///
     /// # Errors
-    /// Where the drifted distribution is not valid.
+    /// If the drifted distribution is not valid.
     pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
         self.world.cell.set_drift(drift)
     }

@@ -38,10 +38,10 @@ pub struct LiveWorld {
     /// Sequences that fall due beside an evaluation.
     due: f64,
     pace: Option<f64>,
-    /// The thread it works on; absent where it works in step with the engine.
+    /// The thread it works on; absent if it works in step with the engine.
     pub(crate) thread: Option<LiveThread>,
     pub(crate) pictures: Option<Pictures>,
-    /// How the last sequence was stopped, where it was.
+    /// How the last sequence was stopped, if it was.
     pub(crate) stopped: Option<Stopped>,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
@@ -51,7 +51,7 @@ impl LiveWorld {
     /// A live world at rest, which works in step with the engine.
     ///
     /// # Errors
-    /// Where the world cannot be built.
+    /// If the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
         Ok(Self {
             cell: LiveCell::new(cell)?,
@@ -111,7 +111,7 @@ impl LiveWorld {
         }
     }
 
-    /// Stops the arm where it works now, from any thread; absent where it works in step.
+    /// Stops the arm where it works now, from any thread; absent if it works in step.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
         self.thread.as_ref().map(LiveThread::switch)

@@ -24,7 +24,7 @@ use holdpoint_text::Hint;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
-    /// The store's folder; a fresh one that is removed afterwards where none is given.
+    /// The store's folder; a fresh one that is removed afterwards if none is given.
     pub data: Option<&'a Path>,
     /// A folder of cached episodes that runs share.
     pub cache: Option<&'a Path>,

@@ -158,7 +158,7 @@ impl Pool {
     /// Opens the sealed truth: the file `<DIR>.truth.json` beside the folder.
     ///
     /// # Errors
-    /// [`PoolError::Tampered`] where its digest is not the index's; otherwise as [`Pool::read`].
+    /// [`PoolError::Tampered`] if its digest is not the index's; otherwise as [`Pool::read`].
     pub fn truth(&self) -> Result<PoolTruth, PoolError> {
         let path = truth_path(&self.dir);
         let bytes = read_bytes(&path)?;

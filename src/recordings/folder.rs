@@ -36,7 +36,7 @@ pub struct Name {
 }
 
 impl Name {
-    /// Reads a file's name; `None` where it is no recording's.
+    /// Reads a file's name; `None` if it is no recording's.
     #[must_use]
     pub fn parse(file: &str) -> Option<Self> {
         let stem = file.strip_suffix(ENDING)?;
@@ -72,7 +72,7 @@ pub struct Filed {
 /// that is not there has none.
 ///
 /// # Errors
-/// Where the folder cannot be read.
+/// If the folder cannot be read.
 pub fn list(folder: &Path) -> io::Result<Vec<Filed>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -102,7 +102,7 @@ pub fn list(folder: &Path) -> io::Result<Vec<Filed>> {
 /// The files of a version's recordings, in order.
 ///
 /// # Errors
-/// Where the folder cannot be read.
+/// If the folder cannot be read.
 pub fn of(folder: &Path, version: &CapabilityId) -> io::Result<Vec<PathBuf>> {
     let filed = list(folder)?.into_iter().filter(|filed| filed.name.version == *version);
     Ok(filed.map(|filed| filed.path).collect())
@@ -111,7 +111,7 @@ pub fn of(folder: &Path, version: &CapabilityId) -> io::Result<Vec<PathBuf>> {
 /// The SHA-256 of a file's bytes.
 ///
 /// # Errors
-/// Where it cannot be read.
+/// If it cannot be read.
 pub fn digest(path: &Path) -> io::Result<Digest> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();

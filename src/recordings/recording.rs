@@ -37,7 +37,7 @@ pub struct Series {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recording {
     pub about: About,
-    /// How the upgrade ended; absent where the recording was not closed.
+    /// How the upgrade ended; absent if the recording was not closed.
     pub outcome: Option<Word<UpgradeEnd>>,
     /// What does not move.
     pub scenery: Scenery,
@@ -51,7 +51,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Virtual time of its first and last moment, ms; `None` where it holds none.
+    /// Virtual time of its first and last moment, ms; `None` if it holds none.
     #[must_use]
     pub fn span_ms(&self) -> Option<(u64, u64)> {
         let pictures = self.pictures.iter().map(|picture| picture.at_ms);

@@ -188,7 +188,7 @@ impl Viewer {
     }
 }
 
-/// A port nobody listens at; left to the viewer where none can be had. Left to it in any case it would take the first,
+/// A port nobody listens at; left to the viewer if none can be had. Left to it in any case it would take the first,
 /// which is the one a live scene is served at.
 fn free_port() -> String {
     let probe = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|probe| probe.local_addr());
@@ -219,7 +219,7 @@ fn is_executable(path: &Path) -> bool {
     path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
 }
 
-/// The program that pip's script of the same name starts; `None` where it is no such script.
+/// The program that pip's script of the same name starts; `None` if it is no such script.
 ///
 /// The script waits for the program, and whoever ends the script leaves the program running.
 fn behind_script(named: &Path) -> Option<PathBuf> {
@@ -247,7 +247,7 @@ fn behind_script(named: &Path) -> Option<PathBuf> {
     programs.filter_map(|path| path.canonicalize().ok()).max()
 }
 
-/// What a program answers to `--version`; `None` where it is no viewer, or does not answer.
+/// What a program answers to `--version`; `None` if it is no viewer, or does not answer.
 fn version_of(program: &Path) -> Option<ViewerVersion> {
     let mut child = Command::new(program)
         .arg("--version")

@@ -157,7 +157,7 @@ impl Applier<'_> {
         Ok(())
     }
 
-    /// Stops a family or re-arms it; makes it where it is new.
+    /// Stops a family or re-arms it; makes it if it is new.
     pub(super) fn set_family(
         &mut self,
         family: &Family,

@@ -34,9 +34,9 @@ pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<AuditRecord> {
 /// The end of the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// Sequence number of the last record, 0 where there is none.
+    /// Sequence number of the last record, 0 if there is none.
     pub seq: u64,
-    /// Its hash, zeros where there is none.
+    /// Its hash, zeros if there is none.
     pub hash: Digest,
     /// Its virtual time, ms; the next record's is not before it.
     pub at_ms: u64,

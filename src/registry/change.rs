@@ -54,9 +54,9 @@ pub struct AuditBody {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
 pub struct Receipt {
     pub command_id: String,
-    /// First audit record written (0 where none was).
+    /// First audit record written (0 if none was).
     pub first_seq: u64,
-    /// Last audit record written (0 where none was).
+    /// Last audit record written (0 if none was).
     pub last_seq: u64,
     /// Digest of the chain's last record.
     pub head: Digest,
@@ -97,7 +97,7 @@ pub struct NewVersion {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "cause", rename_all = "kebab-case")]
 pub enum ActiveCause {
-    /// The family's first version; only where it never had one.
+    /// The family's first version; only if it never had one.
     Bootstrap,
     /// A candidate passed the gate.
     Gate {
@@ -168,7 +168,7 @@ pub enum Change {
     },
     /// Stops a family safely or re-arms it.
     SetFamily {
-        /// The family; made where it is new.
+        /// The family; made if it is new.
         family: Family,
         /// Whether it is stopped: then it has no active version.
         safe_stopped: bool,

@@ -114,7 +114,7 @@ impl Fold {
         self.end
     }
 
-    /// The hash of a record, `None` where there is none.
+    /// The hash of a record, `None` if there is none.
     pub(crate) fn hash(&self, seq: u64) -> Option<Digest> {
         usize::try_from(seq.checked_sub(1)?).ok().and_then(|index| self.hashes.get(index)).copied()
     }
@@ -174,7 +174,7 @@ impl Fold {
         Ok(())
     }
 
-    /// The first difference between the tables and what the chain says, `None` where there is none.
+    /// The first difference between the tables and what the chain says, `None` if there is none.
     pub(crate) fn compare(&self, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
         let mut expected = self.rows.clone();
         let mut fault = None;

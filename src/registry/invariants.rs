@@ -36,10 +36,10 @@ fn violation(invariant: Invariant, subject: &str, problem: impl Into<String>) ->
     Violation { invariant, subject: subject.to_owned(), problem: problem.into() }
 }
 
-/// Checks all of I1 to I6; empty where all hold. Reads the whole chain.
+/// Checks all of I1 to I6; empty if all hold. Reads the whole chain.
 ///
 /// # Errors
-/// Where the database cannot be read.
+/// If the database cannot be read.
 pub fn check_invariants(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     let mut found = check_registry(connection)?;
     match Fold::read(connection) {

@@ -84,7 +84,7 @@ impl Layout {
     /// Makes the folders that are missing, only for their owner.
     ///
     /// # Errors
-    /// Where one cannot be made or written to.
+    /// If one cannot be made or written to.
     pub fn create(&self) -> Result<(), StoreError> {
         let folders = [
             self.folder.clone(),

@@ -30,7 +30,7 @@ impl Schema {
 /// Applies the steps that are missing.
 ///
 /// # Errors
-/// Where a step fails; that step is undone.
+/// If a step fails; that step is undone.
 pub(crate) fn migrate(connection: &mut Connection, schema: &Schema) -> Result<(), StoreError> {
     let error = StoreError::sql("bring its schema up to date");
     let found: usize = connection.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(&error)?;

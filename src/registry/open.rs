@@ -32,7 +32,7 @@ pub(crate) enum Durability {
     Normal,
 }
 
-/// Opens a database for writing; makes it where there is none.
+/// Opens a database for writing; makes it if there is none.
 pub(crate) fn open_writer(
     path: &Path,
     schema: &Schema,
@@ -123,7 +123,7 @@ fn configure(connection: &Connection) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Sets a pragma and refuses to go on where it did not take.
+/// Sets a pragma and refuses to go on if it did not take.
 fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &str) -> Result<(), StoreError> {
     let error = StoreError::sql("set up its database");
     connection.execute_batch(&format!("PRAGMA {pragma} = {value}")).map_err(&error)?;

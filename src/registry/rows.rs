@@ -98,7 +98,7 @@ fn image(table: ChainedTable, row: &Row<'_>, first: usize) -> rusqlite::Result<D
     Ok(Digest::of_parts(table.name(), &parts))
 }
 
-/// The digest of one row, `None` where there is none.
+/// The digest of one row, `None` if there is none.
 pub(crate) fn row_digest(
     connection: &Connection,
     table: ChainedTable,

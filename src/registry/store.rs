@@ -171,7 +171,7 @@ impl Store {
     /// millisecond.
     ///
     /// # Errors
-    /// Where the database cannot be opened.
+    /// If the database cannot be opened.
     pub fn views(&self) -> Result<Views, StoreError> {
         Views::open(&self.layout.database())
     }
@@ -179,7 +179,7 @@ impl Store {
     /// Who is active, and nothing else: the view the dispatcher gets.
     ///
     /// # Errors
-    /// Where the database cannot be opened.
+    /// If the database cannot be opened.
     pub fn active_view(&self) -> Result<ActiveVersions, StoreError> {
         ActiveVersions::open(&self.layout.database())
     }
@@ -197,7 +197,7 @@ impl Store {
     /// Keeps a batch of telemetry. It may be lost to a power cut until [`Self::seal_telemetry`].
     ///
     /// # Errors
-    /// Where the batch is empty, too large, or cannot be written.
+    /// If the batch is empty, too large, or cannot be written.
     pub fn append_telemetry(&self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.append(batch)
     }
@@ -205,7 +205,7 @@ impl Store {
     /// Forces telemetry to disk and returns the changes that put its new batches into the audit chain.
     ///
     /// # Errors
-    /// Where it cannot be forced to disk; the batches stay unsealed.
+    /// If it cannot be forced to disk; the batches stay unsealed.
     pub fn seal_telemetry(&self) -> Result<Vec<Change>, StoreError> {
         let sealed = self.telemetry.lock().map_err(|_| StoreError::Unknown)?.seal()?;
         let seal = |BatchReceipt { version, batch, digest, rows }| Change::SealTelemetry {
@@ -217,18 +217,18 @@ impl Store {
         Ok(sealed.into_iter().map(seal).collect())
     }
 
-    /// A batch's rows, checked against their digest; `None` where it was removed for age.
+    /// A batch's rows, checked against their digest; `None` if it was removed for age.
     ///
     /// # Errors
-    /// Where it cannot be read or was changed.
+    /// If it cannot be read or was changed.
     pub fn telemetry_batch(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.read(batch)
     }
 
-    /// A cached episode, `None` where there is none or it is damaged.
+    /// A cached episode, `None` if there is none or it is damaged.
     ///
     /// # Errors
-    /// Where the telemetry file cannot be read.
+    /// If the telemetry file cannot be read.
     pub fn cached_episode(&self, key: &EpisodeKey) -> Result<Option<Vec<u8>>, StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.cached_episode(key)
     }
@@ -236,7 +236,7 @@ impl Store {
     /// Caches an episode.
     ///
     /// # Errors
-    /// Where it is empty, too large, or cannot be written.
+    /// If it is empty, too large, or cannot be written.
     pub fn put_cached_episode(&self, key: &EpisodeKey, body: &[u8]) -> Result<(), StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cached_episode(key, body)
     }

@@ -108,7 +108,7 @@ pub(crate) struct TelemetryFile {
 const UNSEALED_MAX: usize = 10_000;
 
 impl TelemetryFile {
-    /// Opens the file; makes it where there is none.
+    /// Opens the file; makes it if there is none.
     pub(crate) fn open(path: &Path, limits: TelemetryLimits) -> Result<Self, StoreError> {
         let connection = open_writer(path, &TELEMETRY, Durability::Normal)?;
         Ok(Self { connection, limits, unsealed: Vec::new() })
@@ -186,7 +186,7 @@ impl TelemetryFile {
             })
     }
 
-    /// A batch's rows, checked against their digest; `None` where it was removed.
+    /// A batch's rows, checked against their digest; `None` if it was removed.
     pub(crate) fn read(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
         let sql = "SELECT version, stream, from_ms, to_ms, rows, digest, body FROM batch WHERE id = ?1";
         type Found = (String, Batch);

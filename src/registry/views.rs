@@ -58,10 +58,10 @@ impl ActiveVersions {
         Ok(Self { connection: open_reader(database, &STORE)? })
     }
 
-    /// The active version of a family; `None` where there is none or the family is safe-stopped.
+    /// The active version of a family; `None` if there is none or the family is safe-stopped.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn active(&self, family: &str) -> Result<Option<ActiveVersion>, StoreError> {
         let sql = format!("SELECT {ACTIVE_COLUMNS} AND f.name = ?1");
         one(&self.connection, &sql, [family], read_active)
@@ -70,7 +70,7 @@ impl ActiveVersions {
     /// All active versions, by family.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn all(&self) -> Result<Vec<ActiveVersion>, StoreError> {
         many(&self.connection, &format!("SELECT {ACTIVE_COLUMNS} ORDER BY f.name"), [], read_active)
     }
@@ -100,7 +100,7 @@ impl Views {
     /// Opens a store's database for reading, also while an engine has it.
     ///
     /// # Errors
-    /// Where it cannot be opened.
+    /// If it cannot be opened.
     pub fn open(database: &Path) -> Result<Self, StoreError> {
         Ok(Self { connection: open_reader(database, &STORE)? })
     }
@@ -114,7 +114,7 @@ impl Views {
     /// Versions that pass the filter, by family and semantic version, and how many there are in all.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn versions(&self, filter: &VersionFilter) -> Result<(Vec<VersionSummary>, usize), StoreError> {
         let mut conditions = vec!["1".to_owned()];
         let mut values: Vec<Value> = Vec::new();
@@ -147,10 +147,10 @@ impl Views {
         Ok((many(&self.connection, &page, params_from_iter(values), read_summary)?, total))
     }
 
-    /// One version in full, `None` where there is none.
+    /// One version in full, `None` if there is none.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn version(&self, id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError> {
         let name = id.to_string();
         let sql = format!(
@@ -194,7 +194,7 @@ impl Views {
     /// Evidence on a version, oldest first; of one kind where given.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn evidence(
         &self,
         id: &CapabilityId,
@@ -224,7 +224,7 @@ impl Views {
     /// Decisions about a version, oldest first.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
         let sql =
             "SELECT signed, consumed_seq, at_ms FROM approval WHERE version = ?1 ORDER BY seq LIMIT 10000";
@@ -238,7 +238,7 @@ impl Views {
     /// Open requests for approval, the most urgent first.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn open_requests(&self) -> Result<Vec<ApprovalRequest>, StoreError> {
         let sql =
             "SELECT id, version, row_version, evidence_digest, policy_digest, profile, needed, deadline_ms,
@@ -262,7 +262,7 @@ impl Views {
     /// Every version of a family, in the order of registration.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn family_in_order(&self, family: &Family) -> Result<Vec<CapabilityId>, StoreError> {
         let sql = "SELECT name FROM version WHERE family = ?1 ORDER BY id";
         many(&self.connection, sql, [family.as_str()], |row| parsed(row, 0))
@@ -271,7 +271,7 @@ impl Views {
     /// All families, by name.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn families(&self) -> Result<Vec<FamilyStatus>, StoreError> {
         let sql = "SELECT name, active, pinned, bootstrapped, safe_stopped, reason, standing FROM family ORDER BY name";
         many(&self.connection, sql, [], |row| {
@@ -290,7 +290,7 @@ impl Views {
     /// Profile name, policy digest and content of the present context; `None` before the first.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn context(&self) -> Result<Option<(String, Digest, String)>, StoreError> {
         let sql = "SELECT profile, policy_digest, json FROM context WHERE id = 1";
         one(&self.connection, sql, [], |row| Ok((row.get(0)?, parsed(row, 1)?, row.get(2)?)))
@@ -299,7 +299,7 @@ impl Views {
     /// Alarms as they stand, the last changed first.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn alarms(&self) -> Result<Vec<AlarmEntry>, StoreError> {
         let sql =
             "SELECT id, subject, state, priority, json, changed_ms FROM alarm ORDER BY changed_ms DESC, id";
@@ -318,7 +318,7 @@ impl Views {
     /// Audit records that pass the filter.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
         let order = if filter.newest_first { "DESC" } else { "ASC" };
         let mut sql = format!("SELECT {} FROM audit WHERE seq >= ?1", audit::COLUMNS);
@@ -342,7 +342,7 @@ impl Views {
     /// The end of the chain.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn head(&self) -> Result<Head, StoreError> {
         audit::head(&self.connection).map_err(StoreError::sql("read the audit chain"))
     }

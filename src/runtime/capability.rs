@@ -119,10 +119,10 @@ pub struct Parsed {
 
 impl Parsed {
     /// Reads and parses a candidate's folder. Nothing outside the folder is opened, links included. In errors `name`
-    /// stands before the files' names; where it is empty they are named as they are in the folder.
+    /// stands before the files' names; if it is empty they are named as they are in the folder.
     ///
     /// # Errors
-    /// Where a file is missing, too large, no text, not allowed, or outside the folder.
+    /// If a file is missing, too large, no text, not allowed, or outside the folder.
     pub fn read(name: &str, folder: &Path) -> Result<Self, PackageError> {
         let files = Files::open(name, folder)?;
         let text = files.text("manifest.toml", MANIFEST_BYTES_MAX)?;
@@ -153,7 +153,7 @@ impl Parsed {
     /// where the manifest names no file.
     ///
     /// # Errors
-    /// Where the file is not TOML, or holds a number that is not finite.
+    /// If the file is not TOML, or holds a number that is not finite.
     pub fn params(&self) -> Result<Value, PackageError> {
         match &self.manifest.deployment.params {
             None => Ok(Value::Null),
@@ -261,7 +261,7 @@ impl Capability {
     /// Parses a package and loads its bundle; `name` stands for the folder in errors.
     ///
     /// # Errors
-    /// Where a text is not allowed or the bundle cannot be loaded.
+    /// If a text is not allowed or the bundle cannot be loaded.
     pub fn load(name: &str, package: Package) -> Result<Self, PackageError> {
         Self::of(name, Parsed::parse(name, package)?)
     }
@@ -269,7 +269,7 @@ impl Capability {
     /// Loads the bundle of what was parsed; `name` stands for the folder in errors.
     ///
     /// # Errors
-    /// Where the bundle cannot be loaded.
+    /// If the bundle cannot be loaded.
     pub fn of(name: &str, parsed: Parsed) -> Result<Self, PackageError> {
         let Parsed { manifest, submission, package } = parsed;
         let manifest_file = named(name, "manifest.toml");

@@ -60,7 +60,7 @@ pub struct Checked {
     pub command: Command,
     /// What the skill is told.
     pub verdict: GuardVerdict,
-    /// Why, where it was not passed unchanged.
+    /// Why, if it was not passed unchanged.
     pub hit: Option<PolicyHit>,
 }
 

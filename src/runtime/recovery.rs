@@ -87,7 +87,7 @@ impl Standstill {
 /// Aborts a running skill. `hook_secs` is the stop time the version declares.
 ///
 /// # Errors
-/// Where the body fails.
+/// If the body fails.
 pub fn abort<B: Body>(
     handle: &mut ActuatorHandle<'_, B>,
     skill: &mut dyn Skill,

@@ -90,7 +90,7 @@ pub struct TaskRecord {
 }
 
 impl TaskRecord {
-    /// The values the rules compare; absent where the simulator failed.
+    /// The values the rules compare; absent if the simulator failed.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
     pub fn values(&self) -> Option<EpisodeValues> {
@@ -211,9 +211,9 @@ pub struct Tick<'a> {
     pub seen: &'a Telemetry,
     /// What the watcher established by it.
     pub raised: &'a [WatcherSignal],
-    /// Why the guard denied or clamped the command, where it did.
+    /// Why the guard denied or clamped the command, if it did.
     pub checked: Option<PolicyHit>,
-    /// What the guard measured past a limit, where it did.
+    /// What the guard measured past a limit, if it did.
     pub measured: Option<PolicyHit>,
     /// The skill is done and the world settles before it is inspected.
     pub settling: bool,
@@ -226,7 +226,7 @@ pub type Supervisor<'s, B> = dyn FnMut(&mut ActuatorHandle<'_, B>, &Tick<'_>) ->
 /// Runs one task to its end.
 ///
 /// # Errors
-/// Where the body fails: the episode is invalid.
+/// If the body fails: the episode is invalid.
 pub fn run<B: Body>(
     handle: &mut ActuatorHandle<'_, B>,
     skill: &mut dyn Skill,

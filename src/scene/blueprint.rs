@@ -46,7 +46,7 @@ const LOOK_AT_M: [f32; 3] = [0.36, 0.02, 0.24];
 /// The layout as messages.
 ///
 /// # Errors
-/// Where a row is not well formed, which would be a fault of ours.
+/// If a row is not well formed, which would be a fault of ours.
 pub fn messages() -> io::Result<Vec<LogMsg>> {
     let store = StoreId::new(StoreKind::Blueprint, APPLICATION, "holdpoint-layout");
     let mut page = Page { ids: Ids::of_segment(0), store, messages: Vec::new() };

@@ -35,7 +35,7 @@ pub struct EndedFile {
 /// Writes the segments of a recording as one file at `into`, which may be one of them; the others are removed.
 ///
 /// # Errors
-/// Where a segment cannot be read, or the file not be written.
+/// If a segment cannot be read, or the file not be written.
 pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
     let mut all = Vec::new();
     for segment in segments {
@@ -76,7 +76,7 @@ const LAST_SEGMENT: u32 = 0xf_ffff;
 /// Writes chunks as an ended file, and puts it in its place.
 ///
 /// # Errors
-/// Where it cannot be written.
+/// If it cannot be written.
 pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<EndedFile> {
     let beside = into.with_extension("rrd.part");
     let written = write_beside(stem, chunks, &beside).and_then(|ended| {
@@ -174,7 +174,7 @@ pub enum StartFindings {
 /// Looks at a file of an earlier life and mends it where a kill left it without an end.
 ///
 /// # Errors
-/// Where it cannot be read or written.
+/// If it cannot be read or written.
 pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
     let Contents { chunks, tail } = contents(path)?;
     let Some(tail) = tail else {

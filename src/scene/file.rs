@@ -41,7 +41,7 @@ pub fn opening(store: &StoreId, ids: &mut Ids) -> LogMsg {
 /// A chunk as a message.
 ///
 /// # Errors
-/// Where the chunk is not well formed.
+/// If the chunk is not well formed.
 pub fn message(store: &StoreId, chunk: &Chunk) -> io::Result<LogMsg> {
     Ok(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(other)?))
 }
@@ -59,7 +59,7 @@ impl<W: Write> Framed<W> {
     /// Begins a file that may end at any time.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn open_ended(out: W) -> io::Result<Self> {
         Self::begin(out, None)
     }
@@ -67,7 +67,7 @@ impl<W: Write> Framed<W> {
     /// Begins a file that is to have a footer.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn indexed(out: W) -> io::Result<Self> {
         Self::begin(out, Some(BTreeMap::new()))
     }
@@ -87,7 +87,7 @@ impl<W: Write> Framed<W> {
     /// Writes a message.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn write(&mut self, message: &LogMsg) -> io::Result<()> {
         let transport = message.to_transport(Compression::LZ4).map_err(other)?;
         let start = self.written + MessageHeader::ENCODED_SIZE_BYTES as u64;
@@ -105,15 +105,15 @@ impl<W: Write> Framed<W> {
     /// Hands everything over to the system.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
 
-    /// Writes the footer, where there is to be one, and hands the file back.
+    /// Writes the footer, if there is to be one, and hands the file back.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn finish(mut self) -> io::Result<W> {
         if let Some(manifests) = self.manifests.take() {
             let mut footer = RrdFooter::default().to_transport(()).map_err(other)?;

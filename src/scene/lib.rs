@@ -5,7 +5,7 @@
 //! back as plain values ([`holdpoint_recordings::recording::Recording`]), which is what a replay in the terminal works
 //! on.
 //!
-//! Pieces: `tap` is the queue; `desk` sorts what comes to the upgrades it belongs to; a `writer` keeps one upgrade's
+//! Pieces: `feed` is the queue; `router` sorts what comes to the upgrades it belongs to; a `writer` keeps one upgrade's
 //! file and lets `pace` choose the pictures; `drawing` and its parts turn values into rows, `rows` turns rows into
 //! chunks; `file` frames chunks; `compact` ends and mends files; `read` turns a file back into values; `server`
 //! serves a live viewer.
@@ -13,17 +13,17 @@
 mod blueprint;
 mod compact;
 mod config;
-mod desk;
 mod drawing;
+pub mod feed;
 mod file;
 mod limits;
 mod live;
 mod pace;
 mod read;
+mod router;
 mod rows;
 mod server;
 mod sink;
-pub mod tap;
 mod until;
 mod words;
 mod writer;

@@ -28,14 +28,14 @@ use holdpoint_recordings::recording::{Recording, Series};
 pub struct Contents {
     /// The chunks; those of the layout are left out.
     pub chunks: Vec<Chunk>,
-    /// What was said at its end; absent where a kill left it without one.
+    /// What was said at its end; absent if a kill left it without one.
     pub tail: Option<Tail>,
 }
 
 /// Everything that can be read of a file; a torn end is left out.
 ///
 /// # Errors
-/// Where it cannot be opened, is too large, or is something else.
+/// If it cannot be opened, is too large, or is something else.
 pub fn contents(path: &Path) -> Result<Contents, ReadError> {
     let file = fs::File::open(path).map_err(|source| ReadError::file(path, source))?;
     let mut bytes = Vec::new();
@@ -72,7 +72,7 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
 /// A file as plain values.
 ///
 /// # Errors
-/// Where it cannot be read, or is no recording of an upgrade.
+/// If it cannot be read, or is no recording of an upgrade.
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
     let Contents { chunks, tail, .. } = contents(path)?;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;

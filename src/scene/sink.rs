@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use super::desk::{Desk, folder_shown};
+use super::feed::{Drain, Feed, Item, queue};
 use super::limits::{FLUSH_EVERY, PATIENCE, REPORTS_MAX, SEND_EVERY};
 use super::live::LiveServer;
-use super::tap::{Drain, Item, Tap, queue};
+use super::router::{Router, folder_shown};
 use super::writer::Open;
 use super::{SceneConfig, SceneError};
 use holdpoint_protocol::event::Event;
@@ -22,7 +22,7 @@ use holdpoint_text::Hint;
 /// The running sink. Dropped, it ends by itself and nobody waits for it.
 #[derive(Debug)]
 pub struct Scenes {
-    tap: Tap,
+    feed: Feed,
     reports: Receiver<Report>,
 }
 
@@ -30,7 +30,7 @@ impl Scenes {
     /// Starts it.
     ///
     /// # Errors
-    /// Where the folder cannot be made, or no thread be started. A port that is taken is no error but a report.
+    /// If the folder cannot be made, or no thread be started. A port that is taken is no error but a report.
     pub fn start(config: SceneConfig) -> Result<Self, SceneError> {
         Self::start_with(config, Box::new(open))
     }
@@ -41,19 +41,19 @@ impl Scenes {
             std::fs::create_dir_all(folder)
                 .map_err(|source| SceneError::Folder { path: folder_shown(folder), source })?;
         }
-        let (tap, drain) = queue();
+        let (feed, drain) = queue();
         let (sender, reports) = sync_channel(REPORTS_MAX);
         std::thread::Builder::new()
             .name("scene".to_owned())
             .spawn(move || SinkWorker::new(config, open, sender).run(&drain))
             .map_err(SceneError::Thread)?;
-        Ok(Self { tap, reports })
+        Ok(Self { feed, reports })
     }
 
     /// The queue's open end, for the engine.
     #[must_use]
-    pub fn tap(&self) -> Tap {
-        self.tap.clone()
+    pub fn feed(&self) -> Feed {
+        self.feed.clone()
     }
 
     /// What there is to tell; never waits.
@@ -67,7 +67,7 @@ impl Scenes {
     pub fn finish(self, patience: Duration) -> Vec<Report> {
         let until = Instant::now() + patience;
         let mut reports = Vec::new();
-        let mut asked = self.tap.end();
+        let mut asked = self.feed.end();
         loop {
             let left = until.saturating_duration_since(Instant::now());
             // A full queue is asked again.
@@ -76,7 +76,7 @@ impl Scenes {
                 Ok(report) => reports.push(report),
                 Err(RecvTimeoutError::Disconnected) => return reports,
                 Err(RecvTimeoutError::Timeout) if left.is_zero() => return reports,
-                Err(RecvTimeoutError::Timeout) => asked = asked || self.tap.end(),
+                Err(RecvTimeoutError::Timeout) => asked = asked || self.feed.end(),
             }
         }
     }
@@ -84,17 +84,17 @@ impl Scenes {
 
 impl Sink for Scenes {
     fn pictures(&self) -> Option<Pictures> {
-        let tap = self.tap();
-        Some(Arc::new(move |picture| tap.picture(picture)))
+        let feed = self.feed();
+        Some(Arc::new(move |picture| feed.picture(picture)))
     }
 
     fn serve(&self) -> Option<Serve> {
-        let tap = self.tap();
-        Some(Arc::new(move |address| tap.serve(address)))
+        let feed = self.feed();
+        Some(Arc::new(move |address| feed.serve(address)))
     }
 
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot) {
-        self.tap.events(events, state);
+        self.feed.events(events, state);
     }
 
     fn reports(&mut self) -> Vec<Report> {
@@ -117,13 +117,13 @@ fn open(path: &Path) -> std::io::Result<File> {
 
 impl Drop for Scenes {
     fn drop(&mut self) {
-        // Where the queue is full, the thread ends when the engine's tap is gone too.
-        let _ = self.tap.end();
+        // If the queue is full, the thread ends when the engine's feed is gone too.
+        let _ = self.feed.end();
     }
 }
 
 struct SinkWorker {
-    desk: Option<Desk>,
+    router: Option<Router>,
     live: Option<LiveServer>,
     view: Option<SocketAddr>,
     reports: SyncSender<Report>,
@@ -135,16 +135,16 @@ struct SinkWorker {
 impl SinkWorker {
     fn new(config: SceneConfig, open: Box<Open>, reports: SyncSender<Report>) -> Self {
         let SceneConfig { recordings, closed, view, wall_clock } = config;
-        let desk = recordings.map(|folder| Desk::new(folder, closed, wall_clock, open));
-        Self { desk, live: None, view, reports, last: None, flushed: Instant::now(), sent: Instant::now() }
+        let router = recordings.map(|folder| Router::new(folder, closed, wall_clock, open));
+        Self { router, live: None, view, reports, last: None, flushed: Instant::now(), sent: Instant::now() }
     }
 
     fn run(mut self, drain: &Drain) {
         if let Some(address) = self.view.take() {
             self.serve(address);
         }
-        if let Some(desk) = &mut self.desk {
-            desk.recover();
+        if let Some(router) = &mut self.router {
+            router.recover();
         }
         self.tell();
         loop {
@@ -161,8 +161,8 @@ impl SinkWorker {
             }
             if self.flushed.elapsed() >= FLUSH_EVERY {
                 self.flushed = Instant::now();
-                if let Some(desk) = &mut self.desk {
-                    desk.flush();
+                if let Some(router) = &mut self.router {
+                    router.flush();
                 }
             }
             self.tell();
@@ -170,8 +170,8 @@ impl SinkWorker {
         if let Some(live) = &mut self.live {
             live.flush();
         }
-        if let Some(desk) = &mut self.desk {
-            desk.end(drain.dropped.counts());
+        if let Some(router) = &mut self.router {
+            router.end(drain.dropped.counts());
         }
         self.tell();
     }
@@ -182,8 +182,8 @@ impl SinkWorker {
                 if let Some(live) = &mut self.live {
                     live.picture(&picture);
                 }
-                if let Some(desk) = &mut self.desk {
-                    desk.picture(Arc::new(*picture));
+                if let Some(router) = &mut self.router {
+                    router.picture(Arc::new(*picture));
                 }
             }
             Item::Events(events, snapshot) => {
@@ -191,8 +191,8 @@ impl SinkWorker {
                     live.events(&events, snapshot.as_deref());
                     live.flush();
                 }
-                if let Some(desk) = &mut self.desk {
-                    desk.events(&events, snapshot.as_deref(), drain.dropped.counts());
+                if let Some(router) = &mut self.router {
+                    router.events(&events, snapshot.as_deref(), drain.dropped.counts());
                 }
                 if snapshot.is_some() {
                     self.last = snapshot;
@@ -222,7 +222,7 @@ impl SinkWorker {
     }
 
     fn tell(&mut self) {
-        let reports = self.desk.as_mut().map(Desk::reports).unwrap_or_default();
+        let reports = self.router.as_mut().map(Router::reports).unwrap_or_default();
         for report in reports {
             self.say(report);
         }

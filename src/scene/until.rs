@@ -14,7 +14,7 @@ use super::rows::TICK;
 /// Writes a copy of the recording at `path` with nothing later than `tick` to `out`.
 ///
 /// # Errors
-/// Where the recording cannot be read, or the copy not be written.
+/// If the recording cannot be read, or the copy not be written.
 pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let chunks = contents(path)?.chunks;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
@@ -31,7 +31,7 @@ pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// The rows of a chunk up to a tick; `None` where there are none.
+/// The rows of a chunk up to a tick; `None` if there are none.
 fn before(chunk: &Chunk, last: i64) -> Option<Chunk> {
     if chunk.is_static() {
         return Some(chunk.clone());

@@ -12,7 +12,7 @@ use holdpoint_text::Untrusted;
 use super::limits::TEXT_WIDTH_MAX;
 use holdpoint_recordings::recording::About;
 
-/// Whose an event is; absent where it is everybody's.
+/// Whose an event is; absent if it is everybody's.
 #[must_use]
 pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
     match kind {
@@ -46,7 +46,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
     }
 }
 
-/// The upgrade's phase after an event; absent where it does not change.
+/// The upgrade's phase after an event; absent if it does not change.
 #[must_use]
 pub fn phase(kind: &EventKind) -> Option<String> {
     Some(match kind {

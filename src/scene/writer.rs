@@ -55,7 +55,7 @@ impl Writer {
     /// Begins a file with what is known.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn begin(
         head: RecordingHead,
         place: RecordingPlace,
@@ -103,7 +103,7 @@ impl Writer {
     /// A picture that is part of it.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn picture(&mut self, picture: &Arc<Picture>) -> io::Result<()> {
         let mut chosen = self.pace.came(picture);
         if picture.stopped || picture.unexpected_contact {
@@ -115,7 +115,7 @@ impl Writer {
     /// Pictures of before, that turn out to be part of it.
     ///
     /// # Errors
-    /// Where they cannot be written.
+    /// If they cannot be written.
     pub fn earlier(&mut self, pictures: Vec<Arc<Picture>>) -> io::Result<()> {
         let chosen = self.pace.new_ones(pictures);
         self.draw(&chosen)
@@ -142,7 +142,7 @@ impl Writer {
     /// Something that happened.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn event(&mut self, event: &Event) -> io::Result<()> {
         let ours = words::version_of(&event.kind).is_none_or(|version| *version == self.head.about.version);
         if matches!(event.kind, EventKind::Progress { .. }) && (!ours || self.is_full()) {
@@ -183,7 +183,7 @@ impl Writer {
     /// How things stand.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn snapshot(&mut self, snapshot: &Snapshot) -> io::Result<()> {
         self.drawing.snapshot(snapshot);
         let view = snapshot.candidates.iter().find(|view| view.version == self.head.about.version);
@@ -200,7 +200,7 @@ impl Writer {
     /// Writes the rows that wait.
     ///
     /// # Errors
-    /// Where they cannot be written.
+    /// If they cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         let mut chunks = self.drawing.rows().take().0;
         // A picture's frame comes last: where a kill tears the block, no frame stands for a picture that is not there.
@@ -215,7 +215,7 @@ impl Writer {
     /// Ends the file: for good with an outcome, or for this life of the program.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn end(
         mut self,
         outcome: Option<UpgradeEnd>,

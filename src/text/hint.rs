@@ -9,7 +9,7 @@ use std::fmt;
 
 /// An error that can say what would help beside what is wrong. Its `Display` is the message alone.
 pub trait Hint: fmt::Display {
-    /// What the reader can do about it, as one phrase without a full stop; `None` where nothing is known to help.
+    /// What the reader can do about it, as one phrase without a full stop; `None` if nothing is known to help.
     fn hint(&self) -> Option<Cow<'static, str>>;
 
     /// Message and hint on one line, for places that have no more: a notice, an event's text, a table's cell.
@@ -55,7 +55,7 @@ impl Problem {
         Self { text: text.into(), hint: None }
     }
 
-    /// An error's message and hint, where its type is not needed any more.
+    /// An error's message and hint, if its type is not needed any more.
     #[must_use]
     pub fn of(error: &impl Hint) -> Self {
         Self { text: error.to_string(), hint: error.hint() }

@@ -121,17 +121,17 @@ fn turn(way: Way) -> Turn {
     let config = SceneConfig { recordings: to_file.then(|| folder.clone()), view, ..SceneConfig::default() };
     let scenes = (to_file || view.is_some()).then(|| Scenes::start(config).unwrap());
     if let Some(scenes) = &scenes {
-        scenes.tap().events(&started, || engine.snapshot());
+        scenes.feed().events(&started, || engine.snapshot());
         // Everything that is drawn belongs to an upgrade in shadow.
-        scenes.tap().events(&in_shadow(engine.now_ms()), || engine.snapshot());
+        scenes.feed().events(&in_shadow(engine.now_ms()), || engine.snapshot());
     }
     let longest = Arc::new(AtomicU64::new(0));
-    let tap = Mutex::new(scenes.as_ref().map(Scenes::tap));
+    let feed = Mutex::new(scenes.as_ref().map(Scenes::feed));
     let seen = Arc::clone(&longest);
     let pictures = move |picture: Picture| {
         let begun = Instant::now();
-        if let Some(tap) = &*tap.lock().unwrap() {
-            tap.picture(picture);
+        if let Some(feed) = &*feed.lock().unwrap() {
+            feed.picture(picture);
         }
         seen.fetch_max(u64::try_from(begun.elapsed().as_nanos()).unwrap(), Ordering::Relaxed);
     };
@@ -145,12 +145,12 @@ fn turn(way: Way) -> Turn {
         worked +=
             events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
         match &scenes {
-            Some(scenes) if !events.is_empty() => scenes.tap().events(&events, || engine.snapshot()),
+            Some(scenes) if !events.is_empty() => scenes.feed().events(&events, || engine.snapshot()),
             // The thread that works the cell is the one that is measured, not this one.
             _ => drop(rest.recv_timeout(Duration::from_millis(1))),
         }
     }
-    let dropped = scenes.as_ref().map_or(0, |scenes| scenes.tap().dropped().0);
+    let dropped = scenes.as_ref().map_or(0, |scenes| scenes.feed().dropped().0);
     if let Some(scenes) = scenes {
         drop(scenes.finish(Duration::from_secs(30)));
     }

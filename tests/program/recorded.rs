@@ -17,14 +17,14 @@ use crate::{shift, upgrade};
 fn record(folder: &Path) -> Closed {
     let config = SceneConfig { recordings: Some(folder.to_owned()), ..SceneConfig::default() };
     let scenes = Scenes::start(config).unwrap();
-    let tap = scenes.tap();
+    let feed = scenes.feed();
     let made = upgrade::recording();
     let mut pictures = made.pictures.into_iter().peekable();
     for event in made.events {
         while let Some(picture) = pictures.next_if(|picture| picture.at_ms < event.at_ms) {
-            tap.picture(picture);
+            feed.picture(picture);
         }
-        tap.events(&[event], shift::snapshot);
+        feed.events(&[event], shift::snapshot);
     }
     let reports = scenes.finish(Duration::from_mins(1));
     let closed = reports.iter().find_map(|report| match report {

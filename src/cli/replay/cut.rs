@@ -21,7 +21,7 @@ const ENTRIES_MAX: usize = 10_000;
 /// ones that earlier calls left are removed when they are a day old.
 ///
 /// # Errors
-/// Where none can be made.
+/// If none can be made.
 pub(super) fn scratch() -> Result<PathBuf, CliError> {
     let among = std::env::temp_dir();
     clean(&among, SystemTime::now());
@@ -50,7 +50,7 @@ fn clean(among: &Path, now: SystemTime) {
 /// Copies of the files with nothing later than `tick`, in the folder `scratch`.
 ///
 /// # Errors
-/// Where one cannot be read or written, or this program was built without scenes.
+/// If one cannot be read or written, or this program was built without scenes.
 pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<PathBuf>, CliError> {
     let mut cut = Vec::new();
     for (place, path) in files.iter().enumerate() {
@@ -65,7 +65,7 @@ pub(super) fn cut(files: &[PathBuf], tick: u64, scratch: &Path) -> Result<Vec<Pa
 /// A copy of the only file with nothing later than `tick`, as the new file `out`.
 ///
 /// # Errors
-/// Where there are several files or `out` is there already; else as [`cut`].
+/// If there are several files or `out` is there already; else as [`cut`].
 pub(super) fn write(files: &[PathBuf], tick: u64, out: &Path) -> Result<(), CliError> {
     let [path] = files else {
         let text = format!("the recording has {} files, and one can be cut at a time", files.len());

@@ -9,7 +9,7 @@ use holdpoint_recordings::recording::{Recording, Series};
 /// Reads every file, in order, and joins them.
 ///
 /// # Errors
-/// Where one cannot be read, or this program was built without scenes.
+/// If one cannot be read, or this program was built without scenes.
 pub(super) fn read(files: &[PathBuf]) -> Result<Recording, CliError> {
     let mut parts = Vec::new();
     for path in files {

@@ -21,7 +21,7 @@ use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 pub(super) struct StatusReport {
     /// Whether an engine runs on the store and answers.
     pub(super) engine_running: bool,
-    /// Why it holds, where it does.
+    /// Why it holds, if it does.
     pub(super) holding: Option<String>,
     /// The profile the store was last used with.
     pub(super) profile: Option<String>,
@@ -36,7 +36,7 @@ pub(super) struct FamilyStatusRow {
     pub(super) family: String,
     pub(super) active: Option<CapabilityId>,
     pub(super) rollback_target: Option<CapabilityId>,
-    /// Why no version is active, where none may be.
+    /// Why no version is active, if none may be.
     pub(super) safe_stopped: Option<String>,
     /// Episodes worked and needed, while the active version is provisional and an engine runs.
     pub(super) provisional_episodes: Option<(u32, u32)>,
@@ -52,7 +52,7 @@ pub(super) struct VersionRow {
     pub(super) provisional: bool,
     pub(super) restricted: bool,
     pub(super) rollback_pending: bool,
-    /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent where not measured.
+    /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent if not measured.
     pub(super) kappas: [Option<f64>; 4],
     /// What the running stage does: so many done of so many.
     pub(super) progress: Option<ProgressRow>,

@@ -11,7 +11,7 @@ use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
 use holdpoint_protocol::command::Command;
 use holdpoint_text::Problem;
 
-/// Everybody who could sit here; nobody where no identity was made yet.
+/// Everybody who could sit here; nobody if no identity was made yet.
 pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
     if !folder.is_dir() {
         return Ok(Vec::new());

@@ -28,7 +28,7 @@ pub struct LimitedSeries {
     pub title: String,
     /// Values over virtual time, ms.
     pub values: Vec<(u64, f64)>,
-    /// The limit over virtual time; empty where there is none.
+    /// The limit over virtual time; empty if there is none.
     pub limits: Vec<(u64, f64)>,
     /// Whether a value may not fall below its limit; else it may not pass it.
     pub at_least: bool,
@@ -46,7 +46,7 @@ impl LimitedSeries {
         (in_force(&self.values, at_ms), limit)
     }
 
-    /// The mean of the values up to a time; absent where there is none.
+    /// The mean of the values up to a time; absent if there is none.
     #[must_use]
     pub fn mean(&self, at_ms: u64) -> Option<f64> {
         let next = self.values.partition_point(|(time_ms, _)| *time_ms <= at_ms);

@@ -65,14 +65,14 @@ impl ReplayModel {
         }
     }
 
-    /// The group of charts that the stage at the cursor asks for; 0 where it is not recorded.
+    /// The group of charts that the stage at the cursor asks for; 0 if it is not recorded.
     #[must_use]
     pub fn charts_by_stage(&self) -> usize {
         let wanted = self.timeline.standing(self.cursor).charts();
         self.timeline.groups().iter().position(|group| group.name == wanted).unwrap_or(0)
     }
 
-    /// The group of charts that is shown, and its place; absent where nothing was charted.
+    /// The group of charts that is shown, and its place; absent if nothing was charted.
     #[must_use]
     pub fn shown_charts(&self) -> Option<(usize, &Group)> {
         let place = self.charts.unwrap_or_else(|| self.charts_by_stage());

@@ -1,4 +1,4 @@
-//! How time passes while a replay plays: recorded time at the chosen speed, gaps skipped where that is wanted.
+//! How time passes while a replay plays: recorded time at the chosen speed, gaps skipped if that is wanted.
 //!
 //! Pure: the clock is an argument. Must not show a moment that was not recorded as if it had been.
 
@@ -74,7 +74,7 @@ pub fn rest(model: &mut ReplayModel) {
     model.rests_until_ms = model.now_ms.saturating_add(rest_ms);
 }
 
-/// In how many ms something changes by itself; absent where nothing does before a key.
+/// In how many ms something changes by itself; absent if nothing does before a key.
 #[must_use]
 pub fn wakes_in_ms(model: &ReplayModel) -> Option<u64> {
     let notice = model.notice.as_ref().map(|notice| notice.until_ms.saturating_sub(model.now_ms));

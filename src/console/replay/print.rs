@@ -1,4 +1,4 @@
-//! The replay where there is no screen: one line an event, as the plain stream tells it.
+//! The replay if there is no screen: one line an event, as the plain stream tells it.
 //!
 //! Must not move a cursor or wait: this is also what a screen reader gets.
 
@@ -12,7 +12,7 @@ use holdpoint_text::Untrusted;
 /// Prints whose recording it is, its events with virtual time in seconds and tick, up to `to_ms`, and how it ended.
 ///
 /// # Errors
-/// Where `out` takes no more.
+/// If `out` takes no more.
 pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> io::Result<()> {
     let about = &recording.about;
     let against = about.predecessor.as_ref().map_or_else(String::new, |id| format!(" against {id}"));

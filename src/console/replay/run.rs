@@ -219,7 +219,7 @@ fn fail_if_asked() {
     }
 }
 
-/// Waits so long; for ever where there is nothing to wait for.
+/// Waits so long; for ever if there is nothing to wait for.
 async fn after(span: Option<Duration>) {
     match span {
         Some(span) => tokio::time::sleep(span).await,

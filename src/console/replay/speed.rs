@@ -14,7 +14,7 @@ impl Default for Speed {
 }
 
 impl Speed {
-    /// The speed of so many times the recorded time; `None` where there is none: allowed are 0.25, 0.5, 1, 2 and on
+    /// The speed of so many times the recorded time; `None` if there is none: allowed are 0.25, 0.5, 1, 2 and on
     /// to 64.
     #[must_use]
     pub fn of(times: f64) -> Option<Self> {

@@ -159,7 +159,7 @@ impl Timeline {
         next.checked_sub(1).and_then(|last| self.moments_ms.get(last)).copied()
     }
 
-    /// The stretch round a cursor in which no picture was kept, where it is a gap: its two ends, ms.
+    /// The stretch round a cursor in which no picture was kept, if it is a gap: its two ends, ms.
     #[must_use]
     pub fn gap_ms(&self, cursor: Cursor) -> Option<(u64, u64)> {
         let begins = cursor.picture.and_then(|picture| self.picture(picture));

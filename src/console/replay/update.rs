@@ -184,7 +184,7 @@ fn picture_on(model: &mut ReplayModel) {
     }
 }
 
-/// The picture before; the present one where that is not fresh any more.
+/// The picture before; the present one if that is not fresh any more.
 fn picture_back(model: &mut ReplayModel) {
     model.playing = false;
     let is_old = model.picture_age_ms().is_some_and(|age_ms| age_ms > super::FRESH_MS);

@@ -24,10 +24,10 @@ const PASTE_BYTES_MAX: usize = 64 * 1024;
 /// Keys of one late answer at most; what comes then is typed.
 const ANSWER_KEYS_MAX: usize = 64;
 
-/// Starts reading. The receiver ends where the terminal cannot be read any more.
+/// Starts reading. The receiver ends if the terminal cannot be read any more.
 ///
 /// # Errors
-/// Where no thread can be had.
+/// If no thread can be had.
 pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     let (sender, receiver) = mpsc::channel(WAITING_MAX);
     std::thread::Builder::new().name("console-input".to_owned()).spawn(move || {
@@ -43,7 +43,7 @@ pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     Ok(receiver)
 }
 
-/// What an event is to the console; absent where it is nothing.
+/// What an event is to the console; absent if it is nothing.
 fn what(event: Event, answers: &mut LateAnswer) -> Option<MsgKind> {
     match event {
         Event::Key(key) if key.kind == KeyEventKind::Release => None,

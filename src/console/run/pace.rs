@@ -1,4 +1,4 @@
-//! When the next frame is drawn: at once after a key, else at the pace of what is shown, and not at all where
+//! When the next frame is drawn: at once after a key, else at the pace of what is shown, and not at all if
 //! nothing changed.
 //!
 //! Pure: times are arguments. Must not know what is drawn.
@@ -36,7 +36,7 @@ impl FramePace {
         self.want = self.want.max(Some(want));
     }
 
-    /// When the next frame is due; absent where none is wanted.
+    /// When the next frame is due; absent if none is wanted.
     #[must_use]
     pub fn due_ms(&self) -> Option<u64> {
         let interval_ms = match self.want? {

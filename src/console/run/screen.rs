@@ -59,7 +59,7 @@ impl Screen {
     /// A screen on stdout.
     ///
     /// # Errors
-    /// Where stdout cannot be had once more or the terminal does not tell its size.
+    /// If stdout cannot be had once more or the terminal does not tell its size.
     pub fn new() -> io::Result<Self> {
         // The look decides about colours, `NO_COLOR` included; the library's own way would erase bold and reverse.
         force_color_output(true);
@@ -72,7 +72,7 @@ impl Screen {
     /// Columns and rows.
     ///
     /// # Errors
-    /// Where the terminal does not tell.
+    /// If the terminal does not tell.
     pub fn size(&self) -> io::Result<(u16, u16)> {
         self.terminal.size().map(|size| (size.width, size.height))
     }
@@ -80,7 +80,7 @@ impl Screen {
     /// Draws one frame: `paint` fills the whole buffer.
     ///
     /// # Errors
-    /// Where the terminal cannot be written to: it is gone.
+    /// If the terminal cannot be written to: it is gone.
     pub fn draw(&mut self, paint: impl FnOnce(Rect, &mut Buffer)) -> io::Result<()> {
         self.held.set(true);
         let drawn = self.frame(paint);

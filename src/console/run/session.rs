@@ -28,7 +28,7 @@ use crate::update::update;
 use holdpoint_engine::host::{Host, HostConfig, StopError, Update};
 use holdpoint_protocol::command::Command;
 
-/// Time passes this often where nothing else happens.
+/// Time passes this often if nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
 
 /// How long the engine has to end in good order. Less than the guard's patience.
@@ -327,7 +327,7 @@ impl Session {
     }
 }
 
-/// Waits until a moment; for ever where there is none.
+/// Waits until a moment; for ever if there is none.
 async fn until(moment: Option<Instant>) {
     match moment {
         Some(moment) => tokio::time::sleep_until(moment.into()).await,

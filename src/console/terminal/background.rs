@@ -10,7 +10,7 @@ use terminal_colorsaurus::{QueryOptions, ThemeMode, theme_mode};
 /// How long the terminal has to answer: about half of the time to the first frame.
 const ANSWER_MAX: Duration = Duration::from_millis(80);
 
-/// Whether the background is light; absent where it is not known. Both ends are a terminal's when this is called.
+/// Whether the background is light; absent if it is not known. Both ends are a terminal's when this is called.
 #[must_use]
 pub fn is_light() -> Option<bool> {
     let variable = std::env::var("COLORFGBG").ok();

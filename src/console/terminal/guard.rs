@@ -2,7 +2,7 @@
 //! run loop does not.
 //!
 //! The loop may hang in a write to a terminal that takes no more bytes; this thread never writes before it has
-//! given the loop its time. Must not talk to the engine: the loop ends it in good order, and where it cannot, the
+//! given the loop its time. Must not talk to the engine: the loop ends it in good order, and if it cannot, the
 //! store holds what was decided and nothing more.
 
 use std::io;
@@ -47,7 +47,7 @@ impl RunningGuard {
     /// Starts the watch.
     ///
     /// # Errors
-    /// Where no thread, no signal handler or no file descriptor can be had.
+    /// If no thread, no signal handler or no file descriptor can be had.
     pub fn start() -> io::Result<Self> {
         let (sender, endings) = mpsc::channel(4);
         let done = CancellationToken::new();
@@ -68,7 +68,7 @@ impl RunningGuard {
         Ok(Self { endings, done })
     }
 
-    /// The next reason to end. Safe to cancel. Never comes back where the watch is over.
+    /// The next reason to end. Safe to cancel. Never comes back if the watch is over.
     pub async fn ending(&mut self) -> Ending {
         match self.endings.recv().await {
             Some(ending) => ending,

@@ -24,10 +24,10 @@ pub struct LogFile {
 }
 
 impl LogFile {
-    /// Opens `holdpoint.log` in a folder, which is made where there is none.
+    /// Opens `holdpoint.log` in a folder, which is made if there is none.
     ///
     /// # Errors
-    /// Where folder or file cannot be made or written.
+    /// If folder or file cannot be made or written.
     pub fn open(folder: &Path) -> io::Result<Self> {
         fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
         let path = folder.join("holdpoint.log");
@@ -50,7 +50,7 @@ impl LogFile {
     /// Points fd 2 here, and remembers where it pointed.
     ///
     /// # Errors
-    /// Where there are no file descriptors left.
+    /// If there are no file descriptors left.
     pub fn take_stderr(&self) -> io::Result<()> {
         let mut before = STDERR.lock().unwrap_or_else(PoisonError::into_inner);
         if before.is_none() {
@@ -67,12 +67,12 @@ impl LogFile {
 pub fn give_stderr_back() {
     let before = STDERR.lock().unwrap_or_else(PoisonError::into_inner).take();
     if let Some(before) = before {
-        // Where it fails fd 2 stays with the log: nothing is lost.
+        // If it fails fd 2 stays with the log: nothing is lost.
         rustix::stdio::dup2_stderr(before).ok();
     }
 }
 
-/// The folder of the log and of exports: `$XDG_STATE_HOME/holdpoint`, else `~/.local/state/holdpoint`; absent where
+/// The folder of the log and of exports: `$XDG_STATE_HOME/holdpoint`, else `~/.local/state/holdpoint`; absent if
 /// neither is set. Relative paths in the environment do not count.
 #[must_use]
 pub fn state_folder() -> Option<PathBuf> {

@@ -41,7 +41,7 @@ static ON: AtomicU8 = AtomicU8::new(0);
 /// Turns everything on, the mouse where wanted.
 ///
 /// # Errors
-/// Where the terminal does not take it. What was turned on so far is noted.
+/// If the terminal does not take it. What was turned on so far is noted.
 pub fn enter(mouse: bool) -> io::Result<()> {
     ON.fetch_or(RAW, Ordering::AcqRel);
     enable_raw_mode()?;
@@ -54,7 +54,7 @@ pub fn enter(mouse: bool) -> io::Result<()> {
 /// Turns the mouse on or off.
 ///
 /// # Errors
-/// Where the terminal cannot be written to.
+/// If the terminal cannot be written to.
 pub fn mouse(take: bool) -> io::Result<()> {
     if take {
         return turn_on(&MOUSE);

@@ -85,7 +85,7 @@ impl Colour {
         }
     }
 
-    /// The colour at a depth; absent where none can be shown.
+    /// The colour at a depth; absent if none can be shown.
     fn at(self, depth: Depth) -> Option<Color> {
         match (self, depth) {
             (_, Depth::Mono) => None,

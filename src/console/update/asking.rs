@@ -35,7 +35,7 @@ pub(super) fn refresh_now(model: &mut Model) -> Vec<Effect> {
     ask(model, kind, String::new(), question)
 }
 
-/// Asks again where something changed since, one question of a kind at a time.
+/// Asks again if something changed since, one question of a kind at a time.
 pub(super) fn refresh(model: &mut Model) -> Vec<Effect> {
     let Some((kind, _)) = wanted(model) else { return Vec::new() };
     let fresh = model.asked.get(kind) == Some(&model.changes);

@@ -22,7 +22,7 @@ use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_protocol::detail::Detail;
 
-/// The pane of the decisions, which stands beside the checks where there is room.
+/// The pane of the decisions, which stands beside the checks if there is room.
 const TIMELINE: usize = 4;
 
 /// Columns from which the timeline stands beside the checks.

@@ -66,7 +66,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     }
 }
 
-/// What to do where there is nothing yet.
+/// What to do if there is nothing yet.
 fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     if !model.filter().is_empty() {
         pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
@@ -140,7 +140,7 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
     }
 }
 
-/// The seven stages: signs and words, or signs with the word of the present stage where there is no room.
+/// The seven stages: signs and words, or signs with the word of the present stage if there is no room.
 #[must_use]
 pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let marks = STAGES.iter().enumerate().map(|(place, stage)| (stage_mark(candidate, place), *stage));

@@ -58,7 +58,7 @@ pub fn draw_picture(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, are
     let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
-    // Beside or below each other, as the arm is larger; the side view alone where there is no room for both.
+    // Beside or below each other, as the arm is larger; the side view alone if there is no room for both.
     let beside = (views.width >= BESIDE_COLUMNS_MIN)
         .then_some(Rect { width: views.width.saturating_sub(3) / 2, ..views });
     let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });

@@ -23,7 +23,7 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &line(&brief, model.view as usize));
 }
 
-/// The panes of the present view as a line; empty where there is one alone.
+/// The panes of the present view as a line; empty if there is one alone.
 #[must_use]
 pub fn panes(model: &Model) -> Row {
     let panes = model.view.panes();

@@ -39,10 +39,10 @@ pub enum Notification {
 }
 
 impl Client {
-    /// Connects to the engine that runs on a store; `None` where none does.
+    /// Connects to the engine that runs on a store; `None` if none does.
     ///
     /// # Errors
-    /// [`DoorError`] where something answers that is not one's own engine of this version.
+    /// [`DoorError`] if something answers that is not one's own engine of this version.
     pub fn connect(layout: &Layout) -> Result<Option<Self>, DoorError> {
         let path = socket_path(layout);
         // No engine can listen at a path that is too long.
@@ -128,10 +128,10 @@ impl Client {
 }
 
 impl Subscription {
-    /// What was told next; `None` where nothing was within `at_most`.
+    /// What was told next; `None` if nothing was within `at_most`.
     ///
     /// # Errors
-    /// [`DoorError::Ended`] where the engine has ended; else as [`Client::ask`].
+    /// [`DoorError::Ended`] if the engine has ended; else as [`Client::ask`].
     pub fn next(&mut self, at_most: Duration) -> Result<Option<Notification>, DoorError> {
         match self.lines.next(at_most)? {
             None => Ok(None),

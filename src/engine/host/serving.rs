@@ -96,7 +96,7 @@ impl<'a> Serving<'a> {
         let done = catch_unwind(AssertUnwindSafe(|| work(self)));
         if let Err(panic) = done {
             let text = format!("the engine failed in {what}: {}", said(&*panic));
-            // Holding writes an alarm; where even that fails, the alarm is at least in the book or the fault is told.
+            // Holding writes an alarm; if even that fails, the alarm is at least in the book or the fault is told.
             drop(catch_unwind(AssertUnwindSafe(|| self.pump.engine.fail(&text))));
         }
     }

@@ -129,7 +129,7 @@ impl Approvals {
     /// Asks people; from here on only they or the deadline move the candidate.
     ///
     /// # Errors
-    /// Where the question cannot be written.
+    /// If the question cannot be written.
     pub fn ask(
         &mut self,
         context: &Context,
@@ -226,7 +226,7 @@ impl Approvals {
     /// question is refused and changes nothing.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn vote(
         &mut self,
         context: &Context,
@@ -347,7 +347,7 @@ pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<S
 /// What was asked about a version before the engine came up again is no open question any more.
 ///
 /// # Errors
-/// Where the store cannot be read.
+/// If the store cannot be read.
 pub fn void_requests(ledger: &Ledger, id: &CapabilityId) -> Result<Vec<Change>, Fault> {
     let open = ledger.store().views()?.open_requests()?;
     let ours = open.into_iter().filter(|request| request.version == *id);

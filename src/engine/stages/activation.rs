@@ -39,7 +39,7 @@ impl Activation<'_> {
     /// Stage 5 of a candidate, up to its activation, a refusal or a question to people.
     ///
     /// # Errors
-    /// Where what it comes to cannot be written.
+    /// If what it comes to cannot be written.
     pub fn run(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         self.record.start_stage(id, Stage::Activation, 1)?;
         let result = self.gate(id, None)?;
@@ -118,7 +118,7 @@ impl Activation<'_> {
     /// Takes one signed decision, with what was on the screen, and acts on what asking came to by it.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn decide(&mut self, signed: SignedApproval, shown: Option<&str>) -> Result<Reply, Fault> {
         let id = signed.approval().version.clone();
         match self.approvals.vote(self.context, self.record, signed, shown)? {
@@ -231,7 +231,7 @@ impl Activation<'_> {
     /// Acts on questions whose time is over. Tells whether there was one.
     ///
     /// # Errors
-    /// Where what it comes to cannot be written.
+    /// If what it comes to cannot be written.
     pub fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
         let due = self.approvals.due(self.record.now_ms());
         for id in &due {
@@ -243,7 +243,7 @@ impl Activation<'_> {
     /// Versions that were approved while a sequence ran take over. Tells whether there was one.
     ///
     /// # Errors
-    /// Where what it comes to cannot be written.
+    /// If what it comes to cannot be written.
     pub fn take_granted(&mut self) -> Result<bool, Fault> {
         let Some(id) = self.approvals.pop_granted() else { return Ok(false) };
         self.settle_now(&id)?;

@@ -58,10 +58,10 @@ pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
     over.map(|watched| &watched.id).find(|id| dossiers.has_open_doubt(id)).cloned()
 }
 
-/// Begins one; absent where there is no predecessor to compare the version with.
+/// Begins one; absent if there is no predecessor to compare the version with.
 ///
 /// # Errors
-/// Where there is no such version.
+/// If there is no such version.
 pub fn begin(
     context: &Context,
     record: &mut Record,
@@ -98,7 +98,7 @@ pub enum ConfirmationStep {
 /// One slice of a run.
 ///
 /// # Errors
-/// Where a worker fails, or what came of it cannot be written.
+/// If a worker fails, or what came of it cannot be written.
 pub fn slice(
     context: &Context,
     trials: &Trials,

@@ -25,7 +25,7 @@ impl Live<'_> {
     /// Lets arm, agent and monitors out for one sequence.
     ///
     /// # Errors
-    /// Where they are out already.
+    /// If they are out already.
     pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
         let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
         let terms_of = |version: &_| crate::binding::terms_of(context, dossiers, monitors, version);
@@ -35,7 +35,7 @@ impl Live<'_> {
     /// One sequence of the live world, in step with the engine; monitors learn from it.
     ///
     /// # Errors
-    /// Where what it comes to cannot be written.
+    /// If what it comes to cannot be written.
     pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, Fault> {
         let begun = self.begin_sequence()?;
         let worked = match (self.world.pictures.clone(), shadow) {
@@ -56,7 +56,7 @@ impl Live<'_> {
     /// What a worked sequence comes to: the monitors take it in, and what they ask for is done.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub(crate) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
         let Worked { index, outing, report, supervisor, link_up, stopped, shadow: _ } = worked;
         self.world.cell.take_back(outing);
@@ -141,7 +141,7 @@ impl Live<'_> {
     /// Silence and unanswered escalations. Tells whether anything was done.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn look_at_monitors(&mut self) -> Result<bool, Fault> {
         let now_tick = self.record.now_tick();
         let link_up = self.world.cell.link_is_up();
@@ -165,7 +165,7 @@ impl Live<'_> {
     /// Tells what monitors asked while their sequence ran. Tells whether there was anything.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn look_at_questions(&mut self) -> Result<bool, Fault> {
         let Some(thread) = &self.world.thread else { return Ok(false) };
         let questions = thread.take_questions();
@@ -179,7 +179,7 @@ impl Live<'_> {
         Ok(!questions.is_empty())
     }
 
-    /// Does what a monitor asks for. `trip` is the task it stopped, where it did.
+    /// Does what a monitor asks for. `trip` is the task it stopped, if it did.
     fn act_on(
         &mut self,
         id: &CapabilityId,
@@ -250,7 +250,7 @@ impl Live<'_> {
     /// Tightens the envelope of an active version. A second demand changes nothing.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn restrict(&mut self, id: &CapabilityId, reasons: &[Reason]) -> Result<(), Fault> {
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
         if watched.restricted {
@@ -271,7 +271,7 @@ impl Live<'_> {
     /// Confirms a version whose window passed without a trip and which is in no doubt.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
         if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
@@ -296,7 +296,7 @@ impl Live<'_> {
     /// works in step, as they come where it has a thread of its own.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn take_off(
         &mut self,
         id: &CapabilityId,

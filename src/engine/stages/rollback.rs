@@ -35,7 +35,7 @@ pub(crate) fn trigger(record: &Record, kind: TriggerKind, text: impl Into<String
 impl Live<'_> {
     /// Takes an active version off: first its command authority, then the arm to a safe pose, then
     /// the binding, then the record. `trip` is the task that was stopped for it, where one was. What comes back is
-    /// to be looked at: the first tasks under the predecessor; nothing where there was nothing to do, or the family
+    /// to be looked at: the first tasks under the predecessor; nothing if there was nothing to do, or the family
     /// is safe-stopped.
     pub(crate) fn roll_back(
         &mut self,

@@ -89,7 +89,7 @@ pub struct SandboxStep {
 /// Begins the sandbox of a candidate: what was measured before does not count.
 ///
 /// # Errors
-/// Where the start cannot be written.
+/// If the start cannot be written.
 pub fn begin(
     context: &Context,
     record: &mut Record,
@@ -125,7 +125,7 @@ impl Sandbox<'_> {
     /// One slice of a run.
     ///
     /// # Errors
-    /// Where a worker fails, or the end of the stage cannot be written.
+    /// If a worker fails, or the end of the stage cannot be written.
     pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<SandboxStep, Fault> {
         let id = run.id.clone();
         let candidate = self.record.capability(&id)?;

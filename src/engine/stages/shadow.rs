@@ -46,7 +46,7 @@ impl ShadowRun {
 /// Begins the shadow of a candidate. A version in doubt is looked at as long as the profile allows.
 ///
 /// # Errors
-/// Where the start cannot be written, or the twin's world not be built.
+/// If the start cannot be written, or the twin's world not be built.
 pub fn begin(
     context: &Context,
     record: &mut Record,
@@ -67,10 +67,10 @@ pub fn begin(
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))
 }
 
-/// What goes along with the next sequence; `None` where the stage cannot go on and was aborted.
+/// What goes along with the next sequence; `None` if the stage cannot go on and was aborted.
 ///
 /// # Errors
-/// Where the twin's world cannot be built, or the abort not be written.
+/// If the twin's world cannot be built, or the abort not be written.
 pub fn take_along(
     context: &Context,
     record: &mut Record,
@@ -94,7 +94,7 @@ pub fn take_along(
 /// Takes in what the candidate did in one sequence; gives the run back where it goes on.
 ///
 /// # Errors
-/// Where the end of the stage cannot be written.
+/// If the end of the stage cannot be written.
 pub fn take_in(
     context: &Context,
     record: &mut Record,

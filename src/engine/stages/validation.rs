@@ -26,7 +26,7 @@ use crate::record::Record;
 /// Stage 2 of a candidate, whole: it takes well under a millisecond.
 ///
 /// # Errors
-/// Where its end cannot be written.
+/// If its end cannot be written.
 pub fn run(
     context: &Context,
     record: &mut Record,

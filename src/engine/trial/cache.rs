@@ -21,7 +21,7 @@ pub enum EpisodeCache {
 const ENTRY_BYTES_MAX: u64 = 1 << 20;
 
 impl EpisodeCache {
-    /// The stored bytes of a key; absent where there are none that can be read.
+    /// The stored bytes of a key; absent if there are none that can be read.
     #[must_use]
     pub fn get(&self, store: &Store, key: &EpisodeKey) -> Option<Vec<u8>> {
         match self {
@@ -37,7 +37,7 @@ impl EpisodeCache {
     /// Keeps the bytes of a key. A shared folder that cannot be written to only costs time.
     ///
     /// # Errors
-    /// Where the store's own cache fails.
+    /// If the store's own cache fails.
     pub fn put(&self, store: &Store, key: &EpisodeKey, bytes: &[u8]) -> Result<(), StoreError> {
         match self {
             Self::InStore => store.put_cached_episode(key, bytes),

@@ -33,7 +33,7 @@ impl Worker {
     /// The worker's arm, reset to an episode.
     ///
     /// # Errors
-    /// Where the world cannot be built or the episode has no valid start.
+    /// If the world cannot be built or the episode has no valid start.
     pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut Arm<World>, SimError> {
         let mut arm = match self.world.take() {
             Some(arm) => arm,
@@ -90,7 +90,7 @@ pub struct EpisodeJob {
 /// Runs a list of episodes on `jobs` workers; the records come back in the list's order.
 ///
 /// # Errors
-/// Where a worker panicked; the error names the episode. Nothing is concluded from the batch then.
+/// If a worker panicked; the error names the episode. Nothing is concluded from the batch then.
 pub fn batch(
     jobs: usize,
     cancel: &AtomicBool,

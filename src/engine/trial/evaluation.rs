@@ -163,7 +163,7 @@ impl Evaluation {
     /// is not whole yet; nothing has changed but what is kept of it. How a slice is cut changes no result.
     ///
     /// # Errors
-    /// Where the lab fails; nothing is concluded from the slice then.
+    /// If the lab fails; nothing is concluded from the slice then.
     pub fn step(
         &mut self,
         lab: &Lab<'_>,

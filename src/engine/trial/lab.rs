@@ -52,7 +52,7 @@ impl Lab<'_> {
     /// Episodes of one version, by their place among a purpose's seeds.
     ///
     /// # Errors
-    /// Where a worker failed or the run was interrupted; nothing is concluded from it then.
+    /// If a worker failed or the run was interrupted; nothing is concluded from it then.
     pub fn episodes(
         &self,
         version: &Capability,

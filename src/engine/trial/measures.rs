@@ -24,7 +24,7 @@ pub struct Metric {
     pub name: String,
     /// The share or mean.
     pub value: f64,
-    /// At 95 %: Wilson for shares, Student for the mean; absent where the episodes cannot bound it.
+    /// At 95 %: Wilson for shares, Student for the mean; absent if the episodes cannot bound it.
     pub interval: Option<Interval>,
 }
 
@@ -58,7 +58,7 @@ pub struct ModeMetrics {
 }
 
 impl ModeMetrics {
-    /// Of the valid episodes among `records`; absent where there is none.
+    /// Of the valid episodes among `records`; absent if there is none.
     #[must_use]
     pub fn of<'a>(mode: &str, records: impl IntoIterator<Item = &'a TaskRecord>) -> Option<Self> {
         let records: Vec<&TaskRecord> = records.into_iter().filter(|record| !record.invalid).collect();

@@ -86,7 +86,7 @@ impl TraceBatch {
 /// Keeps the trace records of a slice; their digests enter the audit chain with the stage's decision.
 ///
 /// # Errors
-/// Where the store does not take them.
+/// If the store does not take them.
 pub fn keep_trace(
     store: &Store,
     cell: &Cell,

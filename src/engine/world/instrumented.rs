@@ -9,7 +9,7 @@ use holdpoint_sim::world::World;
 use crate::world::painter::Sketch;
 use holdpoint_body::{Body, BodyError};
 
-/// A world, and a referee who looks on where one was asked for.
+/// A world, and a referee who looks on if one was asked for.
 pub struct InstrumentedWorld {
     world: World,
     limits: Option<RefereeLimits>,
@@ -40,12 +40,12 @@ impl InstrumentedWorld {
         self.limits = Some(limits);
     }
 
-    /// From now on every tick is drawn by `sketch`; by nobody where it is absent.
+    /// From now on every tick is drawn by `sketch`; by nobody if it is absent.
     pub(crate) fn draw(&mut self, sketch: Option<Sketch>) {
         self.sketch = sketch;
     }
 
-    /// Ends a verdict and begins the next. Absent where nobody looked on.
+    /// Ends a verdict and begins the next. Absent if nobody looked on.
     pub fn verdict(&mut self) -> Option<RefereeReport> {
         let next = self.limits.map(Referee::new);
         std::mem::replace(&mut self.referee, next).map(|referee| referee.verdict())

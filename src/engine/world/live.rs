@@ -54,7 +54,7 @@ impl SequenceReport {
         Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 }
     }
 
-    /// The record of a primitive, where it was worked.
+    /// The record of a primitive, if it was worked.
     #[must_use]
     pub fn task(&self, task: TaskKind) -> Option<&Dispatched> {
         self.tasks.iter().find(|dispatched| dispatched.record.task == task)
@@ -111,7 +111,7 @@ impl LiveCell {
     /// A live cell at rest.
     ///
     /// # Errors
-    /// Where the world cannot be built.
+    /// If the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
         let arm = Arm::new(InstrumentedWorld::new(cell.world()?));
         let distribution = Arc::clone(&cell.live);
@@ -150,7 +150,7 @@ impl LiveCell {
         }
     }
 
-    /// Ground truth since the last call, task by task; empty where no referee looks on.
+    /// Ground truth since the last call, task by task; empty if no referee looks on.
     pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
         self.rig.as_mut().map(|rig| std::mem::take(&mut rig.verdicts)).unwrap_or_default()
     }
@@ -163,7 +163,7 @@ impl LiveCell {
     /// Sets in a drift, or ends it, from the next sequence on.
     ///
     /// # Errors
-    /// Where the drifted distribution is not valid.
+    /// If the drifted distribution is not valid.
     pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
         self.distribution = match &drift {
             None => Arc::clone(&self.cell.live),
@@ -196,7 +196,7 @@ impl LiveCell {
         self.rig.as_deref_mut()
     }
 
-    /// Lets arm and agent out for one sequence; `None` where they are out already.
+    /// Lets arm and agent out for one sequence; `None` if they are out already.
     pub(crate) fn let_out(&mut self) -> Option<Outing> {
         let rig = self.rig.take()?;
         let sequence = self.sequences;

@@ -65,7 +65,7 @@ impl Painter {
         });
     }
 
-    /// A tick passed: draws where a picture is due, and in any case where `stopped`.
+    /// A tick passed: draws if a picture is due, and in any case where `stopped`.
     pub(crate) fn tick(
         &mut self,
         world: &World,
@@ -105,7 +105,7 @@ impl Painter {
         (self.pictures)(picture);
     }
 
-    /// The sequence is over: the arm at rest, where there was anything to draw.
+    /// The sequence is over: the arm at rest, if there was anything to draw.
     pub(crate) fn rest(&mut self, world: &World, stopped: bool) {
         let Some(last) = self.last.take() else { return };
         (self.pictures)(Picture {

@@ -124,7 +124,7 @@ impl Begun {
 /// Lets arm, agent and monitors out for one sequence. `terms_of` says what a version runs under.
 ///
 /// # Errors
-/// Where they are out already.
+/// If they are out already.
 pub(crate) fn begin(
     context: &Context,
     record: &Record,

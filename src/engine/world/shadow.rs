@@ -119,7 +119,7 @@ pub struct Shadow {
 
 /// A twin that has run.
 struct Ran {
-    /// The world, for the next sequence; absent where it failed.
+    /// The world, for the next sequence; absent if it failed.
     world: Option<World>,
     record: Option<TaskRecord>,
 }
@@ -189,7 +189,7 @@ impl Shadow {
         }
     }
 
-    /// After the live task: runs the twin, where it has not run yet, and compares. Absent where the task was not
+    /// After the live task: runs the twin, if it has not run yet, and compares. Absent if the task was not
     /// reached or a world failed. The world comes back for the next sequence.
     pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
         let (Some(live), true) = (live, self.skill.is_some()) else {

@@ -18,7 +18,7 @@ use holdpoint_runtime::watcher::WatcherSignal;
 /// A task that was stopped in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
-    /// The safety event; absent where it was for something else.
+    /// The safety event; absent if it was for something else.
     pub event: Option<SafetyEvent>,
     /// When, ticks of the live world.
     pub world_tick: u64,
@@ -33,7 +33,7 @@ pub struct Trip {
 pub struct RaisedMonitor {
     pub id: CapabilityId,
     pub decision: MonitorDecision,
-    /// The task it stopped, where it did.
+    /// The task it stopped, if it did.
     pub trip: Option<Trip>,
 }
 

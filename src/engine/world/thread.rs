@@ -71,7 +71,7 @@ impl LiveThread {
         self.not_before.is_some_and(|not_before| Instant::now() < not_before)
     }
 
-    /// After a sequence: where nothing was worked, the next one waits.
+    /// After a sequence: if nothing was worked, the next one waits.
     pub(crate) fn rest_if(&mut self, nothing: bool) {
         self.not_before = nothing.then(|| Instant::now() + NOTHING_PAUSE);
     }
@@ -89,7 +89,7 @@ impl LiveThread {
     /// Lets a sequence out.
     ///
     /// # Errors
-    /// Where no thread starts.
+    /// If no thread starts.
     pub(crate) fn set_off(
         &mut self,
         mut begun: Begun,
@@ -117,7 +117,7 @@ impl LiveThread {
         Ok(())
     }
 
-    /// The sequence that is over; `None` while one runs, and where none does.
+    /// The sequence that is over; `None` while one runs, and if none does.
     pub(crate) fn landed(&mut self, wait: bool) -> Option<Result<Worked, Fault>> {
         let thread = self.running.take_if(|thread| wait || thread.is_finished())?;
         self.switch.end();

@@ -147,7 +147,7 @@ impl Figure {
     }
 
     /// Takes samples for `secs_max`, after one call that is not counted. `work` gets the number of the call and
-    /// gives the units of work it did, by which its time is divided; none where the call does not count.
+    /// gives the units of work it did, by which its time is divided; none if the call does not count.
     pub(super) fn take(
         self,
         effort: &FigureEffort,

@@ -87,7 +87,7 @@ pub(super) struct Study {
 /// Runs the study with `runs` runs of each figure, [`RUNS_MIN`] to [`RUNS_MAX`].
 ///
 /// # Errors
-/// [`BenchError`] where an embedded text does not parse or a rule refuses its input.
+/// [`BenchError`] if an embedded text does not parse or a rule refuses its input.
 pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
     if !(RUNS_MIN..=RUNS_MAX).contains(&runs) {
         return Err(BenchError::Unexpected {

@@ -92,10 +92,10 @@ pub struct CandidateEnd {
     pub effort: Effort,
 }
 
-/// Takes a candidate to where nothing more happens to it.
+/// Takes a candidate to if nothing more happens to it.
 ///
 /// # Errors
-/// Where the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
+/// If the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
 pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<CandidateEnd, ExperimentError> {
     let version = Capability::load(name, package.clone())
         .map_err(|error| ExperimentError::candidate(name, error.sentence()))?

@@ -115,7 +115,7 @@ pub struct Activated {
     calm: Vec<Option<bool>>,
 }
 
-/// Takes the run's candidate to its activation. `None` where the pipeline did not let it pass.
+/// Takes the run's candidate to its activation. `None` if the pipeline did not let it pass.
 pub(super) fn activate(setting: &DriftSetting, seed: u64) -> Result<Option<Activated>, ExperimentError> {
     let folder = super::scratch()?;
     let name = candidate_of(seed);
@@ -204,7 +204,7 @@ pub struct CellRun {
     pub candidate: String,
     pub kind: DriftKind,
     pub magnitude: Magnitude,
-    /// Absent where the pipeline did not activate the candidate on this seed: the cell then counts nowhere.
+    /// Absent if the pipeline did not activate the candidate on this seed: the cell then counts nowhere.
     pub result: Option<CellResult>,
 }
 
@@ -218,7 +218,7 @@ pub struct CellResult {
     pub first: Option<FirstResponse>,
     /// Tasks of the version under the drift until it came off, or until the horizon.
     pub under: PartWork,
-    /// The rollback, where there was one.
+    /// The rollback, if there was one.
     pub rollback: Option<RollbackRecord>,
     /// The predecessor's first sequences under the drift.
     pub after: PartWork,
@@ -282,7 +282,7 @@ impl Activated {
         Ok(Need { pairs, bad_calm, bad_under, worse_at_least: bound.lower, needs_trigger })
     }
 
-    /// The version unwatched: for each sequence whether its task went badly; `None` where it was not reached.
+    /// The version unwatched: for each sequence whether its task went badly; `None` if it was not reached.
     fn twins(
         &self,
         setting: &DriftSetting,

@@ -33,7 +33,7 @@ pub struct RunPlan {
     /// Run seeds that the candidates are spread over.
     pub blocks: u64,
     pub jobs: usize,
-    /// Finished candidates are kept here and not run again; nowhere where absent.
+    /// Finished candidates are kept here and not run again; nowhere if absent.
     pub out: Option<PathBuf>,
 }
 
@@ -59,7 +59,7 @@ struct Task<'a> {
 /// Runs the plan. `tell` is given one line per finished candidate.
 ///
 /// # Errors
-/// Where the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
+/// If the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
 pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, ExperimentError> {
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;

@@ -37,7 +37,7 @@ impl Judged {
     /// Looks a candidate up in the truth.
     ///
     /// # Errors
-    /// Where the truth does not know it.
+    /// If the truth does not know it.
     pub fn of(end: CandidateEnd, truth: &PoolTruth) -> Result<Self, ExperimentError> {
         let entry = truth.of(&end.name).ok_or_else(|| {
             ExperimentError::candidate(&end.name, "the truth file does not know it".to_owned())

@@ -30,7 +30,7 @@ impl Draft {
     /// A copy of a baseline.
     ///
     /// # Errors
-    /// Where the baseline's texts are no TOML.
+    /// If the baseline's texts are no TOML.
     pub fn of(baseline: &Capability) -> Result<Self, PoolError> {
         let parse = |text: &str| {
             text.parse::<Table>().map_err(|error| PoolError::Generated {

@@ -66,7 +66,7 @@ pub struct DrawnPool {
 /// Draws a pool.
 ///
 /// # Errors
-/// [`PoolError::Sets`]; [`PoolError::Generated`] where a package would not load, which is a fault of the table.
+/// [`PoolError::Sets`]; [`PoolError::Generated`] if a package would not load, which is a fault of the table.
 pub fn draw(order: Order) -> Result<DrawnPool, PoolError> {
     if !(1..=SETS_MAX).contains(&order.sets) {
         return Err(PoolError::Sets { sets: order.sets, allowed: SETS_MAX });
@@ -124,7 +124,7 @@ pub fn draw(order: Order) -> Result<DrawnPool, PoolError> {
 /// Draws a pool and writes it to a folder that is not there yet, the truth beside it.
 ///
 /// # Errors
-/// As [`draw`]; [`PoolError::Exists`] or [`PoolError::File`] where it cannot be written.
+/// As [`draw`]; [`PoolError::Exists`] or [`PoolError::File`] if it cannot be written.
 pub fn write(order: Order, dir: &Path) -> Result<PoolIndex, PoolError> {
     let drawn = draw(order)?;
     let truth = truth_path(dir);

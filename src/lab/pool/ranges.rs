@@ -69,7 +69,7 @@ impl Makes {
 pub struct Recipe {
     pub family: Family,
     pub makes: Makes,
-    /// The mechanism, for the truth's `kind`; empty where the kind says it.
+    /// The mechanism, for the truth's `kind`; empty if the kind says it.
     #[serde(default)]
     pub mechanism: String,
     /// Always the first of its kind in a set.
@@ -106,7 +106,7 @@ struct RecipeTable {
 /// Every recipe, in the table's order.
 ///
 /// # Errors
-/// Where the embedded table does not parse, or a range is empty.
+/// If the embedded table does not parse, or a range is empty.
 pub fn recipes() -> Result<Vec<Recipe>, TextError> {
     let table: RecipeTable = text_error::parse_toml(FILE, TEXT)?;
     for recipe in &table.recipe {

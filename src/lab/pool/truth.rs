@@ -56,7 +56,7 @@ pub struct PoolTruth {
 }
 
 impl PoolTruth {
-    /// What a candidate is; `None` where it is not of this pool.
+    /// What a candidate is; `None` if it is not of this pool.
     #[must_use]
     pub fn of(&self, name: &str) -> Option<&TruthEntry> {
         self.entries.iter().find(|entry| entry.name == name)

@@ -50,10 +50,10 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal of a folder, which is made where there is none.
+    /// Opens the journal of a folder, which is made if there is none.
     ///
     /// # Errors
-    /// Where the folder or file cannot be used, or the file is larger than any search makes it.
+    /// If the folder or file cannot be used, or the file is larger than any search makes it.
     pub fn open(folder: &Path) -> Result<Self, RefineError> {
         fs::create_dir_all(folder).map_err(RefineError::io("make the folder", folder))?;
         let path = folder.join(FILE);
@@ -85,7 +85,7 @@ impl Journal {
     /// Keeps a score.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn put(&mut self, key: Digest, score: Score) -> Result<(), RefineError> {
         let write = |file: &mut File| {
             let mut line = serde_json::to_vec(&JournalLine::new(key, score))?;

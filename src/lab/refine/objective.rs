@@ -95,7 +95,7 @@ impl<'a> Objective<'a> {
     /// The built-in cell under the profile `sim`.
     ///
     /// # Errors
-    /// Where an embedded file does not parse.
+    /// If an embedded file does not parse.
     pub fn new(seed: u32, jobs: usize, cancel: &'a AtomicBool) -> Result<Self, RefineError> {
         let cell = Cell::builtin()?;
         let profile = Profile::builtin(ProfileName::Sim)?;
@@ -119,10 +119,10 @@ impl<'a> Objective<'a> {
         Digest::of_parts("holdpoint.refine.score.v1", &parts)
     }
 
-    /// Simulates the episodes from index `from` on. None where it was interrupted.
+    /// Simulates the episodes from index `from` on. None if it was interrupted.
     ///
     /// # Errors
-    /// Where a worker failed.
+    /// If a worker failed.
     pub fn score(
         &self,
         version: &Capability,

@@ -62,7 +62,7 @@ impl<'a> PackageDraft<'a> {
     /// The candidate with these values, loaded.
     ///
     /// # Errors
-    /// Where the texts do not load, which values of the space never cause.
+    /// If the texts do not load, which values of the space never cause.
     pub fn candidate(&self, values: &[f64], summary: &str) -> Result<Capability, RefineError> {
         let package = Package {
             manifest: self.manifest(values)?,
@@ -120,10 +120,10 @@ pub fn summary(
     )
 }
 
-/// Writes the folder: whole, or not at all, and only where there is none.
+/// Writes the folder: whole, or not at all, and only if there is none.
 ///
 /// # Errors
-/// Where it is there already, or cannot be written.
+/// If it is there already, or cannot be written.
 pub fn write(package: &Package, scratch: &Path, folder: &Path) -> Result<(), RefineError> {
     let whole = tempfile::Builder::new()
         .prefix("candidate-")

@@ -141,7 +141,7 @@ impl<'a> Evaluator<'a> {
     /// Measures a version on episodes the search never saw.
     ///
     /// # Errors
-    /// Where it was interrupted or a worker failed.
+    /// If it was interrupted or a worker failed.
     pub fn fresh(&self, version: &Capability) -> Result<Score, RefineError> {
         let score = self.score(version, FRESH_FROM, self.episodes * FRESH_FACTOR)?;
         self.tell(false);

@@ -33,7 +33,7 @@ pub struct Settings<'a> {
     pub jobs: usize,
     /// The folder in which `<family>-refined` is made.
     pub out: &'a Path,
-    /// The candidate's version; the parent's next minor one where none is given.
+    /// The candidate's version; the parent's next minor one if none is given.
     pub version: Option<semver::Version>,
 }
 

@@ -38,7 +38,7 @@ impl Space {
     /// The parameters of a native baseline.
     ///
     /// # Errors
-    /// Where it is not native, or its parameters do not parse.
+    /// If it is not native, or its parameters do not parse.
     pub fn of(baseline: &Capability) -> Result<Self, RefineError> {
         let text = &baseline.package.params;
         let Bundle::Native(name) = &baseline.manifest.deployment.bundle else {

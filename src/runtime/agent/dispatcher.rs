@@ -29,7 +29,7 @@ pub enum Refused {
         id: CapabilityId,
         observable: String,
         needs: String,
-        /// What was measured; absent where nothing measures it.
+        /// What was measured; absent if nothing measures it.
         found: Option<f64>,
     },
 }
@@ -99,7 +99,7 @@ impl Agent {
     /// Dispatches one primitive to the active version of its family.
     ///
     /// # Errors
-    /// [`DispatchError::Refused`] where governance does not admit it; the arm has not moved then.
+    /// [`DispatchError::Refused`] if governance does not admit it; the arm has not moved then.
     pub fn dispatch<B: Body, V: ActiveView>(
         &mut self,
         view: &V,

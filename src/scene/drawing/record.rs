@@ -36,7 +36,7 @@ pub struct RecordingHead {
 /// What is known when it ends.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tail {
-    /// How the upgrade ended; absent where only the program did.
+    /// How the upgrade ended; absent if only the program did.
     pub outcome: Option<Word<UpgradeEnd>>,
     /// Pictures and events that were dropped before they came here.
     pub dropped: (u64, u64),

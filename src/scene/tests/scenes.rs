@@ -24,7 +24,7 @@ use holdpoint_protocol::sink::{Closed, Report};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_recordings::folder::file_stem;
 use holdpoint_recordings::recording::{Recording, Series};
-use holdpoint_scene::tap::Tap;
+use holdpoint_scene::feed::Feed;
 use holdpoint_scene::{SceneConfig, Scenes, read, until};
 use holdpoint_text::Hint as _;
 use support::{digest, id, snapshot};
@@ -47,21 +47,21 @@ impl Script {
         Self { pictures: Vec::new(), events: Vec::new(), at_ms: 500_000, seq: 0 }
     }
 
-    fn event(&mut self, tap: &Tap, kind: EventKind, shown: Option<Snapshot>) {
+    fn event(&mut self, feed: &Feed, kind: EventKind, shown: Option<Snapshot>) {
         self.seq += 1;
         let event = Event { seq: self.seq, at_ms: self.at_ms, kind };
         let shown = Snapshot { at_ms: self.at_ms, ..shown.unwrap_or_else(snapshot) };
-        tap.events(std::slice::from_ref(&event), || shown);
+        feed.events(std::slice::from_ref(&event), || shown);
         self.events.push(event);
     }
 
     /// A sequence of the live world with its twin, thirty pictures a second.
-    fn sequence(&mut self, tap: &Tap, index: u64, secs: u64, success: bool, twin: bool) {
+    fn sequence(&mut self, feed: &Feed, index: u64, secs: u64, success: bool, twin: bool) {
         for step in 0..secs * 30 {
             self.at_ms += 33 + u64::from(step % 3 == 0);
             let picture = picture(index, self.at_ms, step, twin);
             // A reader that cannot follow drops pictures; here it is waited for.
-            offer(tap, &picture);
+            offer(feed, &picture);
             self.pictures.push(picture);
         }
         let task = TaskSummary {
@@ -81,16 +81,16 @@ impl Script {
                 shadow.disagreements.clear();
             }
         }
-        self.event(tap, kind, Some(shown));
+        self.event(feed, kind, Some(shown));
     }
 }
 
 /// Hands a picture over and makes sure that it was taken.
-fn offer(tap: &Tap, picture: &Picture) {
+fn offer(feed: &Feed, picture: &Picture) {
     loop {
-        let (dropped, _) = tap.dropped();
-        tap.picture(picture.clone());
-        if tap.dropped().0 == dropped {
+        let (dropped, _) = feed.dropped();
+        feed.picture(picture.clone());
+        if feed.dropped().0 == dropped {
             return;
         }
         std::thread::yield_now();
@@ -144,16 +144,16 @@ fn registered() -> EventKind {
 /// A whole upgrade: some shadowed sequences, a decision, some monitored ones.
 fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Script, Closed, PathBuf) {
     let scenes = Scenes::start(config(folder)).unwrap();
-    let tap = scenes.tap();
+    let feed = scenes.feed();
     let mut script = Script::new();
-    script.event(&tap, registered(), None);
+    script.event(&feed, registered(), None);
     script.event(
-        &tap,
+        &feed,
         EventKind::StageStarted { version: id(VERSION), stage: Stage::Shadow, budget: shadowed },
         None,
     );
     for index in 0..shadowed {
-        script.sequence(&tap, index, 17, !fail.contains(&index), true);
+        script.sequence(&feed, index, 17, !fail.contains(&index), true);
     }
     let view = snapshot().candidates.into_iter().find(|view| view.version == id(VERSION)).unwrap();
     let decided = EventKind::Decided {
@@ -165,7 +165,7 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
         reasons: view.reasons,
         conditions: Vec::new(),
     };
-    script.event(&tap, decided, None);
+    script.event(&feed, decided, None);
     let activated = EventKind::Activated {
         version: id(VERSION),
         replaced: Some(id("place@1.0.0")),
@@ -173,12 +173,12 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
         conditions: Vec::new(),
         provisional_episodes: 60,
     };
-    script.event(&tap, activated, None);
+    script.event(&feed, activated, None);
     for index in shadowed..shadowed + monitored {
-        script.sequence(&tap, index, 17, !fail.contains(&index), false);
+        script.sequence(&feed, index, 17, !fail.contains(&index), false);
     }
     let closed = EventKind::AuditClosed { version: id(VERSION), outcome: UpgradeEnd::Confirmed, records: 12 };
-    script.event(&tap, closed, None);
+    script.event(&feed, closed, None);
     let reports = scenes.finish(PATIENCE);
     let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
     let path = folder.join(&closed.file);
@@ -313,8 +313,8 @@ fn a_viewer_is_served_and_ending_does_not_hang() {
     let view = Some("127.0.0.1:0".parse().unwrap());
     let scenes = Scenes::start(SceneConfig { view, ..SceneConfig::default() }).unwrap();
     let mut script = Script::new();
-    script.event(&scenes.tap(), registered(), None);
-    script.sequence(&scenes.tap(), 0, 5, true, true);
+    script.event(&scenes.feed(), registered(), None);
+    script.sequence(&scenes.feed(), 0, 5, true, true);
     let reports = scenes.finish(PATIENCE);
     let [Report::Serving { url }] = reports.as_slice() else { panic!("{reports:?}") };
     assert!(url.starts_with("rerun+http://127.0.0.1:") && url.ends_with("/proxy"), "{url}");

@@ -65,7 +65,7 @@ pub fn row(model: &ReplayModel, look: &Look, event: usize) -> Row {
     Row::of(role, glyph).with(if is_past { ThemeRole::Text } else { ThemeRole::Muted }, &told)
 }
 
-/// The event at the cursor in lines of its own, where its line does not hold it and the pane has room.
+/// The event at the cursor in lines of its own, if its line does not hold it and the pane has room.
 fn whole(model: &ReplayModel, inside: Rect) -> Vec<Row> {
     let width = inside.width.saturating_sub(GUTTER);
     let here = model.cursor.event.and_then(|event| model.timeline.event(event));

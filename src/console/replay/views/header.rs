@@ -32,7 +32,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 1, &spread(vec![stands], Vec::new(), when, width));
 }
 
-/// What must be said at the left, what helps where there is room, and what stands at the right end.
+/// What must be said at the left, what helps if there is room, and what stands at the right end.
 fn spread(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
     let mut row = must.into_iter().fold(Row::new(), Row::and);
     for piece in helps {
@@ -76,7 +76,7 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     rows
 }
 
-/// What was dropped on the way into the file; empty where nothing was.
+/// What was dropped on the way into the file; empty if nothing was.
 fn lost(pictures: u64, events: u64) -> String {
     let counted = [(pictures, "pictures"), (events, "events")];
     let lost: Vec<String> = counted

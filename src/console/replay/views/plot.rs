@@ -1,7 +1,7 @@
 //! One chart over time, with its limit as it was then and the cursor in it.
 //!
 //! Many values share a dot column as their smallest and largest: a spike of one value survives any width. Moving
-//! values are joined only where they follow each other closely; a gap stays a gap. Values that hold until the next
+//! values are joined only if they follow each other closely; a gap stays a gap. Values that hold until the next
 //! are drawn as steps.
 
 use ratatui::layout::Rect;

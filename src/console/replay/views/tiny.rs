@@ -1,4 +1,4 @@
-//! Windows below 60 x 16: what is replayed, when, what happened last, and the way out; the arm where there is room.
+//! Windows below 60 x 16: what is replayed, when, what happened last, and the way out; the arm if there is room.
 //!
 //! ```text
 //! REPLAY place@1.1.0

@@ -20,7 +20,7 @@ impl Draw {
         self.0.unit() < probability
     }
 
-    /// A number below `count`; 0 where that is 0.
+    /// A number below `count`; 0 if that is 0.
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -29,9 +29,9 @@ pub struct StudyFigure {
     pub value: f64,
     /// `share`, `pairs` or `episodes`.
     pub unit: &'static str,
-    /// What is stated of it; absent where the figure is only told.
+    /// What is stated of it; absent if the figure is only told.
     pub stated: Option<Stated>,
-    /// Whether the runs leave what is stated possible (exact bound at one in ten thousand); true where nothing is.
+    /// Whether the runs leave what is stated possible (exact bound at one in ten thousand); true if nothing is.
     pub holds: bool,
 }
 

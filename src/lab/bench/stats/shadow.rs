@@ -61,7 +61,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     Ok(findings)
 }
 
-/// A shadow deployment as the pipeline does it: judged at the plain length and, where that is not enough, at the
+/// A shadow deployment as the pipeline does it: judged at the plain length and, if that is not enough, at the
 /// longest.
 fn deployed(
     draw: &mut Draw,

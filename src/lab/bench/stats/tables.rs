@@ -59,7 +59,7 @@ pub fn write(pairs: &[Pair]) -> String {
 /// Reads a table's text.
 ///
 /// # Errors
-/// [`TableError`] with the first line that is no pair, or the first line where there is no pair at all.
+/// [`TableError`] with the first line that is no pair, or the first line if there is no pair at all.
 pub fn read(name: &'static str, text: &str) -> Result<RecordedTable, TableError> {
     let mut provenance = String::new();
     let mut pairs = Vec::new();

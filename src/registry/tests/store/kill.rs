@@ -39,7 +39,7 @@ fn acknowledged(line: &str) -> Option<u64> {
     line.split("ACK ").nth(1)?.trim().parse().ok()
 }
 
-/// Registers, activates and rolls back for ever; says `ACK <seq>` after each commit, `FAILED` where one fails.
+/// Registers, activates and rolls back for ever; says `ACK <seq>` after each commit, `FAILED` if one fails.
 fn work(folder: &Path) {
     let store = Store::open(folder).unwrap();
     let start = store.opening().head.seq;

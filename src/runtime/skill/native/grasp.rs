@@ -111,7 +111,7 @@ impl Grasp {
         }
     }
 
-    /// Sends a pose once per phase, or again where it moved by more than half a millimetre or the
+    /// Sends a pose once per phase, or again if it moved by more than half a millimetre or the
     /// speed is another.
     fn move_to(&mut self, run: &mut Run<GraspPhase>, pose: Pose, max_speed_m_s: f64) -> Command {
         if run.commanded && pose.distance_m(&run.target) < 5e-4 && max_speed_m_s == self.speed_m_s {

@@ -3,7 +3,7 @@
 //! Counts are computed from the raw pairs and drills in the record by the rule's own statistics, never guessed: a
 //! number of episodes is the smallest that brings the rule's bound within its limit.
 
-use super::seen::{DossierRecord, Noted};
+use super::on_record::{DossierRecord, Noted};
 use holdpoint_governance::behavior::{Component, ComponentName};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
@@ -69,7 +69,7 @@ pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String
     None
 }
 
-/// What would have to change for a reason to go away; `None` where it speaks for the version.
+/// What would have to change for a reason to go away; `None` if it speaks for the version.
 pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
     use ReasonCode as Code;
     // What another build wrote is told with its number against its limit.

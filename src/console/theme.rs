@@ -44,18 +44,18 @@ impl Depth {
     }
 }
 
-/// The theme that is used where none is asked for and the background is not known to be light.
+/// The theme that is used if none is asked for and the background is not known to be light.
 pub const DEFAULT: &str = "calm-dark";
 
-/// The theme that is used where none is asked for and the background is light.
+/// The theme that is used if none is asked for and the background is light.
 pub const DEFAULT_LIGHT: &str = "calm-light";
 
 const BUILTIN: [(&str, &str); 5] = [
-    ("calm-dark", include_str!("../../../themes/calm-dark.toml")),
-    ("calm-light", include_str!("../../../themes/calm-light.toml")),
-    ("mono", include_str!("../../../themes/mono.toml")),
-    ("high-contrast", include_str!("../../../themes/high-contrast.toml")),
-    ("deuteranopia", include_str!("../../../themes/deuteranopia.toml")),
+    ("calm-dark", include_str!("../../themes/calm-dark.toml")),
+    ("calm-light", include_str!("../../themes/calm-light.toml")),
+    ("mono", include_str!("../../themes/mono.toml")),
+    ("high-contrast", include_str!("../../themes/high-contrast.toml")),
+    ("deuteranopia", include_str!("../../themes/deuteranopia.toml")),
 ];
 
 /// Names of the themes that come with the program, the default one first.

@@ -1,4 +1,4 @@
-//! The desk with files that fail, tear, and go on.
+//! The router with files that fail, tear, and go on.
 
 use std::fs::File;
 use std::io;
@@ -35,8 +35,8 @@ fn closed(version: &str) -> EventKind {
     EventKind::AuditClosed { version: id(version), outcome: UpgradeEnd::Confirmed, records: 3 }
 }
 
-fn desk(folder: &Path, open: Box<Open>) -> Desk {
-    Desk::new(folder.to_owned(), BTreeSet::new(), false, open)
+fn router(folder: &Path, open: Box<Open>) -> Router {
+    Router::new(folder.to_owned(), BTreeSet::new(), false, open)
 }
 
 fn plain() -> Box<Open> {
@@ -44,13 +44,13 @@ fn plain() -> Box<Open> {
 }
 
 /// An upgrade of a few seconds.
-fn work(desk: &mut Desk, version: &str, flush: bool) {
-    desk.events(&[event(1, 0, registered(version, Some("grasp@1.0.0")))], None, (0, 0));
-    desk.events(&[event(2, 10, shadow(version))], None, (0, 0));
+fn work(router: &mut Router, version: &str, flush: bool) {
+    router.events(&[event(1, 0, registered(version, Some("grasp@1.0.0")))], None, (0, 0));
+    router.events(&[event(2, 10, shadow(version))], None, (0, 0));
     for step in 1..200 {
-        desk.picture(picture(0, step * 33));
+        router.picture(picture(0, step * 33));
         if flush && step % 7 == 0 {
-            desk.flush();
+            router.flush();
         }
     }
 }
@@ -58,12 +58,12 @@ fn work(desk: &mut Desk, version: &str, flush: bool) {
 #[test]
 fn a_version_without_news_has_no_file() {
     let folder = tempfile::tempdir().unwrap();
-    let mut desk = desk(folder.path(), plain());
-    desk.events(&[event(1, 0, registered("grasp@1.0.0", None))], None, (0, 0));
-    desk.picture(picture(0, 33));
-    desk.end((0, 0));
+    let mut router = router(folder.path(), plain());
+    router.events(&[event(1, 0, registered("grasp@1.0.0", None))], None, (0, 0));
+    router.picture(picture(0, 33));
+    router.end((0, 0));
     assert!(recordings(folder.path()).is_empty());
-    assert!(desk.reports().is_empty());
+    assert!(router.reports().is_empty());
 }
 
 #[test]
@@ -73,15 +73,15 @@ fn a_full_disk_ends_one_recording_is_told_once_and_harms_no_other() {
         let full = path.to_string_lossy().contains("1.1.0");
         if full { File::options().write(true).open("/dev/full") } else { File::create(path) }
     };
-    let mut desk = desk(folder.path(), Box::new(open));
-    work(&mut desk, "grasp@1.1.0", true);
-    work(&mut desk, "grasp@1.2.0", true);
-    desk.events(
+    let mut router = router(folder.path(), Box::new(open));
+    work(&mut router, "grasp@1.1.0", true);
+    work(&mut router, "grasp@1.2.0", true);
+    router.events(
         &[event(9, 9_000, closed("grasp@1.1.0")), event(10, 9_000, closed("grasp@1.2.0"))],
         None,
         (0, 0),
     );
-    let reports = desk.reports();
+    let reports = router.reports();
     let failed: Vec<&Report> =
         reports.iter().filter(|report| matches!(report, Report::Failed { .. })).collect();
     let [Report::Failed { version: Some(version), text }] = failed.as_slice() else { panic!("{reports:?}") };
@@ -98,10 +98,10 @@ fn how_often_rows_are_written_changes_no_byte() {
         .into_iter()
         .map(|flush| {
             let folder = tempfile::tempdir().unwrap();
-            let mut desk = desk(folder.path(), plain());
-            work(&mut desk, "grasp@1.1.0", flush);
-            desk.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
-            let reports = desk.reports();
+            let mut router = router(folder.path(), plain());
+            work(&mut router, "grasp@1.1.0", flush);
+            router.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
+            let reports = router.reports();
             let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
             closed.digest
         })
@@ -112,7 +112,7 @@ fn how_often_rows_are_written_changes_no_byte() {
 #[test]
 fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     let folder = tempfile::tempdir().unwrap();
-    let mut first = desk(folder.path(), plain());
+    let mut first = router(folder.path(), plain());
     work(&mut first, "grasp@1.1.0", true);
     first.flush();
     // As a kill leaves it: without an end, and torn in the last message.
@@ -123,7 +123,7 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     let torn = read(&path).unwrap();
     assert!(torn.pictures.len() > 20 && torn.outcome.is_none());
 
-    let mut second = desk(folder.path(), plain());
+    let mut second = router(folder.path(), plain());
     second.recover();
     assert!(second.reports().is_empty());
     let mended = read(&path).unwrap();
@@ -150,7 +150,7 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
 #[test]
 fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
     let folder = tempfile::tempdir().unwrap();
-    let mut first = desk(folder.path(), plain());
+    let mut first = router(folder.path(), plain());
     work(&mut first, "grasp@1.1.0", false);
     first.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
     let told = first.reports();
@@ -158,11 +158,11 @@ fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
     let path = folder.path().join(&ended.file);
     let bytes = std::fs::read(&path).unwrap();
 
-    let mut second = desk(folder.path(), plain());
+    let mut second = router(folder.path(), plain());
     second.recover();
     assert_eq!(second.reports(), told);
     let on_record = BTreeSet::from([ended.file.clone()]);
-    let mut third = Desk::new(folder.path().to_owned(), on_record, false, plain());
+    let mut third = Router::new(folder.path().to_owned(), on_record, false, plain());
     third.recover();
     assert!(third.reports().is_empty());
     work(&mut third, "grasp@1.1.0", false);

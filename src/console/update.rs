@@ -153,7 +153,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::Export => vec![Effect::Export(model.view)],
         Action::OpenRecording => match model.version_here() {
             Some(version) => vec![Effect::OpenRecording(version)],
-            // Where nothing is evaluated the cell itself is what there is to look at.
+            // If nothing is evaluated the cell itself is what there is to look at.
             None if model.view == View::Overview => vec![Effect::OpenLive],
             None => refuse(model, "there is no version under the cursor"),
         },
@@ -225,7 +225,7 @@ fn show(model: &mut Model, view: View) -> Vec<Effect> {
     asking::refresh_now(model)
 }
 
-/// Candidate: about the version under the cursor, where there is one.
+/// Candidate: about the version under the cursor, if there is one.
 fn show_candidate(model: &mut Model) -> Vec<Effect> {
     if matches!(model.view, View::Overview | View::Registry | View::Approvals | View::Audit)
         && let Some(version) = model.version_here()

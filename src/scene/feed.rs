@@ -44,7 +44,7 @@ impl Dropped {
 
 /// Hands over to the sink. Clones share one queue.
 #[derive(Clone, Debug)]
-pub struct Tap {
+pub struct Feed {
     queue: SyncSender<Item>,
     waiting: Arc<AtomicUsize>,
     dropped: Arc<Dropped>,
@@ -54,21 +54,21 @@ pub struct Tap {
 pub struct Drain {
     queue: Receiver<Item>,
     waiting: Arc<AtomicUsize>,
-    /// What the tap dropped.
+    /// What the feed dropped.
     pub dropped: Arc<Dropped>,
 }
 
-/// A tap and the sink's side of it.
+/// A feed and the sink's side of it.
 #[must_use]
-pub fn queue() -> (Tap, Drain) {
+pub fn queue() -> (Feed, Drain) {
     let (sender, receiver) = sync_channel(QUEUE_MAX);
     let waiting = Arc::new(AtomicUsize::new(0));
     let dropped = Arc::new(Dropped::default());
-    let tap = Tap { queue: sender, waiting: Arc::clone(&waiting), dropped: Arc::clone(&dropped) };
-    (tap, Drain { queue: receiver, waiting, dropped })
+    let feed = Feed { queue: sender, waiting: Arc::clone(&waiting), dropped: Arc::clone(&dropped) };
+    (feed, Drain { queue: receiver, waiting, dropped })
 }
 
-impl Tap {
+impl Feed {
     /// A picture; dropped where too many wait, or where the sink has ended.
     pub fn picture(&self, picture: Picture) {
         let take = |count: usize| (count < PICTURES_WAITING_MAX).then_some(count + 1);
@@ -116,7 +116,7 @@ impl Drain {
     /// The next item; `None` after `patience` without one.
     ///
     /// # Errors
-    /// Where every tap is gone.
+    /// If every feed is gone.
     pub fn next(&self, patience: std::time::Duration) -> Result<Option<Item>, Gone> {
         match self.queue.recv_timeout(patience) {
             Ok(item) => {
@@ -131,7 +131,7 @@ impl Drain {
     }
 }
 
-/// Every tap is gone.
+/// Every feed is gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("nobody hands anything over any more")]
 pub struct Gone;

@@ -36,7 +36,7 @@ struct Known {
     active: BTreeMap<Family, CapabilityId>,
 }
 
-pub struct Desk {
+pub struct Router {
     folder: PathBuf,
     /// Names of files that are never touched again.
     closed: BTreeSet<String>,
@@ -50,8 +50,8 @@ pub struct Desk {
     reports: Vec<Report>,
 }
 
-impl Desk {
-    /// A desk over a folder, which exists.
+impl Router {
+    /// A router over a folder, which exists.
     #[must_use]
     pub fn new(folder: PathBuf, closed: BTreeSet<String>, wall_clock: bool, open: Box<Open>) -> Self {
         Self {

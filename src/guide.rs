@@ -1,0 +1,39 @@
+//! # The guide
+//!
+#![doc = include_str!("guide/index.md")]
+
+#[doc = include_str!("guide/operating.md")]
+pub mod operating {}
+
+#[doc = include_str!("guide/scenarios.md")]
+pub mod scenarios {}
+
+#[doc = include_str!("guide/recordings.md")]
+pub mod recordings {}
+
+#[doc = include_str!("guide/candidate.md")]
+pub mod candidate {}
+
+#[doc = include_str!("guide/controller.md")]
+pub mod controller {}
+
+#[doc = include_str!("guide/robot.md")]
+pub mod robot {}
+
+#[doc = include_str!("guide/events.md")]
+pub mod events {}
+
+#[doc = include_str!("guide/statistics.md")]
+pub mod statistics {}
+
+#[doc = include_str!("guide/performance.md")]
+pub mod performance {}
+
+#[doc = include_str!("guide/glossary.md")]
+pub mod glossary {}
+
+#[doc = include_str!("guide/changes.md")]
+pub mod changes {}
+
+#[doc = include_str!("guide/third-party.md")]
+pub mod third_party {}
