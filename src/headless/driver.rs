@@ -198,7 +198,7 @@ impl<'a> Driver<'a> {
     fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
         if let Some(prompt) = &wait.prompt {
             let prompts = self.pump.engine.snapshot().prompts;
-            return prompts.iter().any(|open| prompt == "any" || open.version.to_string() == *prompt);
+            return prompts.iter().any(|open| prompt.is_about(&open.version));
         }
         let Some(view) = self.view() else { return false };
         match wait.state {

@@ -72,9 +72,9 @@ pub struct Wait {
     /// Until it stands there.
     #[serde(default)]
     pub state: Option<Stands>,
-    /// Until a prompt for this version (or `any`) is open.
+    /// Until such a prompt is open.
     #[serde(default)]
-    pub prompt: Option<String>,
+    pub prompt: Option<AwaitedPrompt>,
     /// Longest wait, virtual s.
     pub timeout_s: f64,
 }
@@ -116,6 +116,36 @@ pub struct Expect {
     /// The dimension of the reason.
     #[serde(default)]
     pub dimension: Option<Dimension>,
+}
+
+/// The prompt that is waited for: `any`, or one for a version.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum AwaitedPrompt {
+    Any,
+    For(CapabilityId),
+}
+
+impl AwaitedPrompt {
+    /// Whether a prompt about `version` is meant.
+    #[must_use]
+    pub fn is_about(&self, version: &CapabilityId) -> bool {
+        match self {
+            Self::Any => true,
+            Self::For(awaited) => awaited == version,
+        }
+    }
+}
+
+impl TryFrom<String> for AwaitedPrompt {
+    type Error = WordError;
+    fn try_from(text: String) -> Result<Self, WordError> {
+        if text == "any" {
+            return Ok(Self::Any);
+        }
+        let wrong = |_| WordError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
+        text.parse().map(Self::For).map_err(wrong)
+    }
 }
 
 /// Where a version is to stand: a state of its lifecycle, or what a scenario calls one.
@@ -212,12 +242,6 @@ impl Script {
                         "exactly one of state and prompt",
                     );
                 }
-                if let Some(prompt) = &wait.prompt
-                    && prompt != "any"
-                    && prompt.parse::<CapabilityId>().is_err()
-                {
-                    return problem(&format!("{at}.wait.prompt"), prompt, "any, or <family>@<version>");
-                }
                 if !(wait.timeout_s > 0.0 && wait.timeout_s <= WAIT_MAX_SECS) {
                     let allowed = "above 0 and at most 1000000 s";
                     return problem(&format!("{at}.wait.timeout_s"), &wait.timeout_s.to_string(), allowed);
@@ -263,6 +287,10 @@ mod tests {
                 "exactly one",
             ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"activ\", timeout_s = 1 }", "activ"),
+            (
+                "profile = \"sim\"\n[[step]]\nwait = { prompt = \"grasp\", timeout_s = 1 }",
+                "any, <family>@<version>",
+            ),
             (
                 "profile = \"sim\"\n[[step]]\nexpect = { state = \"active\", stage = \"gate\" }",
                 "`validation`, `sandbox`, `shadow`, `activation`, `monitor`",

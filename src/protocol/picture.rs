@@ -34,6 +34,11 @@ pub struct Scenery {
     pub fixtures: Vec<Region>,
 }
 
+impl Region {
+    /// Name of the fixture that is the table: it is solid, the others are outlines on it.
+    pub const TABLE: &str = "table";
+}
+
 /// A rotation as a unit quaternion: x, y, z, w.
 pub type Turn = [f32; 4];
 

@@ -33,7 +33,7 @@ pub fn scenery(scene: &Scene) -> Scenery {
     let named = |name: &str| scene.zones.iter().find(|zone| zone.name == name && !zone.keep_out).map(region);
     let (centre, half) = (scene.table.centre_m, scene.table.half_m);
     let corner = |sign: f64| std::array::from_fn(|i| narrow(sign.mul_add(half[i], centre[i])));
-    let table = Region { name: "table".to_owned(), min: corner(-1.0), max: corner(1.0) };
+    let table = Region { name: Region::TABLE.to_owned(), min: corner(-1.0), max: corner(1.0) };
     Scenery {
         workspace: named(WORKSPACE_ZONE).map(|zone| Region { name: "workspace".to_owned(), ..zone }),
         keep_outs: scene.zones.iter().filter(|zone| zone.keep_out).map(region).collect(),

@@ -15,7 +15,7 @@ use holdpoint_text::Untrusted;
 pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
     for fixture in &scenery.fixtures {
-        if fixture.name == "table" {
+        if fixture.name == Region::TABLE {
             let solid =
                 boxed(fixture).with_colors([theme::solid([92, 96, 104])]).with_fill_mode(FillMode::Solid);
             rows.always("world/table", &solid);
