@@ -11,9 +11,9 @@ use holdpoint_sim::world::World;
 
 use holdpoint_governance::ids::Digest;
 
-/// What the results of an episode depend on beside robot, scene and version: raised when the
-/// simulation, a controller or the watcher changes what an episode gives.
-pub const EPISODE_SEMANTICS: u32 = 3;
+/// Digest of what computes an episode in this build: simulator, controllers, rules, their dependencies, the compiler
+/// and the target (`build.rs`). What another build computed is no evidence here.
+pub const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 
 /// Robot, scene and distributions, shared by every worker.
 #[derive(Clone)]
@@ -63,17 +63,7 @@ impl Cell {
         let canonical = Distribution::canonical()?;
         let sandbox = Distribution::sandbox()?;
         let live = Distribution::live()?;
-        let describe = |name: &str, text: String| format!("{name}:{text}");
-        let parts = [
-            describe("robot", model.digest.to_string()),
-            describe("scene", format!("{scene:?}")),
-            describe("canonical", format!("{canonical:?}")),
-            describe("sandbox", format!("{sandbox:?}")),
-            describe("live", format!("{live:?}")),
-            describe("semantics", EPISODE_SEMANTICS.to_string()),
-        ];
-        let bytes: Vec<&[u8]> = parts.iter().map(String::as_bytes).collect();
-        let digest = Digest::of_parts("holdpoint.environment.v1", &bytes);
+        let digest = digest(&model, &scene, [&canonical, &sandbox, &live], COMPUTED_BY);
         Ok(Self {
             geometry: Arc::new(model.geometry.clone()),
             zones: scene.zones.clone().into(),
@@ -94,7 +84,7 @@ impl Cell {
         Self::new(RobotModel::builtin("arm7")?)
     }
 
-    /// Digest of robot, scene, distributions and episode semantics.
+    /// Digest of robot, scene, distributions and of what computes episodes ([`COMPUTED_BY`]).
     #[must_use]
     pub const fn digest(&self) -> Digest {
         self.digest
@@ -119,15 +109,36 @@ impl Cell {
     }
 }
 
+fn digest(model: &RobotModel, scene: &Scene, distributions: [&Distribution; 3], computed_by: &str) -> Digest {
+    let [canonical, sandbox, live] = distributions;
+    let describe = |name: &str, text: String| format!("{name}:{text}");
+    // The debug text names types as the sources do; a build with other names is another build anyway.
+    let parts = [
+        describe("robot", model.digest.to_string()),
+        describe("scene", format!("{scene:?}")),
+        describe("canonical", format!("{canonical:?}")),
+        describe("sandbox", format!("{sandbox:?}")),
+        describe("live", format!("{live:?}")),
+        describe("computed by", computed_by.to_owned()),
+    ];
+    let bytes: Vec<&[u8]> = parts.iter().map(String::as_bytes).collect();
+    Digest::of_parts("holdpoint.environment.v2", &bytes)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Evidence and cached episodes are bound to this digest. It covers the debug text of the scene and of the
-    /// distributions, the types' names included: a renamed type must not void what is on record.
+    /// Evidence and kept episodes are bound to the digest, so everything that an episode depends on must be in it.
     #[test]
-    fn the_digest_on_record_stays() {
-        let digest = Cell::builtin().unwrap().digest().to_string();
-        assert_eq!(digest, "c5e8e9b314875c5066d88bc07ab277fbb988d1d5418760b0198462407f3e3694");
+    fn another_robot_or_another_build_is_another_cell() {
+        let (seven, six) =
+            (Cell::builtin().unwrap(), Cell::new(RobotModel::builtin("arm6").unwrap()).unwrap());
+        assert_eq!(seven.digest(), Cell::builtin().unwrap().digest());
+        assert_ne!(seven.digest(), six.digest());
+        assert_eq!(COMPUTED_BY.len(), 64, "the build script names the build: {COMPUTED_BY:?}");
+        let other =
+            digest(&seven.model, &seven.scene, [&seven.canonical, &seven.sandbox, &seven.live], "another");
+        assert_ne!(seven.digest(), other);
     }
 }

@@ -7,14 +7,14 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_runtime::terms::SkillTerms;
 
-use crate::cell::Cell;
+use crate::cell::{COMPUTED_BY, Cell};
 
 /// The fixed frame of an engine's life. Nothing in it changes after the start.
 pub struct Context {
     pub profile: Arc<Profile>,
     pub profile_digest: Digest,
     pub table: Arc<PolicyTable>,
-    /// Digest of profile and policies: what prompts and approvals are bound to.
+    /// Digest of profile, policies and what computes episodes: what prompts and approvals are bound to.
     pub digest: Digest,
     /// Robot, scene and distributions.
     pub cell: Cell,
@@ -27,8 +27,10 @@ impl Context {
     /// If the profile has no canonical form.
     pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
-        let digest =
-            Digest::of_parts("holdpoint.context.v1", &[profile_digest.bytes(), table.digest.bytes()]);
+        let digest = Digest::of_parts(
+            "holdpoint.context.v2",
+            &[profile_digest.bytes(), table.digest.bytes(), COMPUTED_BY.as_bytes()],
+        );
         Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), digest, cell })
     }
 

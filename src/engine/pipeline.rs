@@ -20,7 +20,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_registry::{ActiveCause, Change};
 use holdpoint_runtime::capability::Capability;
 
-use crate::cell::Cell;
+use crate::cell::{COMPUTED_BY, Cell};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -489,7 +489,7 @@ impl Pipeline {
     }
 }
 
-/// Sets profile and policies in the store where they changed; what was gathered under others is void.
+/// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
 fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(), Fault> {
     let name = context.profile.name.name();
     let known = ledger.store().views()?.context()?;
@@ -498,13 +498,13 @@ fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(),
         return Ok(());
     }
     let json =
-        serde_json::json!({ "profile": context.profile_digest, "policy": context.table.digest }).to_string();
+        serde_json::json!({ "profile": context.profile_digest, "policy": context.table.digest, "computed_by": COMPUTED_BY }).to_string();
     let change = Change::SetContext { profile: name.to_owned(), policy_digest: context.digest, json };
     ledger.write(vec![change], Vec::new(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in families {
         let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
-        let note = Note::because("the profile or its policies changed");
+        let note = Note::because("the profile, its policies or the build that computes evidence changed");
         ledger.transition(&family, event, at_ms, note)?;
     }
     Ok(())

@@ -17,24 +17,31 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use holdpoint_registry::Store;
 
 use self::cache::EpisodeCache;
+use self::episodes::Workers;
 use self::lab::Lab;
 use crate::cell::Cell;
 
 /// How evaluations of one engine are run.
 pub struct Trials {
     seed: u64,
-    jobs: usize,
     /// The most pairs or drills of one slice.
     part: usize,
     cancel: Arc<AtomicBool>,
     cache: EpisodeCache,
+    workers: Workers,
 }
 
 impl Trials {
     /// With a run's seed and so many workers; whole slices until [`Trials::work_in_small_parts`].
     #[must_use]
     pub fn new(seed: u64, jobs: usize, cache: EpisodeCache) -> Self {
-        Self { seed, jobs, part: usize::MAX, cancel: Arc::new(AtomicBool::new(false)), cache }
+        Self {
+            seed,
+            part: usize::MAX,
+            cancel: Arc::new(AtomicBool::new(false)),
+            cache,
+            workers: Workers::new(jobs),
+        }
     }
 
     /// Seed of the run.
@@ -51,7 +58,7 @@ impl Trials {
 
     /// From now on a slice is small, so that who asks is answered soon.
     pub fn work_in_small_parts(&mut self) {
-        self.part = self.jobs.max(1);
+        self.part = self.workers.jobs().max(1);
     }
 
     /// Set to interrupt running evaluations between episodes.
@@ -71,7 +78,7 @@ impl Trials {
     pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> Lab<'a> {
         Lab {
             seed: self.seed,
-            jobs: self.jobs,
+            workers: &self.workers,
             part: self.part,
             cancel: &self.cancel,
             cell,

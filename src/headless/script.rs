@@ -143,7 +143,8 @@ impl TryFrom<String> for AwaitedPrompt {
         if text == "any" {
             return Ok(Self::Any);
         }
-        let wrong = |_| WordError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
+        let wrong =
+            |_| WordError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
         text.parse().map(Self::For).map_err(wrong)
     }
 }

@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context as _, Result, bail};
 use holdpoint::engine::cell::{Cell, Conditions};
 use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
-use holdpoint::engine::trial::episodes::{EpisodeJob, Worker, batch};
+use holdpoint::engine::trial::episodes::{EpisodeJob, Worker, Workers, batch};
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
@@ -67,7 +67,7 @@ fn main() -> Result<()> {
     for (version, capability) in capabilities.iter().enumerate() {
         let jobs: Vec<EpisodeJob> = (0..n).map(|i| EpisodeJob { version, seed: from + i }).collect();
         let start = std::time::Instant::now();
-        let records = batch(2, &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
+        let records = batch(&Workers::new(2), &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
         println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
         match &first {
             None => first = Some(records),

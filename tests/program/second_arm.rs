@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::episodes::{EpisodeJob, batch};
+use holdpoint::engine::trial::episodes::{EpisodeJob, Workers, batch};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
@@ -26,7 +26,8 @@ fn a_six_axis_arm_grasps_through_the_same_code() {
     let jobs: Vec<EpisodeJob> =
         (0..12).map(|index| EpisodeJob { version: 0, seed: 1_000_000 + index }).collect();
     let cancel = AtomicBool::new(false);
-    let records = batch(2, &cancel, &cell, &[(&grasp, &terms)], Conditions::Canonical, &jobs).unwrap();
+    let records =
+        batch(&Workers::new(2), &cancel, &cell, &[(&grasp, &terms)], Conditions::Canonical, &jobs).unwrap();
     let done = records.iter().filter(|record| record.success).count();
     assert!(done >= 11, "{done} of 12 grasps: {records:?}");
 }

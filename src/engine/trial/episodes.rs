@@ -5,6 +5,7 @@
 
 use std::ops::ControlFlow;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, PoisonError};
 
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
@@ -19,15 +20,17 @@ use holdpoint_runtime::task::{self, Supervision, TaskRecord};
 use holdpoint_runtime::terms::SkillTerms;
 
 /// A worker of the pool: one world, used again for every episode.
+#[derive(Default)]
 pub struct Worker {
-    world: Option<Arm<World>>,
+    /// The arm in its world, and the digest of the cell it was built from.
+    built: Option<(Digest, Arm<World>)>,
 }
 
 impl Worker {
     /// A worker that builds its world at its first episode.
     #[must_use]
     pub const fn new() -> Self {
-        Self { world: None }
+        Self { built: None }
     }
 
     /// The worker's arm, reset to an episode.
@@ -35,18 +38,65 @@ impl Worker {
     /// # Errors
     /// If the world cannot be built or the episode has no valid start.
     pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut Arm<World>, SimError> {
-        let mut arm = match self.world.take() {
-            Some(arm) => arm,
-            None => Arm::new(cell.world()?),
+        let mut arm = match self.built.take() {
+            Some((of, arm)) if of == cell.digest() => arm,
+            _ => Arm::new(cell.world()?),
         };
         arm.body_mut().reset(setup)?;
-        Ok(self.world.insert(arm))
+        let (_, arm) = self.built.insert((cell.digest(), arm));
+        Ok(arm)
     }
 }
 
-impl Default for Worker {
-    fn default() -> Self {
-        Self::new()
+/// Workers that outlive a batch: their worlds are not built anew for each.
+pub struct Workers {
+    jobs: usize,
+    idle: Mutex<Vec<Worker>>,
+}
+
+impl Workers {
+    /// So many workers; each builds its world at its first episode.
+    #[must_use]
+    pub const fn new(jobs: usize) -> Self {
+        Self { jobs, idle: Mutex::new(Vec::new()) }
+    }
+
+    /// How many work at a time.
+    #[must_use]
+    pub const fn jobs(&self) -> usize {
+        self.jobs
+    }
+
+    /// An idle worker, or a new one.
+    pub fn hire(&self) -> HiredWorker<'_> {
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        HiredWorker { worker: idle.unwrap_or_default(), is_whole: true, home: self }
+    }
+}
+
+/// A worker until it is dropped. One whose work panicked does not come back: its world may be half changed.
+pub struct HiredWorker<'a> {
+    worker: Worker,
+    is_whole: bool,
+    home: &'a Workers,
+}
+
+impl HiredWorker<'_> {
+    /// What `work` gives.
+    pub fn run<R>(&mut self, work: impl FnOnce(&mut Worker) -> R) -> R {
+        self.is_whole = false;
+        let result = work(&mut self.worker);
+        self.is_whole = true;
+        result
+    }
+}
+
+impl Drop for HiredWorker<'_> {
+    fn drop(&mut self) {
+        if self.is_whole {
+            let worker = std::mem::take(&mut self.worker);
+            self.home.idle.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
+        }
     }
 }
 
@@ -74,7 +124,7 @@ pub fn episode(
     };
     run().unwrap_or_else(|_| {
         // A world that diverged is not used again.
-        worker.world = None;
+        worker.built = None;
         TaskRecord::invalid(task, seed)
     })
 }
@@ -87,12 +137,12 @@ pub struct EpisodeJob {
     pub seed: u64,
 }
 
-/// Runs a list of episodes on `jobs` workers; the records come back in the list's order.
+/// Runs a list of episodes on the workers; the records come back in the list's order.
 ///
 /// # Errors
 /// If a worker panicked; the error names the episode. Nothing is concluded from the batch then.
 pub fn batch(
-    jobs: usize,
+    workers: &Workers,
     cancel: &AtomicBool,
     cell: &Cell,
     versions: &[(&Capability, &SkillTerms)],
@@ -101,16 +151,16 @@ pub fn batch(
 ) -> Result<Vec<TaskRecord>, SimError> {
     let mut records = Vec::with_capacity(list.len());
     run_ordered(
-        jobs,
+        workers.jobs(),
         list.len() as u64,
         cancel,
-        || Ok(Worker::new()),
+        || Ok(workers.hire()),
         |worker, index| {
             // The pool hands out indices below the list's length.
             let job = usize::try_from(index).ok().and_then(|index| list.get(index));
             job.and_then(|job| {
                 let (capability, terms) = versions.get(job.version)?;
-                Some(episode(worker, cell, terms, capability, conditions, job.seed))
+                Some(worker.run(|worker| episode(worker, cell, terms, capability, conditions, job.seed)))
             })
         },
         |_, record| {

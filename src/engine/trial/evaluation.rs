@@ -323,6 +323,7 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::trial::cache::EpisodeCache;
+    use crate::trial::episodes::Workers;
     use crate::trial::seeds::CALIBRATION_FROM_RUN;
     use holdpoint_governance::ids::Digest;
     use holdpoint_governance::policy::PolicyTable;
@@ -372,7 +373,7 @@ mod tests {
         let cancel = AtomicBool::new(false);
         let lab = Lab {
             seed: CALIBRATION_FROM_RUN + 1,
-            jobs: 2,
+            workers: &Workers::new(2),
             part,
             cancel: &cancel,
             cell: &cell,

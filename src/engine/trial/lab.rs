@@ -10,9 +10,9 @@ use holdpoint_sim::pool::run_ordered;
 
 use super::cache::EpisodeCache;
 use super::drills::{Cast, DrillResult, drill};
-use super::episodes::{EpisodeJob, Worker, batch, cache_key};
+use super::episodes::{EpisodeJob, Workers, batch, cache_key};
 use super::seeds::{Purpose, episode_seed};
-use crate::cell::{Cell, Conditions};
+use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
@@ -25,7 +25,7 @@ use holdpoint_runtime::terms::SkillTerms;
 pub struct Lab<'a> {
     /// Seed of the run.
     pub seed: u64,
-    pub jobs: usize,
+    pub workers: &'a Workers,
     /// The most pairs or drills worked before whoever asked is heard again.
     pub part: usize,
     /// Set to interrupt between episodes.
@@ -64,7 +64,7 @@ impl Lab<'_> {
         let list: Vec<EpisodeJob> = range
             .map(|index| EpisodeJob { version: 0, seed: episode_seed(self.seed, purpose, index) })
             .collect();
-        let records = batch(self.jobs, self.cancel, self.cell, &[(version, terms)], conditions, &list)?;
+        let records = batch(self.workers, self.cancel, self.cell, &[(version, terms)], conditions, &list)?;
         complete(&records, list.len())?;
         Ok(records)
     }
@@ -85,7 +85,7 @@ impl Lab<'_> {
         let missing = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
         list.extend(missing.map(|(seed, _)| EpisodeJob { version: 1, seed: *seed }));
         let versions = [(&candidate.version, &candidate.terms), (&active.version, &active.terms)];
-        let mut new = batch(self.jobs, self.cancel, self.cell, &versions, Conditions::Sandbox, &list)?;
+        let mut new = batch(self.workers, self.cancel, self.cell, &versions, Conditions::Sandbox, &list)?;
         complete(&new, list.len())?;
         let mut fresh = new.split_off(seeds.len()).into_iter();
         let mut pairs = Vec::with_capacity(seeds.len());
@@ -137,14 +137,15 @@ impl Lab<'_> {
         let terms = [&candidate.terms, &active.terms];
         let mut of_candidate = Vec::with_capacity(list.len());
         run_ordered(
-            self.jobs,
+            self.workers.jobs(),
             list.len() as u64,
             self.cancel,
-            || Ok(Worker::new()),
+            || Ok(self.workers.hire()),
             |worker, index| {
                 // The pool hands out indices below the list's length.
                 let (party, seed) = usize::try_from(index).ok().and_then(|index| list.get(index))?;
-                Some(drill(worker, self.cell, terms[*party], &casts[*party], kind, *seed))
+                let (terms, cast) = (terms[*party], &casts[*party]);
+                Some(worker.run(|worker| drill(worker, self.cell, terms, cast, kind, *seed)))
             },
             |_, result| {
                 of_candidate.extend(result);
@@ -191,12 +192,7 @@ impl Lab<'_> {
 }
 
 fn key(version: &Capability, scenario: Digest, seed: u64) -> EpisodeKey {
-    EpisodeKey {
-        bundle: version.bundle.digest(),
-        scenario,
-        seed,
-        engine_build: env!("CARGO_PKG_VERSION").to_owned(),
-    }
+    EpisodeKey { bundle: version.bundle.digest(), scenario, seed, engine_build: COMPUTED_BY.to_owned() }
 }
 
 /// A list that is shorter than what was asked for was interrupted.

@@ -7,7 +7,7 @@
 use holdpoint_sim::episode::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::{Cell, Conditions};
+use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
@@ -62,7 +62,7 @@ impl TraceBatch {
             version,
             mode: mode.to_owned(),
             environment: cell.digest(),
-            engine_build: env!("CARGO_PKG_VERSION").to_owned(),
+            engine_build: COMPUTED_BY.to_owned(),
             runs: records.iter().map(run).collect(),
         }
     }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use holdpoint_engine::StartError;
-use holdpoint_engine::cell::Cell;
+use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_engine::embedded;
 use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::ledger::Ledger;
@@ -65,7 +65,7 @@ impl DriftSetting {
     /// What a kept cell depends on.
     pub(super) fn digest(&self) -> Result<Digest, ExperimentError> {
         let profile = self.profile.digest()?;
-        let build = env!("CARGO_PKG_VERSION").as_bytes();
+        let build = COMPUTED_BY.as_bytes();
         let sizes = [self.horizon.to_le_bytes(), self.pairs.to_le_bytes()].concat();
         let mut parts: Vec<Vec<u8>> =
             vec![profile.bytes().to_vec(), self.cell.digest().bytes().to_vec(), build.to_vec(), sizes];

@@ -15,7 +15,7 @@ use super::candidate::{CandidateEnd, Setting, take};
 use super::verdict::{Claim, Judged, Summary};
 use super::{ExperimentError, Tell, scratch};
 use crate::pool::{Pool, PoolCandidate, PoolTruth};
-use holdpoint_engine::cell::Cell;
+use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
@@ -156,7 +156,7 @@ fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<Cand
         &task.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
-        env!("CARGO_PKG_VERSION").as_bytes(),
+        COMPUTED_BY.as_bytes(),
     ]
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();

@@ -21,8 +21,8 @@ use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::trial::episodes::{EpisodeJob, batch, cache_key};
+use holdpoint_engine::cell::{COMPUTED_BY, Cell, Conditions};
+use holdpoint_engine::trial::episodes::{EpisodeJob, Workers, batch, cache_key};
 use holdpoint_engine::trial::seeds::practice_seed;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
@@ -87,7 +87,7 @@ pub struct Objective<'a> {
     terms: SkillTerms,
     policy: Digest,
     seed: u32,
-    jobs: usize,
+    workers: Workers,
     cancel: &'a AtomicBool,
 }
 
@@ -102,7 +102,7 @@ impl<'a> Objective<'a> {
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let policy = table.digest;
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        Ok(Self { cell, terms, policy, seed, jobs, cancel })
+        Ok(Self { cell, terms, policy, seed, workers: Workers::new(jobs), cancel })
     }
 
     /// What a score is kept under: everything that determines it.
@@ -110,12 +110,8 @@ impl<'a> Objective<'a> {
     pub fn key(&self, version: &Capability, from: u64, episodes: u32) -> Digest {
         let first = practice_seed(self.seed, from);
         let under = cache_key(&self.cell, &self.terms, version, CONDITIONS, first);
-        let parts: [&[u8]; 4] = [
-            under.bytes(),
-            self.policy.bytes(),
-            &episodes.to_le_bytes(),
-            env!("CARGO_PKG_VERSION").as_bytes(),
-        ];
+        let parts: [&[u8]; 4] =
+            [under.bytes(), self.policy.bytes(), &episodes.to_le_bytes(), COMPUTED_BY.as_bytes()];
         Digest::of_parts("holdpoint.refine.score.v1", &parts)
     }
 
@@ -133,7 +129,7 @@ impl<'a> Objective<'a> {
             .map(|index| EpisodeJob { version: 0, seed: practice_seed(self.seed, index) })
             .collect();
         let versions = [(version, &self.terms)];
-        let records = batch(self.jobs, self.cancel, &self.cell, &versions, CONDITIONS, &list)?;
+        let records = batch(&self.workers, self.cancel, &self.cell, &versions, CONDITIONS, &list)?;
         if records.len() < list.len() {
             return Ok(None);
         }

@@ -1,0 +1,74 @@
+//! Names this build by what computes an episode: the sources of body, simulator, runtime, rules and trials, the
+//! versions of everything they are built with, the compiler and the target.
+//!
+//! Evidence and kept episodes are bound to that name (`COMPUTED_BY` in `cell.rs`), so that what another physics or
+//! another rule gave counts for nothing. A changed comment changes the name too: that costs time, never truth.
+
+#![allow(clippy::print_stdout, reason = "a build script tells cargo what it found by printing it")]
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use sha2::{Digest, Sha256};
+
+/// What computes an episode, from the workspace's root.
+const COMPUTES: [&str; 8] = [
+    "Cargo.lock",
+    "sim/assets",
+    "sim/scenes",
+    "sim/src",
+    "src/body",
+    "src/engine/trial",
+    "src/governance",
+    "src/runtime",
+];
+
+/// Endings of the files that count.
+const ENDINGS: [&str; 5] = ["rs", "toml", "urdf", "lock", "cedar"];
+
+fn main() -> io::Result<()> {
+    let root = PathBuf::from(env("CARGO_MANIFEST_DIR")).join("../..");
+    let mut digest = Sha256::new();
+    for name in COMPUTES {
+        println!("cargo::rerun-if-changed=../../{name}");
+        add(&mut digest, &root, Path::new(name))?;
+    }
+    part(&mut digest, env("TARGET").as_bytes());
+    part(&mut digest, &Command::new(env("RUSTC")).arg("--version").output()?.stdout);
+    let digits: String = digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    println!("cargo::rustc-env=HOLDPOINT_COMPUTED_BY={digits}");
+    Ok(())
+}
+
+/// Adds a file, or a folder's files in the order of their names. Tests compute no episode.
+fn add(digest: &mut Sha256, root: &Path, path: &Path) -> io::Result<()> {
+    let full = root.join(path);
+    if full.is_dir() {
+        let mut names = fs::read_dir(&full)?
+            .map(|entry| entry.map(|entry| entry.file_name()))
+            .collect::<io::Result<Vec<_>>>()?;
+        names.sort();
+        let counted = names
+            .iter()
+            .filter(|name| !matches!(name.to_str(), None | Some("tests" | "examples" | "tests.rs")));
+        return counted.map(|name| path.join(name)).try_for_each(|path| add(digest, root, &path));
+    }
+    if path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| ENDINGS.contains(&ending)) {
+        part(digest, path.to_string_lossy().as_bytes());
+        part(digest, &fs::read(full)?);
+    }
+    Ok(())
+}
+
+/// Adds bytes behind their length, so that no two lists of parts read alike.
+fn part(digest: &mut Sha256, bytes: &[u8]) {
+    digest.update((bytes.len() as u64).to_le_bytes());
+    digest.update(bytes);
+}
+
+/// A variable that cargo sets for every build script.
+fn env(name: &str) -> String {
+    std::env::var(name).unwrap_or_default()
+}
