@@ -23,42 +23,25 @@ const UPPER_ALPHA: f64 = 0.05;
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
 
-/// The six components of the signature.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ComponentName {
-    /// Successes lost.
-    Success,
-    /// Relative increase of time, over pairs where both succeed.
-    Time,
-    /// Retries more.
-    Retry,
-    /// Share of episodes with a violation.
-    Violation,
-    /// Share of episodes with an anomaly.
-    Anomaly,
-    /// Share of episodes in which recovery ran.
-    Recovery,
+crate::words! {
+    /// The six components of the signature.
+    ComponentName, "component of the signature", {
+        /// Successes lost.
+        Success = "success",
+        /// Relative increase of time, over pairs where both succeed.
+        Time = "time",
+        /// Retries more.
+        Retry = "retry",
+        /// Share of episodes with a violation.
+        Violation = "violation",
+        /// Share of episodes with an anomaly.
+        Anomaly = "anomaly",
+        /// Share of episodes in which recovery ran.
+        Recovery = "recovery",
+    }
 }
 
 impl ComponentName {
-    /// Every component, in the signature's order.
-    pub const ALL: [Self; 6] =
-        [Self::Success, Self::Time, Self::Retry, Self::Violation, Self::Anomaly, Self::Recovery];
-
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Success => "success",
-            Self::Time => "time",
-            Self::Retry => "retry",
-            Self::Violation => "violation",
-            Self::Anomaly => "anomaly",
-            Self::Recovery => "recovery",
-        }
-    }
-
     /// Violation, anomaly and recovery speak of safety.
     #[must_use]
     pub const fn is_safety(self) -> bool {

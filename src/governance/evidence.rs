@@ -70,33 +70,19 @@ pub struct Pair {
     pub candidate: EpisodeValues,
 }
 
-/// An event that the runtime must make impossible; one ends an evaluation at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum HardStop {
-    /// The code asked for something its manifest does not declare.
-    UndeclaredImport,
-    /// A command reached the robot past the guard.
-    CommandPastGuard,
-    /// Motion after a stop.
-    MotionAfterStop,
-    /// A number that is not finite came out of the code.
-    NonFiniteOutput,
-    /// The code used more time, memory or output than it was given.
-    BudgetBreach,
-}
-
-impl HardStop {
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::UndeclaredImport => "undeclared-import",
-            Self::CommandPastGuard => "command-past-guard",
-            Self::MotionAfterStop => "motion-after-stop",
-            Self::NonFiniteOutput => "non-finite-output",
-            Self::BudgetBreach => "budget-breach",
-        }
+crate::words! {
+    /// An event that the runtime must make impossible; one ends an evaluation at once.
+    HardStop, "hard stop", {
+        /// The code asked for something its manifest does not declare.
+        UndeclaredImport = "undeclared-import",
+        /// A command reached the robot past the guard.
+        CommandPastGuard = "command-past-guard",
+        /// Motion after a stop.
+        MotionAfterStop = "motion-after-stop",
+        /// A number that is not finite came out of the code.
+        NonFiniteOutput = "non-finite-output",
+        /// The code used more time, memory or output than it was given.
+        BudgetBreach = "budget-breach",
     }
 }
 

@@ -12,6 +12,7 @@ use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::Condition;
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
 use super::evidence::{Binding, ShadowEvidence, ShadowSequence};
+pub use super::outcome::GateOutcome;
 use super::outcome::{ActivationMode, Basis, Check};
 use super::policy::PolicyTable;
 use super::profile::{Profile, ProfileName};
@@ -201,22 +202,6 @@ pub struct GateInput<'a> {
     pub row_version: u64,
     /// What the decision is made under.
     pub made_under: MadeUnder,
-}
-
-crate::words! {
-    /// What the gate comes to.
-    GateOutcome, "outcome of the gate", {
-        /// May be activated under its terms.
-        Pass = "pass",
-        /// Everything else holds; people have to answer.
-        AwaitApproval = "await-approval",
-        /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
-        Hold = "hold",
-        /// Evidence is missing, stale or not enough: back to evaluation.
-        Demote = "demote",
-        /// Refused.
-        Reject = "reject",
-    }
 }
 
 /// How a version is active.

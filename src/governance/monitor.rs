@@ -14,37 +14,23 @@ use serde::{Deserialize, Serialize};
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
 use super::profile::{MonitorSettings, Profile};
+use super::words::same_words;
 use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError, wilson_upper};
 
 /// One-sided level of the bound on what is normal for a version in the live world.
 const NORMAL_ALPHA: f64 = 0.10;
 
-/// What the monitor wants done; later ones outrank earlier ones.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum MonitorAction {
-    /// Nothing.
-    Continue,
-    /// Ask people.
-    Escalate,
-    /// Narrow the envelope.
-    Restrict,
-    /// Take the version off.
-    Rollback,
-}
-
-impl MonitorAction {
-    /// Every action.
-    pub const ALL: [Self; 4] = [Self::Continue, Self::Escalate, Self::Restrict, Self::Rollback];
-    /// The name on screen and in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Continue => "continue",
-            Self::Escalate => "escalate",
-            Self::Restrict => "restrict",
-            Self::Rollback => "rollback",
-        }
+crate::words! {
+    /// What the monitor wants done; later ones outrank earlier ones.
+    MonitorAction, "action of the monitor", {
+        /// Nothing.
+        Continue = "continue",
+        /// Ask people.
+        Escalate = "escalate",
+        /// Narrow the envelope.
+        Restrict = "restrict",
+        /// Take the version off.
+        Rollback = "rollback",
     }
 }
 
@@ -66,16 +52,7 @@ crate::words! {
     }
 }
 
-impl From<MonitorAction> for MonitorOutcome {
-    fn from(action: MonitorAction) -> Self {
-        match action {
-            MonitorAction::Continue => Self::Continue,
-            MonitorAction::Escalate => Self::Escalate,
-            MonitorAction::Restrict => Self::Restrict,
-            MonitorAction::Rollback => Self::Rollback,
-        }
-    }
-}
+same_words! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
 
 /// Events that trip at once.
 #[derive(
@@ -125,40 +102,25 @@ impl SafetyEvent {
     }
 }
 
-/// The rates that are charted, each as the share of bad episodes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Rate {
-    /// Episodes without success.
-    Failure,
-    /// Episodes with a violation (policy warnings and limits).
-    Violation,
-    /// Episodes with an anomaly.
-    Anomaly,
-    /// Episodes with an intervention.
-    Intervention,
-    /// Episodes with a retry.
-    Retry,
-    /// Episodes in which recovery ran.
-    Recovery,
+crate::words! {
+    /// The rates that are charted, each as the share of bad episodes.
+    Rate, "rate of the monitor", {
+        /// Episodes without success.
+        Failure = "failure",
+        /// Episodes with a violation (policy warnings and limits).
+        Violation = "violation",
+        /// Episodes with an anomaly.
+        Anomaly = "anomaly",
+        /// Episodes with an intervention.
+        Intervention = "intervention",
+        /// Episodes with a retry.
+        Retry = "retry",
+        /// Episodes in which recovery ran.
+        Recovery = "recovery",
+    }
 }
 
 impl Rate {
-    /// Every rate.
-    pub const ALL: [Self; 6] =
-        [Self::Failure, Self::Violation, Self::Anomaly, Self::Intervention, Self::Retry, Self::Recovery];
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Failure => "failure",
-            Self::Violation => "violation",
-            Self::Anomaly => "anomaly",
-            Self::Intervention => "intervention",
-            Self::Retry => "retry",
-            Self::Recovery => "recovery",
-        }
-    }
     const fn is_bad(self, episode: &EpisodeValues) -> bool {
         match self {
             Self::Failure => !episode.success,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Kappa, Reason};
-use super::gate::GateOutcome;
+use super::words::same_words;
 
 crate::words! {
     /// Outcome of one compatibility dimension, in its own words (paper table 3).
@@ -90,52 +90,13 @@ crate::words! {
     }
 }
 
-impl From<InterfaceOutcome> for DimensionOutcome {
-    fn from(outcome: InterfaceOutcome) -> Self {
-        match outcome {
-            InterfaceOutcome::Compatible => Self::Compatible,
-            InterfaceOutcome::Conditional => Self::Conditional,
-            InterfaceOutcome::Incompatible => Self::Incompatible,
-            InterfaceOutcome::NoData => Self::NoData,
-        }
-    }
+same_words! { InterfaceOutcome => DimensionOutcome: Compatible, Conditional, Incompatible, NoData }
+same_words! { PolicyOutcome => DimensionOutcome: Compatible, Conditional, Review, Incompatible, NoData }
+same_words! {
+    BehaviorOutcome => DimensionOutcome:
+    Compatible, Suspicious, Incompatible, Inconclusive, NoData
 }
-
-impl From<PolicyOutcome> for DimensionOutcome {
-    fn from(outcome: PolicyOutcome) -> Self {
-        match outcome {
-            PolicyOutcome::Compatible => Self::Compatible,
-            PolicyOutcome::Conditional => Self::Conditional,
-            PolicyOutcome::Review => Self::Review,
-            PolicyOutcome::Incompatible => Self::Incompatible,
-            PolicyOutcome::NoData => Self::NoData,
-        }
-    }
-}
-
-impl From<BehaviorOutcome> for DimensionOutcome {
-    fn from(outcome: BehaviorOutcome) -> Self {
-        match outcome {
-            BehaviorOutcome::Compatible => Self::Compatible,
-            BehaviorOutcome::Suspicious => Self::Suspicious,
-            BehaviorOutcome::Incompatible => Self::Incompatible,
-            BehaviorOutcome::Inconclusive => Self::Inconclusive,
-            BehaviorOutcome::NoData => Self::NoData,
-        }
-    }
-}
-
-impl From<RecoveryOutcome> for DimensionOutcome {
-    fn from(outcome: RecoveryOutcome) -> Self {
-        match outcome {
-            RecoveryOutcome::Compatible => Self::Compatible,
-            RecoveryOutcome::Conditional => Self::Conditional,
-            RecoveryOutcome::Fragile => Self::Fragile,
-            RecoveryOutcome::Incompatible => Self::Incompatible,
-            RecoveryOutcome::NoData => Self::NoData,
-        }
-    }
-}
+same_words! { RecoveryOutcome => DimensionOutcome: Compatible, Conditional, Fragile, Incompatible, NoData }
 
 /// How a version may be active (paper table 4). Several can hold at once.
 #[derive(
@@ -273,37 +234,23 @@ pub struct Assessment<O> {
     pub conditions: Vec<super::condition::Condition>,
 }
 
-/// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Recommendation {
-    /// Not to be used.
-    Reject,
-    /// Evaluation in the sandbox only.
-    Sandbox,
-    /// Shadow deployment.
-    Shadow,
-    /// Eligible for activation.
-    Activate,
-    /// Waits for people; never skips sandbox or shadow.
-    RollbackReview,
+crate::words! {
+    /// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).
+    Recommendation, "recommendation", {
+        /// Not to be used.
+        Reject = "reject",
+        /// Evaluation in the sandbox only.
+        Sandbox = "sandbox",
+        /// Shadow deployment.
+        Shadow = "shadow",
+        /// Eligible for activation.
+        Activate = "activate",
+        /// Waits for people; never skips sandbox or shadow.
+        RollbackReview = "rollback-review",
+    }
 }
 
 impl Recommendation {
-    /// Every recommendation.
-    pub const ALL: [Self; 5] =
-        [Self::Reject, Self::Sandbox, Self::Shadow, Self::Activate, Self::RollbackReview];
-    /// The name on screen and in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Reject => "reject",
-            Self::Sandbox => "sandbox",
-            Self::Shadow => "shadow",
-            Self::Activate => "activate",
-            Self::RollbackReview => "rollback-review",
-        }
-    }
     /// The paper's table 11: ACCEPT = {activate, shadow}.
     #[must_use]
     pub const fn is_accept(self) -> bool {
@@ -311,6 +258,22 @@ impl Recommendation {
             Self::Activate | Self::Shadow => true,
             Self::Reject | Self::Sandbox | Self::RollbackReview => false,
         }
+    }
+}
+
+crate::words! {
+    /// What the gate comes to.
+    GateOutcome, "outcome of the gate", {
+        /// May be activated under its terms.
+        Pass = "pass",
+        /// Everything else holds; people have to answer.
+        AwaitApproval = "await-approval",
+        /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
+        Hold = "hold",
+        /// Evidence is missing, stale or not enough: back to evaluation.
+        Demote = "demote",
+        /// Refused.
+        Reject = "reject",
     }
 }
 
@@ -351,17 +314,7 @@ crate::words! {
     }
 }
 
-impl From<Recommendation> for StageOutcome {
-    fn from(recommendation: Recommendation) -> Self {
-        match recommendation {
-            Recommendation::Reject => Self::Reject,
-            Recommendation::Sandbox => Self::Sandbox,
-            Recommendation::Shadow => Self::Shadow,
-            Recommendation::Activate => Self::Activate,
-            Recommendation::RollbackReview => Self::RollbackReview,
-        }
-    }
-}
+same_words! { Recommendation => StageOutcome: Reject, Sandbox, Shadow, Activate, RollbackReview }
 
 impl From<Check> for StageOutcome {
     fn from(check: Check) -> Self {
@@ -377,17 +330,7 @@ impl From<Check> for StageOutcome {
     }
 }
 
-impl From<GateOutcome> for StageOutcome {
-    fn from(outcome: GateOutcome) -> Self {
-        match outcome {
-            GateOutcome::Pass => Self::Pass,
-            GateOutcome::AwaitApproval => Self::AwaitApproval,
-            GateOutcome::Hold => Self::Hold,
-            GateOutcome::Demote => Self::Demote,
-            GateOutcome::Reject => Self::Reject,
-        }
-    }
-}
+same_words! { GateOutcome => StageOutcome: Pass, AwaitApproval, Hold, Demote, Reject }
 
 #[cfg(test)]
 mod tests {

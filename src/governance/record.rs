@@ -10,7 +10,7 @@ use super::ids::{CapabilityId, Digest};
 use super::lifecycle::{Flags, State};
 use super::rollback::PostStatus;
 use super::submission::{Provenance, Risk};
-use super::words::Word;
+use super::words::{Word, same_words};
 
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";
@@ -87,15 +87,7 @@ crate::words! {
     }
 }
 
-impl From<PostStatus> for UpgradeEnd {
-    fn from(status: PostStatus) -> Self {
-        match status {
-            PostStatus::RolledBack => Self::RolledBack,
-            PostStatus::Demoted => Self::Demoted,
-            PostStatus::SafeStopped => Self::SafeStopped,
-        }
-    }
-}
+same_words! { PostStatus => UpgradeEnd: RolledBack, Demoted, SafeStopped }
 
 crate::words! {
     /// Why a family's active pointer moved.

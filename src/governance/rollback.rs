@@ -10,6 +10,7 @@ use super::decision::{Reason, ReasonCode};
 use super::ids::CapabilityId;
 use super::lifecycle::Leave;
 use super::monitor::SafetyEvent;
+use super::words::same_words;
 
 /// What a version is taken off for.
 #[derive(
@@ -254,14 +255,7 @@ crate::words! {
     }
 }
 
-impl From<Leave> for PostStatus {
-    fn from(leave: Leave) -> Self {
-        match leave {
-            Leave::RolledBack => Self::RolledBack,
-            Leave::Demoted => Self::Demoted,
-        }
-    }
-}
+same_words! { Leave => PostStatus: RolledBack, Demoted }
 
 /// One rollback (paper appendix F.3). Times count from the trigger.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]

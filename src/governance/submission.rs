@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::evidence::Signature;
 use super::ids::is_name;
 use super::text_error::{TextError, check_size, parse_toml};
-use super::words::WordError;
 
 /// The three texts a version consists of, as they were submitted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -28,93 +27,31 @@ pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;
 /// The longest summary, characters.
 pub const SUMMARY_CHARS_MAX: usize = 500;
 
-/// How a version came about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Provenance {
-    /// Reinforcement learning.
-    Rl,
-    /// Imitation learning.
-    Imitation,
-    /// Written by a language model.
-    Llm,
-    /// Written by a person.
-    Manual,
-    /// Found by a parameter optimiser.
-    Optimiser,
-}
-
-impl Provenance {
-    /// Every provenance.
-    pub const ALL: [Self; 5] = [Self::Rl, Self::Imitation, Self::Llm, Self::Manual, Self::Optimiser];
-    /// The name in submissions and policies.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Rl => "rl",
-            Self::Imitation => "imitation",
-            Self::Llm => "llm",
-            Self::Manual => "manual",
-            Self::Optimiser => "optimiser",
-        }
+crate::words! {
+    /// How a version came about.
+    Provenance, "provenance", {
+        /// Reinforcement learning.
+        Rl = "rl",
+        /// Imitation learning.
+        Imitation = "imitation",
+        /// Written by a language model.
+        Llm = "llm",
+        /// Written by a person.
+        Manual = "manual",
+        /// Found by a parameter optimiser.
+        Optimiser = "optimiser",
     }
 }
 
-impl std::str::FromStr for Provenance {
-    type Err = WordError;
-    fn from_str(text: &str) -> Result<Self, WordError> {
-        let all = Self::ALL.into_iter();
-        all.clone()
-            .find(|word| word.name() == text)
-            .ok_or_else(|| WordError::new("provenance", text, all.map(Self::name)))
-    }
-}
-
-impl std::fmt::Display for Provenance {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-/// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Risk {
-    /// Low.
-    Low,
-    /// Medium.
-    Medium,
-    /// High.
-    High,
-}
-
-impl Risk {
-    /// Every tier, lowest first.
-    pub const ALL: [Self; 3] = [Self::Low, Self::Medium, Self::High];
-    /// The name in submissions and policies.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Low => "low",
-            Self::Medium => "medium",
-            Self::High => "high",
-        }
-    }
-}
-
-impl std::str::FromStr for Risk {
-    type Err = WordError;
-    fn from_str(text: &str) -> Result<Self, WordError> {
-        let all = Self::ALL.into_iter();
-        all.clone()
-            .find(|word| word.name() == text)
-            .ok_or_else(|| WordError::new("risk", text, all.map(Self::name)))
-    }
-}
-
-impl std::fmt::Display for Risk {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
+crate::words! {
+    /// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
+    Risk, "risk", {
+        /// Low.
+        Low = "low",
+        /// Medium.
+        Medium = "medium",
+        /// High.
+        High = "high",
     }
 }
 

@@ -145,3 +145,17 @@ macro_rules! words {
         }
     };
 }
+
+/// Makes the members of one closed set members of another, each under the same name: a match without a catch-all, so
+/// that a member added to the first set has to be decided.
+macro_rules! same_words {
+    ($from:ident => $into:ident: $($member:ident),+ $(,)?) => {
+        impl From<$from> for $into {
+            fn from(word: $from) -> Self {
+                match word { $($from::$member => Self::$member),+ }
+            }
+        }
+    };
+}
+
+pub(crate) use same_words;
