@@ -9,7 +9,7 @@
 //! | present | no | unacknowledged |
 //! | present | yes | acknowledged |
 //! | gone | no | returned-unacknowledged |
-//! | gone | yes | latched, where the alarm latches and was not reset; else normal |
+//! | gone | yes | latched, if the alarm latches and was not reset; else normal |
 //!
 //! A shelf, with its end and its reason, lies over any of these and takes nothing away: the state below goes on.
 
@@ -26,7 +26,7 @@ use holdpoint_text::{Hint, Untrusted};
 pub use apply::apply;
 pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
 
-/// The most alarms a book holds.
+/// The most alarms a book holds, normal ones included; a full book refuses the next raise.
 pub const ALARMS_MAX: usize = 512;
 
 /// The longest a shelf may last: one shift.
@@ -35,7 +35,7 @@ pub const SHELF_MS_MAX: u64 = 8 * 3_600_000;
 /// This many raises within [`CHATTER_WINDOW_MS`] make an alarm chattering.
 pub const CHATTER_RAISES: usize = 3;
 
-/// See [`CHATTER_RAISES`].
+/// The span, ms of the book's clock, within which [`CHATTER_RAISES`] raises count as chattering.
 pub const CHATTER_WINDOW_MS: u64 = 60_000;
 
 crate::words! {
@@ -43,9 +43,9 @@ crate::words! {
     Priority, "priority of an alarm", {
         /// At once; cannot be shelved or grouped away.
         Critical = "critical",
-        /// Soon.
+        /// Within minutes: work goes on, but gets worse or stops if nobody acts.
         High = "high",
-        /// In this shift.
+        /// Before the shift ends; nothing is lost until then.
         Low = "low",
     }
 }
@@ -53,7 +53,7 @@ crate::words! {
 crate::words! {
     /// What is being told about an alarm.
     AlarmState, "state of an alarm", {
-        /// Nothing to tell.
+        /// No condition and nothing left to acknowledge or reset; dropped from the book after [`FLOOD_WINDOW_MS`].
         Normal = "normal",
         /// The condition is there and nobody has seen it.
         Unacknowledged = "unacknowledged",
@@ -105,9 +105,9 @@ impl AlarmState {
 pub struct Shelf {
     /// When it ends by itself, in the book's milliseconds.
     pub until_ms: u64,
-    /// The identity that shelved it.
+    /// Identity of the operator who set it aside.
     pub by: String,
-    /// Why.
+    /// Why it may be out of sight meanwhile, in the operator's words; never blank.
     pub reason: Untrusted,
 }
 
@@ -115,23 +115,23 @@ pub struct Shelf {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
-    /// Its unique name, e.g. `monitor-tripped/grasp@1.3.0`.
+    /// Its unique name, e.g. `rolled-back:grasp@1.3.0`.
     pub key: String,
-    /// What it is grouped by in a flood, e.g. `grasp@1.3.0/activation/monitor`.
+    /// What it is grouped by in a flood, e.g. `rollback`.
     pub group: String,
     /// How soon the operator must act.
     pub priority: Priority,
-    /// Whether it stays until reset.
+    /// Whether it stays after its condition has ended, until an operator resets it with a reason.
     pub latching: bool,
-    /// What happened.
+    /// What happened, one sentence for the operator; the newest raise's.
     pub text: Untrusted,
-    /// Whether the condition is there now.
+    /// Whether what it was raised for is present now.
     pub condition: bool,
-    /// Who has acknowledged it, if anybody.
+    /// Identity that acknowledged it; `None` while it calls for attention.
     pub acknowledged_by: Option<String>,
     /// Whether a latching alarm still waits for its reset.
     pub reset_pending: bool,
-    /// The shelf it lies on.
+    /// The shelf it lies on; `None`: it is in sight.
     pub shelf: Option<Shelf>,
     /// The first raise since it was last normal.
     pub first_ms: u64,
@@ -142,7 +142,7 @@ pub struct Alarm {
 }
 
 impl Alarm {
-    /// The state shown to the operator.
+    /// The state shown to the operator: a shelf covers every other.
     #[must_use]
     pub fn state(&self) -> AlarmState {
         if self.shelf.is_some() { AlarmState::Shelved } else { self.state_below() }
@@ -174,54 +174,54 @@ impl Alarm {
 pub enum AlarmEvent {
     /// A condition appeared (or appeared again, or became more urgent).
     Raise {
-        /// The alarm's unique name.
+        /// Name of the alarm; raising one that is present changes its text and may make it more urgent, never less.
         key: String,
-        /// What it is grouped by.
+        /// Alarms of one group share a row in a flood, e.g. `rollback`.
         group: String,
         /// How soon the operator must act.
         priority: Priority,
-        /// Whether it stays until reset.
+        /// Whether it stays after its condition has ended, until it is reset.
         latching: bool,
-        /// What happened.
+        /// What happened, one sentence for the operator; foreign text, shown through the sanitiser only.
         text: Untrusted,
     },
-    /// The condition is gone.
+    /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset.
     Clear {
-        /// The alarm.
+        /// Name of the alarm whose condition ended; one that is not in the book is no error.
         key: String,
     },
-    /// Somebody has seen it.
+    /// An operator has taken note; resumes nothing.
     Acknowledge {
-        /// The alarm.
+        /// Name of the alarm that stops calling for attention; its condition is untouched.
         key: String,
-        /// Who.
+        /// Identity of the operator who has taken note.
         by: String,
     },
     /// A latched alarm is closed; acknowledges as well.
     Reset {
-        /// The alarm.
+        /// Name of a latched alarm whose condition has ended.
         key: String,
-        /// Who.
+        /// Identity of the operator who answers for the reset.
         by: String,
-        /// Why it is safe.
+        /// Why it is safe to close the alarm; a blank reason is refused.
         reason: Untrusted,
     },
     /// Sets an alarm aside for a time.
     Shelve {
-        /// The alarm.
+        /// Name of the alarm to set aside; refused for critical ones.
         key: String,
-        /// Who.
+        /// Identity of the operator who sets it aside.
         by: String,
-        /// Until when.
+        /// When the shelf ends by itself, in the book's milliseconds; at most [`SHELF_MS_MAX`] from now.
         until_ms: u64,
-        /// Why.
+        /// Why it may be out of sight meanwhile; a blank reason is refused.
         reason: Untrusted,
     },
-    /// Takes an alarm from its shelf.
+    /// Takes an alarm from its shelf before the shelf's end.
     Unshelve {
-        /// The alarm.
+        /// Name of a shelved alarm; still unacknowledged below its shelf, it calls again.
         key: String,
-        /// Who.
+        /// Identity of the operator who brings it back.
         by: String,
     },
     /// Time went on: shelves end, floods end, what has long been normal is dropped.
@@ -232,25 +232,25 @@ pub enum AlarmEvent {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum AlarmChange {
-    /// An alarm is now this; `annunciated` where it calls for attention anew.
+    /// An alarm is now this; `annunciated` if it calls for attention anew.
     Set {
-        /// The whole alarm.
+        /// The alarm after the change, complete: replaying needs nothing but the changes.
         alarm: Alarm,
-        /// Its state before; `Normal` where it was not in the book.
+        /// Its state before; `Normal` if it was not in the book.
         from: AlarmState,
-        /// Whether it calls for attention anew.
+        /// Whether it calls for attention anew, which counts towards a flood.
         annunciated: bool,
-        /// When, in the book's milliseconds.
+        /// Time of the event, in the book's milliseconds.
         at_ms: u64,
     },
     /// An alarm that is normal was dropped from the book.
     Dropped {
-        /// Its key.
+        /// Name of the alarm that left; raised again it starts as a new one.
         key: String,
     },
-    /// A flood began or ended.
+    /// The rate of alarms crossed [`FLOOD_START`] upwards or [`FLOOD_END`] downwards.
     Flood {
-        /// Whether there is one now.
+        /// Whether there is a flood from now on.
         on: bool,
     },
 }
@@ -258,16 +258,16 @@ pub enum AlarmChange {
 /// Why an event was refused. The book is as it was.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AlarmError {
-    /// No such alarm.
+    /// The key names no alarm of the book: never raised, or dropped since.
     #[error("there is no alarm {0:?}")]
     Unknown(Untrusted),
     /// An empty or overlong key or group.
     #[error("{0:?} cannot name an alarm; 1 to 200 bytes are allowed")]
     Key(Untrusted),
-    /// Not an identity's name.
+    /// The name given for the operator does not have the form of an identity's name.
     #[error("{0:?} is not the name of an identity")]
     Identity(Untrusted),
-    /// No reason was given.
+    /// A reset or a shelf with a blank reason.
     #[error("the alarm {0:?} needs a reason")]
     NoReason(Untrusted),
     /// A reset while the condition is still there.
@@ -276,18 +276,18 @@ pub enum AlarmError {
     /// A reset of an alarm that waits for none.
     #[error("the alarm {0:?} does not wait for a reset")]
     NotLatched(Untrusted),
-    /// Critical alarms stay in sight.
+    /// A critical alarm stays in sight and cannot be shelved.
     #[error("the alarm {0:?} is critical and cannot be shelved")]
     ShelveCritical(Untrusted),
     /// A shelf that ends in the past or too late.
     #[error("a shelf must end within {max_ms} ms from now, not in {asked_ms} ms")]
     ShelfTime {
-        /// What was asked for.
+        /// The span that was asked for, ms from now; negative for an end in the past.
         asked_ms: i128,
-        /// The limit.
+        /// [`SHELF_MS_MAX`], the longest span from now that is accepted.
         max_ms: u64,
     },
-    /// It lies on no shelf.
+    /// The alarm to take from its shelf lies on none.
     #[error("the alarm {0:?} is not shelved")]
     NotShelved(Untrusted),
     /// Nothing normal is left to drop. The caller must hold: alarms are being lost.
@@ -332,22 +332,22 @@ pub struct AlarmSummary {
     pub unacknowledged: [u32; 3],
     /// Acknowledged ones whose condition is still there.
     pub acknowledged: u32,
-    /// Latched ones.
+    /// Alarms whose condition has ended and that wait for a reset with its reason.
     pub latched: u32,
-    /// Shelved ones.
+    /// Alarms that operators set aside for a time; counted nowhere else.
     pub shelved: u32,
-    /// Whether there is a flood.
+    /// Whether alarms come faster than an operator can read them (see [`FLOOD_START`]).
     pub flood: bool,
 }
 
 impl AlarmBook {
-    /// An empty book.
+    /// A book without alarms and outside a flood, as a store begins.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// One alarm.
+    /// The alarm of this name; `None` once it was dropped as long normal.
     #[must_use]
     pub fn get(&self, key: &str) -> Option<&Alarm> {
         self.alarms.get(key)
@@ -373,13 +373,13 @@ impl AlarmBook {
         open
     }
 
-    /// Whether there is a flood.
+    /// Whether alarms came faster than an operator can read them, and [`FLOOD_END`] was not yet reached again.
     #[must_use]
     pub fn is_flooded(&self) -> bool {
         self.flood
     }
 
-    /// Counts for the status line.
+    /// Counts the alarms by state for the status line.
     #[must_use]
     pub fn summary(&self) -> AlarmSummary {
         let mut summary = AlarmSummary { flood: self.flood, ..AlarmSummary::default() };
@@ -400,7 +400,7 @@ impl AlarmBook {
         summary
     }
 
-    /// Takes changes of [`apply`] in.
+    /// Takes the changes that [`apply`] answered into the book; the only way the book changes.
     pub fn absorb(&mut self, changes: &[AlarmChange]) {
         for change in changes {
             match change {

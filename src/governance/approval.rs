@@ -16,20 +16,20 @@ use super::submission::Risk;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Subject {
-    /// The candidate (manifest and bundle).
+    /// Digest of the candidate's manifest and bundle.
     pub candidate: Digest,
-    /// Its row version.
+    /// The candidate's row version when people were asked: any later change of its row voids the approval.
     pub row_version: u64,
-    /// The evidence shown.
+    /// Digest of the evidence that was on screen when the person decided.
     pub evidence: Digest,
-    /// The policy set.
+    /// Digest of the compiled policy set in force.
     pub policy: Digest,
-    /// The profile.
+    /// Digest of the profile, every number included.
     pub profile: Digest,
 }
 
 crate::words! {
-    /// What a person may decide about.
+    /// What a person may decide about, by risk tier (see [`Role::reaches`]).
     Role, "role", {
         /// Runs the cell: low risk.
         Operator = "operator",
@@ -52,7 +52,7 @@ impl Role {
     }
 }
 
-/// What became of checking a signature.
+/// Result of checking a vote's signature against its person's key; checked outside these rules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SignatureCheck {
@@ -63,98 +63,99 @@ pub enum SignatureCheck {
 }
 
 crate::words! {
-    /// What a person decided.
+    /// What a person decided about a candidate.
     Answer, "approval decision", {
-        /// Yes.
+        /// For activation; counts towards the quorum if the person is independent and the role reaches the risk tier.
         Approve = "approve",
-        /// No; rejects.
+        /// Against it; one that counts refuses the candidate, whoever it comes from.
         Reject = "reject",
     }
 }
 
-/// One signed answer.
+/// One person's signed answer, with what was already found out about its signature and nonce.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Vote {
-    /// Whose identity.
+    /// Name of the identity whose key signed it.
     pub person: String,
-    /// Their role.
+    /// Role the identity had when it answered; it limits the risk tiers an approval counts for.
     pub role: Role,
-    /// What they said.
+    /// For or against activation.
     pub answer: Answer,
-    /// Why, in their words.
+    /// Why, in the person's own words; needed for an emergency approval.
     pub reason: String,
-    /// What it is over.
+    /// What the signature covers.
     pub subject: Subject,
-    /// Until when it holds, virtual s.
+    /// Virtual time from which it no longer counts, s.
     pub expires_s: f64,
     /// The emergency door: counts alone, forces rollback coupling, opens a review.
     pub break_glass: bool,
-    /// What became of checking the signature.
+    /// Whether the signature is the person's, as whoever holds the keys found it.
     pub signature: SignatureCheck,
     /// Whether the nonce was consumed by an earlier decision.
     pub nonce_used: bool,
 }
 
-/// What is asked.
+/// A question put to people: about which candidate and evidence, how many have to agree, and who cannot be one of
+/// them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
-    /// What it is about.
+    /// The candidate and the circumstances people are asked about.
     pub subject: Subject,
-    /// Risk tier.
+    /// Risk tier of the candidate, which decides the roles that count.
     pub risk: Risk,
     /// Distinct people needed (see [`quorum`]).
     pub quorum: u8,
-    /// Who asked.
+    /// Identity that asked for the activation; it cannot approve.
     pub requester: String,
-    /// Who wrote the candidate.
+    /// Identity that wrote the candidate; it cannot approve.
     pub author: String,
-    /// When it was asked, virtual s.
+    /// When it was asked, virtual s; the profile's `approval.timeout_s` counts from here.
     pub asked_s: f64,
 }
 
-/// What asking came to.
+/// What asking people came to, at one point in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "approval")]
 pub enum ApprovalOutcome {
-    /// Nobody has to be asked.
+    /// The quorum is 0: the profile asks nobody for this.
     NotNeeded,
-    /// Enough distinct people approved.
+    /// Enough distinct people approved, or one by the emergency door.
     Granted {
-        /// Who, sorted.
+        /// Names of the identities whose approvals counted, sorted.
         people: BTreeSet<String>,
-        /// Until when, virtual s.
+        /// Virtual time from which the grant no longer holds, s: the earliest end among the votes.
         expires_s: f64,
-        /// Whether by the emergency door.
+        /// Whether it was granted by the emergency door, which forces rollback coupling and a review.
         break_glass: bool,
     },
     /// Held: people are still to answer.
     Pending {
-        /// How many are missing.
+        /// How many more people have to approve, 1 or more.
         missing: u8,
     },
-    /// Held: nobody answered in time.
+    /// Held: the question's time ran out before the quorum was reached.
     TimedOut,
-    /// Somebody refused.
+    /// One person's refusal counted; the candidate is rejected.
     Refused {
-        /// Who.
+        /// Name of the identity that refused.
         person: String,
     },
 }
 
-/// The outcome with its reasons.
+/// The outcome of asking people, with its reasons.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ApprovalResult {
-    /// What it came to.
+    /// What counting the votes came to.
     pub outcome: ApprovalOutcome,
     /// Why, with one reason for every answer that did not count.
     pub reasons: Vec<Reason>,
 }
 
-/// Distinct people needed: by risk tier where activation is bound to approvals, and at least the review's
-/// quorum where a dimension asked for a review.
+/// Distinct people needed: by risk tier if activation is bound to approvals, and at least the review's
+/// quorum if a dimension asked for a review.
 #[must_use]
 pub fn quorum(settings: &ApprovalSettings, approval_bound: bool, risk: Risk, review: bool) -> u8 {
     let tier = if approval_bound { settings.quorum(risk) } else { 0 };

@@ -24,13 +24,13 @@ const UPPER_ALPHA: f64 = 0.05;
 const STUDENT_FROM: usize = 20;
 
 crate::words! {
-    /// The six components of the signature.
+    /// The six components of the behavioural signature `B_c` (paper equation 5).
     ComponentName, "component of the signature", {
-        /// Successes lost.
+        /// Loss of success: share of pairs that only the active version completed, less those only the candidate did.
         Success = "success",
-        /// Relative increase of time, over pairs where both succeed.
+        /// Relative increase of time, over pairs in which both succeed.
         Time = "time",
-        /// Retries more.
+        /// Additional retries per episode.
         Retry = "retry",
         /// Share of episodes with a violation.
         Violation = "violation",
@@ -51,7 +51,7 @@ impl ComponentName {
         }
     }
 
-    /// `c_j`.
+    /// Cost `c_j` of one unit of worsening in `kappa_B`, from the profile.
     #[must_use]
     pub const fn cost(self, settings: &BehaviorSettings) -> f64 {
         match self {
@@ -69,26 +69,26 @@ impl ComponentName {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
-    /// Which.
+    /// The component of the signature these numbers are about.
     pub name: ComponentName,
     /// Mean worsening; negative is an improvement.
     pub worsening: f64,
     /// One-sided lower bound at `alpha / 6`; above 0 the worsening is established.
     pub lower: f64,
-    /// One-sided upper bound at .05; absent where the pairs cannot bound it.
+    /// One-sided upper bound at .05; absent if the pairs cannot bound it.
     pub upper: Option<f64>,
     /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
     pub tolerance: f64,
 }
 
 impl Component {
-    /// Worsening is established.
+    /// Whether worsening is established: the lower bound lies above 0.
     #[must_use]
     pub fn is_established(&self) -> bool {
         self.lower > 0.0
     }
 
-    /// Worsening beyond the tolerance is excluded.
+    /// Whether worsening beyond the tolerance is excluded, at the upper bound's error rate.
     #[must_use]
     pub fn is_within_tolerance(&self) -> bool {
         self.upper.is_some_and(|upper| upper <= self.tolerance)
@@ -104,20 +104,20 @@ pub struct BehaviorAssessment {
     /// `kappa_B` counting established worsenings only.
     pub established: Option<Kappa>,
     /// Where the true `kappa_B` lies, each end wrong with probability at most `evaluation.alpha`; the lower end is
-    /// 0 where a component cannot be bounded.
+    /// 0 if a component cannot be bounded.
     #[serde(default)]
     pub interval: Option<[f64; 2]>,
     /// The six components; empty without data.
     pub components: Vec<Component>,
-    /// Mean values of the active version.
+    /// Mean values of the active version; absent without usable episodes.
     pub active: Option<Signature>,
-    /// Mean values of the candidate.
+    /// Mean values of the candidate; absent without usable episodes.
     pub candidate: Option<Signature>,
-    /// Better success is established.
+    /// Whether a higher success rate than the active version's is established.
     pub improved: bool,
-    /// Pairs used.
+    /// Episode pairs the assessment rests on; 0 for an estimate or without data.
     pub pairs: u32,
-    /// The rule that ended the evaluation, where it was named and the evidence bears it out.
+    /// The rule that ended the evaluation, if it was named and the evidence bears it out.
     #[serde(default)]
     pub ended: Option<EndReason>,
 }
@@ -410,7 +410,7 @@ fn component(
     Ok((found, Some(low.upper)))
 }
 
-/// Student's t where enough pairs differ, otherwise a bound that holds for any distribution on the range seen.
+/// Student's t if enough pairs differ, otherwise a bound that holds for any distribution on the range seen.
 fn real_pairs(differences: &[f64], alpha: f64) -> Result<PairedBound, stats::StatsError> {
     let differing = differences.iter().filter(|d| **d != 0.0).count();
     if differing >= STUDENT_FROM

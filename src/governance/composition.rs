@@ -19,13 +19,13 @@ use super::profile::fields::Weights;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kappas {
-    /// `kappa_I`.
+    /// `kappa_I`: callers of the active version can call the candidate (paper equation 4).
     pub interface: Assessment<InterfaceOutcome>,
-    /// `kappa_P`.
+    /// `kappa_P`: the modes it can reach are covered by policy and allowed.
     pub policy: Assessment<PolicyOutcome>,
-    /// `kappa_B`.
+    /// `kappa_B`: measured behaviour against the active version's, on the same seeds.
     pub behavior: Assessment<BehaviorOutcome>,
-    /// `kappa_R`.
+    /// `kappa_R`: rehearsed recovery against the active version's.
     pub recovery: Assessment<RecoveryOutcome>,
 }
 
@@ -85,7 +85,7 @@ impl Kappas {
     }
 }
 
-/// `composite = w_I kappa_I + w_P kappa_P + w_B kappa_B + w_R kappa_R`; `None` where one is missing.
+/// `composite = w_I kappa_I + w_P kappa_P + w_B kappa_B + w_R kappa_R`; `None` if one is missing.
 #[must_use]
 pub fn composite(weights: &Weights, kappas: [Option<Kappa>; 4]) -> Option<Kappa> {
     let [Some(i), Some(p), Some(b), Some(r)] = kappas else { return None };
@@ -104,7 +104,7 @@ pub struct PsiContext {
 /// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
 ///
 /// I incompatible -> reject; P incompatible -> reject; P review -> rollback-review; B incompatible -> sandbox;
-/// R incompatible -> sandbox (rollback-review where an approver exists and rollback itself works);
+/// R incompatible -> sandbox (rollback-review if an approver exists and rollback itself works);
 /// missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
 #[must_use]
 pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decision<Recommendation> {
@@ -179,7 +179,7 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     (Recommendation::Activate, None)
 }
 
-/// Whether a recovery failure may be put to people: not where rollback itself is what fails.
+/// Whether a recovery failure may be put to people: not if rollback itself is what fails.
 #[must_use]
 pub fn recovery_is_reviewable(recovery: &Assessment<RecoveryOutcome>) -> bool {
     recovery.outcome == RecoveryOutcome::Incompatible

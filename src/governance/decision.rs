@@ -20,11 +20,11 @@ crate::words! {
         Recovery = "recovery",
         /// The rule that joins the four, `Psi`.
         Composition = "composition",
-        /// Shadow deployment, `Delta_shadow`.
+        /// Shadow deployment, `Delta_shadow`: the live world against its twin.
         Shadow = "shadow",
         /// The activation gate, `theta_act`.
         Gate = "gate",
-        /// The people asked.
+        /// The people who were asked, and the rules by which their answers count.
         Approval = "approval",
         /// Monitoring after activation, `M`.
         Monitor = "monitor",
@@ -32,7 +32,7 @@ crate::words! {
 }
 
 impl Dimension {
-    /// Its name in words.
+    /// Its name in running text, spelled as people write it.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -58,7 +58,7 @@ macro_rules! reason_codes {
         }
 
         impl ReasonCode {
-            /// Every reason there is.
+            /// Every reason there is, in the order of declaration.
             pub const ALL: &'static [Self] = &[$(Self::$name,)*];
 
             /// The stable name, kebab-case.
@@ -98,7 +98,7 @@ reason_codes! {
 
     /// Every reachable mode is covered and allowed.
     PolicyCompatible = "policy-compatible",
-    /// A reachable mode is forbidden.
+    /// A mode the version can reach is forbidden by a policy.
     PolicyForbiddenMode = "policy-forbidden-mode",
     /// A reachable mode of high risk is covered by no policy.
     PolicyUncoveredHighRisk = "policy-uncovered-high-risk",
@@ -139,7 +139,7 @@ reason_codes! {
     BehaviorEndedEarly = "behavior-ended-early",
     /// Fewer episodes than the budget.
     BehaviorInconclusive = "behavior-inconclusive",
-    /// No usable episodes.
+    /// No usable episodes: none at all, of another version, implausible, or with a repeated seed.
     BehaviorNoData = "behavior-no-data",
     /// The values are declared or from earlier traces, not measured.
     BehaviorEstimated = "behavior-estimated",
@@ -173,7 +173,7 @@ reason_codes! {
     /// A failure signal the watcher does not know.
     RecoverySignalUnknown = "recovery-signal-unknown",
 
-    /// Every dimension is compatible.
+    /// Every dimension is compatible; nothing caps the recommendation.
     CompositionEligible = "composition-eligible",
     /// A restriction of one dimension caps the recommendation.
     CompositionRestricted = "composition-restricted",
@@ -193,59 +193,59 @@ reason_codes! {
     /// Too few shadow sequences, or none usable.
     ShadowNoData = "shadow-no-data",
 
-    /// The gate is passed.
+    /// Every demand of the gate is met.
     GatePassed = "gate-passed",
-    /// A dimension failed.
+    /// At least one of the four dimensions, or shadow, failed.
     GateDimensionFailed = "gate-dimension-failed",
     /// A value is an estimate; the gate uses measured ones only.
     GateNotMeasured = "gate-not-measured",
     /// Evidence of another version, profile, policy or active version.
     GateStaleEvidence = "gate-stale-evidence",
-    /// Evidence is missing.
+    /// A dimension has no value, or a piece of evidence the gate needs is not there.
     GateNoData = "gate-no-data",
     /// A stage was skipped; allowed in experiments only.
     GateSkipped = "gate-skipped",
-    /// Change is frozen at this time.
+    /// Change is frozen at this time by a window of the profile.
     GateFrozen = "gate-frozen",
     /// The profile demands an improvement and none is established.
     GateNoImprovement = "gate-no-improvement",
     /// A site policy forbids this activation.
     GateSitePolicyForbids = "gate-site-policy-forbids",
-    /// A hard limit was passed.
+    /// A hard stop was seen, which the runtime has to make impossible.
     GateHardLimit = "gate-hard-limit",
     /// A break-glass review of the family is open.
     GateReviewOpen = "gate-review-open",
     /// The profile is closed to this version by a profile demotion.
     GateProfileClosed = "gate-profile-closed",
 
-    /// Enough distinct people approved.
+    /// Enough distinct people approved, each independent and of a role that reaches the tier.
     ApprovalGranted = "approval-granted",
-    /// No approval is needed.
+    /// The profile asks nobody for this.
     ApprovalNotNeeded = "approval-not-needed",
-    /// Approvals are still missing.
+    /// The quorum is not reached yet and there is still time.
     ApprovalPending = "approval-pending",
-    /// Somebody refused.
+    /// A person's signed refusal counted.
     ApprovalRefused = "approval-refused",
     /// Nobody answered in time; the version is held.
     ApprovalTimeout = "approval-timeout",
     /// The approval is over other evidence, another row version, profile or policy.
     ApprovalStale = "approval-stale",
-    /// The approval has expired.
+    /// The approval's validity ended before it was used.
     ApprovalExpired = "approval-expired",
     /// The approver asked for it, or wrote it.
     ApprovalSelf = "approval-self",
-    /// The same person twice.
+    /// A second answer of the same person; it counts once.
     ApprovalDuplicate = "approval-duplicate",
     /// The approver's role does not reach this tier.
     ApprovalRole = "approval-role",
     /// The signature is not the approver's.
     ApprovalSignature = "approval-signature",
-    /// The nonce was used before.
+    /// The nonce was consumed by an earlier decision.
     ApprovalReplayed = "approval-replayed",
-    /// The emergency door was used.
+    /// One person approved by the emergency door; a review of the family opens.
     ApprovalBreakGlass = "approval-break-glass",
 
-    /// Nothing out of the ordinary.
+    /// Nothing out of the ordinary; the charts are quiet.
     MonitorHealthy = "monitor-healthy",
     /// A safety event; rolls back at once.
     MonitorSafetyTrip = "monitor-safety-trip",
@@ -257,7 +257,7 @@ reason_codes! {
     MonitorTelemetryMissing = "monitor-telemetry-missing",
     /// Nobody answered an escalation by its deadline.
     MonitorEscalationUnanswered = "monitor-escalation-unanswered",
-    /// A person asked for it.
+    /// An operator asked for the action.
     MonitorOperator = "monitor-operator",
     /// The provisional window passed without a trip.
     MonitorConfirmed = "monitor-confirmed",
@@ -292,7 +292,7 @@ impl std::fmt::Display for ReasonCode {
     }
 }
 
-/// Text that is no reason's name.
+/// A text that names no reason of this build.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is not a reason; e.g. \"interface-signature-breaking\" is one")]
 pub struct ReasonCodeError(pub String);
@@ -308,19 +308,19 @@ impl std::str::FromStr for ReasonCode {
     }
 }
 
-/// One reason: what was found, with the number and the limit it was held against where there are any.
+/// One reason: what was found, with the number and the limit it was held against if there are any.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reason {
-    /// The stable name.
+    /// Stable name of what was found, as the audit record and scenario files have it.
     pub code: ReasonCode,
-    /// What it is about.
+    /// The part of the rules it belongs to.
     pub dimension: Dimension,
-    /// One plain sentence.
+    /// What was found, one plain sentence for the operator; may quote foreign text.
     pub text: String,
-    /// The measured value; absent where there is none or it is not finite.
+    /// The measured value; absent if there is none or it is not finite.
     pub evidence: Option<f64>,
-    /// The limit it was held against.
+    /// The limit the value was held against; absent if there is none or it is not finite.
     pub limit: Option<f64>,
 }
 
@@ -350,17 +350,17 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// The four questions every decision answers.
+/// The four questions every decision answers for the operator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Answers {
     /// Is it admitted (to the next stage, or to act)?
     pub admitted: bool,
-    /// Under which conditions?
+    /// Under which conditions may it be used? Empty: without any.
     pub conditions: Vec<Condition>,
-    /// How is it monitored?
+    /// How is it monitored from now on?
     pub monitoring: String,
-    /// When is it rolled back?
+    /// What would take it off again?
     pub rollback_when: String,
 }
 
@@ -376,11 +376,11 @@ pub struct MadeUnder {
     pub policy: Digest,
     /// The profile with every number in it.
     pub profile: Digest,
-    /// The identities and roles that held.
+    /// The identities, roles and keys in force.
     pub authority: Digest,
     /// Robot, scene and engine build.
     pub environment: Digest,
-    /// The evidence looked at.
+    /// The evidence the decision was computed from, canonical JSON.
     pub evidence: Digest,
 }
 
@@ -404,7 +404,7 @@ impl<O> Decision<O> {
         Self { outcome, reasons, answers, made_under }
     }
 
-    /// What was decided.
+    /// What was decided, in the words of the rule that decided.
     pub const fn outcome(&self) -> &O {
         &self.outcome
     }
@@ -415,13 +415,13 @@ impl<O> Decision<O> {
         &self.reasons
     }
 
-    /// The four answers.
+    /// Admission, conditions, monitoring and rollback, as the operator reads them.
     #[must_use]
     pub const fn answers(&self) -> &Answers {
         &self.answers
     }
 
-    /// What it was made under.
+    /// Digests of the circumstances; the decision is void when one of them changes.
     #[must_use]
     pub const fn made_under(&self) -> &MadeUnder {
         &self.made_under
@@ -445,7 +445,7 @@ pub struct Kappa(f64);
 pub struct KappaError(pub f64);
 
 impl Kappa {
-    /// No deviation at all.
+    /// The best value: no deviation at all.
     pub const ONE: Self = Self(1.0);
 
     /// Wraps a value in [0, 1]; `None` for anything else.
@@ -454,13 +454,13 @@ impl Kappa {
         (value.is_finite() && (0.0..=1.0).contains(&value)).then_some(Self(value))
     }
 
-    /// Clamps a finite value into [0, 1]; `None` where it is not finite.
+    /// Clamps a finite value into [0, 1]; `None` if it is not finite.
     #[must_use]
     pub fn clamped(value: f64) -> Option<Self> {
         value.is_finite().then(|| Self(value.clamp(0.0, 1.0)))
     }
 
-    /// The value.
+    /// The value, finite and within [0, 1].
     #[must_use]
     pub const fn get(self) -> f64 {
         self.0

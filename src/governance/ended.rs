@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "snake_case", deny_unknown_fields)]
 pub enum EndReason {
-    /// The budget is used up.
+    /// The whole budget was worked; the only way to pass.
     Full,
     /// Something happened that the runtime has to make impossible.
     HardStop,
@@ -17,7 +17,7 @@ pub enum EndReason {
     Curtailed,
     /// That the full budget's outcome is `incompatible` is wrong with probability at most `alpha`, at any look.
     FinitePopulation {
-        /// `evaluation.early_alpha` of the profile.
+        /// The error rate: `evaluation.early_alpha` of the profile.
         alpha: f64,
     },
 }

@@ -10,13 +10,13 @@ use super::ids::Digest;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Binding {
-    /// The candidate (manifest and bundle).
+    /// Digest of the candidate's manifest and bundle.
     pub candidate: Digest,
     /// The active version it was compared with; absent for a bootstrap.
     pub active: Option<Digest>,
-    /// The profile.
+    /// The profile with every number in it.
     pub profile: Digest,
-    /// The policy set.
+    /// The compiled policy set.
     pub policy: Digest,
     /// Robot, scene, perturbations and engine build.
     pub environment: Digest,
@@ -26,21 +26,21 @@ pub struct Binding {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeValues {
-    /// The task was done.
+    /// The task was done, by inspection at the end.
     pub success: bool,
     /// A measured quantity was past its limit, or the guard denied a command.
     pub violation: bool,
-    /// The watcher raised a signal.
+    /// The watcher raised a failure signal.
     pub anomaly: bool,
-    /// The recovery procedure ran.
+    /// The version's own recovery ran, e.g. a retreat before a new attempt.
     pub recovery: bool,
-    /// A person stepped in.
+    /// A person stepped in and ended or corrected the episode.
     pub intervention: bool,
-    /// The time allowed ran out.
+    /// The episode reached the time limit without an end of its own.
     pub timeout: bool,
     /// A quantity passed the near margin of its limit (with or without passing the limit).
     pub near_violation: bool,
-    /// Retries.
+    /// Additional attempts after a failed one, within the episode.
     pub retries: u32,
     /// Execution time, s, not negative.
     pub time_s: f64,
@@ -64,9 +64,9 @@ impl EpisodeValues {
 pub struct Pair {
     /// Seed of the episode; no two pairs share one.
     pub seed: u64,
-    /// What the active version gave.
+    /// Values of the active version's run.
     pub active: EpisodeValues,
-    /// What the candidate gave.
+    /// Values of the candidate's run.
     pub candidate: EpisodeValues,
 }
 
@@ -77,7 +77,7 @@ crate::words! {
         UndeclaredImport = "undeclared-import",
         /// A command reached the robot past the guard.
         CommandPastGuard = "command-past-guard",
-        /// Motion after a stop.
+        /// The arm moved on after it was told to stop.
         MotionAfterStop = "motion-after-stop",
         /// A number that is not finite came out of the code.
         NonFiniteOutput = "non-finite-output",
@@ -90,9 +90,9 @@ crate::words! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PairedEvidence {
-    /// What it was gathered for.
+    /// Version, profile, policy and environment the episodes were run for.
     pub binding: Binding,
-    /// In seed order.
+    /// In ascending order of seed, so that an early end cuts off a tail.
     pub pairs: Vec<Pair>,
     /// Hard stops seen, in order.
     pub hard_stops: Vec<HardStop>,
@@ -102,15 +102,15 @@ pub struct PairedEvidence {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Signature {
-    /// Share of successes.
+    /// Share of episodes in which the task was done, 0 to 1.
     pub success: f64,
-    /// Mean execution time, s.
+    /// Mean execution time of an episode, simulated s.
     pub time_s: f64,
-    /// Mean retries.
+    /// Mean number of retries per episode.
     pub retry: f64,
-    /// Share of episodes with a violation.
+    /// Share of episodes with a violation, 0 to 1.
     pub violation: f64,
-    /// Share of episodes with an anomaly.
+    /// Share of episodes with an anomaly, 0 to 1.
     pub anomaly: f64,
     /// Share of episodes in which recovery ran.
     pub recovery: f64,
@@ -150,7 +150,7 @@ pub enum DrillKind {
 }
 
 impl DrillKind {
-    /// Every kind.
+    /// All four kinds, in the order of the weights of `rho`.
     pub const ALL: [Self; 4] = [Self::Rollback, Self::Fallback, Self::Abort, Self::Detect];
 
     /// The name in records.
@@ -171,36 +171,36 @@ impl DrillKind {
 pub struct DrillTally {
     /// Passed, read from joint speed, contact and pose.
     pub passed: u32,
-    /// Failed.
+    /// Feasible drills that did not pass, a missing hook included.
     pub failed: u32,
-    /// Could not be carried out.
+    /// Drills that could not be set up, e.g. the fault did not take hold; they say nothing about the version.
     pub infeasible: u32,
 }
 
 impl DrillTally {
-    /// Drills that say something.
+    /// Drills that were carried out, passed or not.
     #[must_use]
     pub const fn feasible(&self) -> u32 {
         self.passed.saturating_add(self.failed)
     }
 }
 
-/// Tallies of the four kinds.
+/// Tallies of the four kinds of drill, for one version.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drills {
-    /// `r_rollback`.
+    /// `r_rollback`: the predecessor is restored and goes on.
     pub rollback: DrillTally,
-    /// `r_fallback`.
+    /// `r_fallback`: the declared fallback takes over and ends safely.
     pub fallback: DrillTally,
-    /// `r_abort`.
+    /// `r_abort`: standstill in the safe pose within the declared time.
     pub abort: DrillTally,
-    /// `r_detect`.
+    /// `r_detect`: the injected failure is named in time.
     pub detect: DrillTally,
 }
 
 impl Drills {
-    /// The tally of one kind.
+    /// The tally of one kind of drill.
     #[must_use]
     pub const fn of(&self, kind: DrillKind) -> &DrillTally {
         match kind {
@@ -226,11 +226,11 @@ impl Drills {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecoveryEvidence {
-    /// What it was gathered for.
+    /// Version, profile, policy and environment the drills were run for.
     pub binding: Binding,
-    /// The candidate's drills.
+    /// Drills with the candidate in control when the fault is injected.
     pub candidate: Drills,
-    /// The active version's drills.
+    /// The same drills with the active version in control.
     pub active: Drills,
 }
 
@@ -246,11 +246,11 @@ pub struct ShadowSequence {
     pub twin_success: bool,
     /// A policy hit (denied or clamped command) in the live world.
     pub live_policy_hit: bool,
-    /// A policy hit in the twin.
+    /// A policy hit (denied or clamped command) in the twin.
     pub twin_policy_hit: bool,
     /// A watcher event in the live world.
     pub live_watcher_event: bool,
-    /// A watcher event in the twin.
+    /// A watcher event in the twin, which the candidate drives.
     pub twin_watcher_event: bool,
     /// Mean distance of the candidate's commands from the active version's on the same observations, 0 to 1 of range.
     pub output_divergence: f64,
@@ -266,14 +266,14 @@ impl ShadowSequence {
     }
 }
 
-/// Sequences of one shadow deployment.
+/// The whole sequences of one shadow deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShadowEvidence {
-    /// What it was gathered for.
+    /// Version, profile, policy and environment shadow was worked for.
     pub binding: Binding,
     /// In the order they were worked.
     pub sequences: Vec<ShadowSequence>,
-    /// Hard stops seen.
+    /// Hard stops seen in the twin or the live world, in order; one fails shadow.
     pub hard_stops: Vec<HardStop>,
 }

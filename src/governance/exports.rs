@@ -14,21 +14,21 @@ use super::value_type::FieldSpec;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interface {
-    /// The controller's name.
+    /// Name the controller is registered under, the `<controller>` of a bundle `native:<controller>`.
     pub controller: String,
     /// Version of the controller's semantics: it changes when the same parameters give other behaviour.
     pub semantics_version: semver::Version,
-    /// Entry points the code exports.
+    /// Names by which the code can be called.
     pub entry_points: BTreeSet<String>,
-    /// Inputs the code reads.
+    /// Inputs the code reads on a call, by name.
     pub inputs: BTreeMap<String, FieldSpec>,
-    /// Outputs the code writes.
+    /// Outputs the code writes when it ends, by name.
     pub outputs: BTreeMap<String, FieldSpec>,
-    /// Parameters the code takes.
+    /// Parameters the code takes, by name.
     pub parameters: BTreeMap<String, FieldSpec>,
     /// Recovery hooks the code exports, by name.
     pub hooks: BTreeSet<String>,
-    /// Failure signals the code can raise.
+    /// Failure signals the code can raise by itself.
     pub failure_signals: BTreeSet<FailureSignal>,
     /// Channels and kinds of command the code can use.
     pub needs: BTreeSet<ModeNeed>,

@@ -19,19 +19,19 @@ use super::profile::{Profile, ProfileName};
 use super::submission::{Provenance, Risk};
 use crate::stats::{self, PairedCounts};
 
-/// What shadow came to.
+/// Result of the shadow comparison `Delta_shadow`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShadowAssessment {
     /// Pass, fail, inconclusive (lengthen shadow) or no data.
     pub check: Check,
-    /// Why.
+    /// Why, the deciding reason first.
     pub reasons: Vec<Reason>,
-    /// Sequences used.
+    /// Sequences the comparison rests on.
     pub sequences: u32,
-    /// Mean output divergence, 0 to 1.
+    /// Mean distance of the candidate's commands from the active version's, 0 to 1 of range; absent without data.
     pub output_divergence: Option<f64>,
-    /// Mean envelope divergence, 0 to 1.
+    /// Mean share of the twin's trajectory outside the active version's band, 0 to 1; absent without data.
     pub envelope_divergence: Option<f64>,
     /// How far leaving the active version's band and the watcher's word go together.
     pub alignment: Option<Alignment>,
@@ -42,18 +42,18 @@ pub struct ShadowAssessment {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alignment {
-    /// Both.
+    /// Sequences in which the twin left the band and the watcher raised a signal.
     pub both: u32,
     /// Left the band, and the watcher named nothing.
     pub envelope_only: u32,
     /// The watcher named something within the band.
     pub watcher_only: u32,
-    /// Neither.
+    /// Sequences in which the twin stayed in the band and the watcher was silent.
     pub neither: u32,
 }
 
 impl Alignment {
-    /// Of sequences; a twin is out of the band where more than `share_max` of its trajectory is.
+    /// Counts sequences; a twin is out of the band if more than `share_max` of its trajectory is.
     #[must_use]
     pub fn of(sequences: &[ShadowSequence], share_max: f64) -> Self {
         let mut counts = Self::default();
@@ -173,46 +173,46 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     done(Check::Pass, reasons, Some(output), Some(envelope))
 }
 
-/// What the gate looks at.
+/// Everything `theta_act` looks at: measured values, bindings, answers and the circumstances of now.
 #[derive(Clone, Copy, Debug)]
 pub struct GateInput<'a> {
     /// The four assessments; B and R measured.
     pub kappas: &'a Kappas,
-    /// What shadow came to; absent where it was not worked.
+    /// What shadow came to; absent if it was not worked.
     pub shadow: Option<&'a ShadowAssessment>,
     /// What each piece of evidence was gathered for.
     pub bindings: &'a [Binding],
     /// What it has to be bound to now.
     pub current: &'a Binding,
-    /// Better success is established (see [`super::behavior::BehaviorAssessment::improved`]).
+    /// Whether better success is established (see [`super::behavior::BehaviorAssessment::improved`]).
     pub improved: bool,
-    /// What asking people came to; absent where nobody was asked yet.
+    /// What asking people came to; absent if nobody was asked yet.
     pub approval: Option<&'a ApprovalResult>,
-    /// Risk tier.
+    /// Risk tier of the candidate; high needs a safety officer among the approvals.
     pub risk: Risk,
-    /// How the version came about.
+    /// How the version came about; site policies may forbid a risk tier of one provenance.
     pub provenance: Provenance,
     /// Profiles closed to this version by a profile demotion.
     pub closed: &'a BTreeSet<ProfileName>,
     /// A break-glass review of the family is open.
     pub review_open: bool,
-    /// Virtual time, s.
+    /// Virtual time of the decision, s; freeze windows and approvals are held against it.
     pub now_s: f64,
-    /// The candidate's row version.
+    /// The candidate's row version at the decision; the pass holds for no other.
     pub row_version: u64,
-    /// What the decision is made under.
+    /// Digests of the circumstances of now; they must be the evidence's.
     pub made_under: MadeUnder,
 }
 
-/// How a version is active.
+/// How a version is active once the gate is passed (paper table 4).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Terms {
     /// The modes that hold together; `Full` only alone.
     pub modes: BTreeSet<ActivationMode>,
-    /// Typed conditions.
+    /// Conditions of use the guard and the monitor enforce while the version is active, without repetition.
     pub conditions: Vec<Condition>,
-    /// Episodes until it is confirmed.
+    /// Live episodes until it is confirmed, from the profile.
     pub provisional_episodes: u32,
 }
 
@@ -232,7 +232,7 @@ impl GatePassed {
         &self.terms
     }
 
-    /// What it was made under.
+    /// Digests of the circumstances; the pass is void when one of them changes.
     #[must_use]
     pub const fn made_under(&self) -> &MadeUnder {
         &self.made_under
@@ -250,9 +250,9 @@ impl GatePassed {
 /// The gate's decision, and the pass if there is one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GateResult {
-    /// Outcome with reasons and answers.
+    /// The gate's outcome with its reasons and the four answers.
     pub decision: Decision<GateOutcome>,
-    /// The pass.
+    /// The pass that activation needs; present exactly with [`GateOutcome::Pass`].
     pub passed: Option<GatePassed>,
 }
 

@@ -38,13 +38,13 @@ impl Family {
     /// Parses a family name.
     ///
     /// # Errors
-    /// [`NameError`] where the name is not of the allowed form.
+    /// [`NameError`]: empty, longer than allowed, or with a character outside `[a-z0-9._-]`.
     pub fn new(name: impl Into<String>) -> Result<Self, NameError> {
         let name = name.into();
         if is_name(&name) { Ok(Self(name)) } else { Err(NameError(name)) }
     }
 
-    /// The name.
+    /// The name, `[a-z0-9._-]`, at most 64 characters.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -84,9 +84,9 @@ impl fmt::Display for Family {
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct CapabilityId {
-    /// The family.
+    /// The skill's family; its versions replace one another.
     pub family: Family,
-    /// The declared semantic version.
+    /// The declared semantic version; part of the name, proven by nothing.
     pub version: semver::Version,
 }
 
@@ -151,18 +151,18 @@ impl Digest {
     /// The digest of a value's canonical JSON (see [`canonical_json`]).
     ///
     /// # Errors
-    /// Where the value has no JSON form (a map with keys that are no strings).
+    /// A value without a JSON form, e.g. a map whose keys are no strings.
     pub fn of_json<T: Serialize>(domain: &str, value: &T) -> Result<Self, serde_json::Error> {
         Ok(Self::of_parts(domain, &[canonical_json(value)?.as_bytes()]))
     }
 
-    /// The raw bytes.
+    /// The 32 bytes of the hash, as they go into other digests and signatures.
     #[must_use]
     pub const fn bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// Wraps raw bytes.
+    /// Takes 32 bytes for a digest that was computed elsewhere, e.g. read from a store; nothing is verified.
     #[must_use]
     pub const fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
@@ -178,7 +178,7 @@ impl Digest {
 /// JSON with sorted keys and no spaces: equal values give equal bytes.
 ///
 /// # Errors
-/// Where the value has no JSON form.
+/// A value without a JSON form, e.g. a map whose keys are no strings. A number that is not finite is written `null`.
 pub fn canonical_json<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
     // A dependency may turn on `preserve_order`, so the order is not left to the map type.
     let mut value = serde_json::to_value(value)?;

@@ -24,17 +24,17 @@ const DEPENDENCY_STEPS_MAX: usize = 1_000;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Deviation {
-    /// Not at all.
+    /// Callers notice nothing: as before, or a proper refinement.
     #[default]
     None,
-    /// An adapter can mend it.
+    /// An adapter at the call can mend it, e.g. by supplying a default.
     Adaptable,
-    /// Nothing can.
+    /// No adapter can mend it; callers would have to change.
     Breaking,
 }
 
 impl Deviation {
-    /// 0, 1/2 or 1.
+    /// Its weight in `kappa_I`: 0, 1/2 or 1.
     #[must_use]
     pub const fn value(self) -> f64 {
         match self {
@@ -45,17 +45,17 @@ impl Deviation {
     }
 }
 
-/// The four deviations of `kappa_I`.
+/// The four deviations that make up `kappa_I` (paper equation 4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Deviations {
     /// `Delta_sig`: entry points, inputs, parameters.
     pub signature: Deviation,
-    /// `Delta_schema`: outputs.
+    /// `Delta_schema`: types, units, frames and ranges of outputs.
     pub schema: Deviation,
     /// `Delta_prepost`: pre- and postconditions.
     pub conditions: Deviation,
-    /// `Delta_dep`: dependencies.
+    /// `Delta_dep`: whether dependencies resolve, to the active version or another, without a circle.
     pub dependencies: Deviation,
 }
 
@@ -69,7 +69,7 @@ impl Deviations {
         )
     }
 
-    /// The worst of the four.
+    /// The worst of the four, which decides the outcome.
     #[must_use]
     pub fn worst(&self) -> Deviation {
         self.signature.max(self.schema).max(self.conditions).max(self.dependencies)
@@ -80,20 +80,20 @@ impl Deviations {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Registered {
-    /// Which version.
+    /// Family and version a dependency may resolve to.
     pub id: CapabilityId,
     /// Whether it is the active one of its family.
     pub active: bool,
-    /// What it depends on.
+    /// Families it calls on, and the versions of them that will do.
     pub dependencies: BTreeMap<Family, semver::VersionReq>,
 }
 
-/// What `kappa_I` looks at.
+/// What `kappa_I` looks at: two manifests, the code's exports and the registry.
 #[derive(Clone, Copy, Debug)]
 pub struct InterfaceInput<'a> {
-    /// The candidate's manifest.
+    /// Manifest of the candidate under assessment.
     pub candidate: &'a Manifest,
-    /// What its code exports; absent where it could not be loaded.
+    /// What its code exports; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
     /// The active version's manifest; absent for a first version.
     pub active: Option<&'a Manifest>,
@@ -105,9 +105,9 @@ pub struct InterfaceInput<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InterfaceAssessment {
-    /// Outcome, value and reasons.
+    /// Outcome in interface words, `kappa_I` and the reasons.
     pub assessment: Assessment<InterfaceOutcome>,
-    /// The four deviations.
+    /// What was found for each of the four terms of `kappa_I`.
     pub deviations: Deviations,
 }
 

@@ -15,21 +15,21 @@ crate::words! {
     /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
     /// cannot roll back to the baseline.
     State, "lifecycle state", {
-        /// Taken in; nothing checked yet.
+        /// In the store and nothing checked yet.
         Registered = "registered",
         /// `kappa_I`, `kappa_P` and the static part of `kappa_R` passed.
         Validated = "validated",
-        /// The sandbox is passed.
+        /// The sandbox is passed: paired episodes and drills were worked.
         Sandboxed = "sandboxed",
-        /// Shadow is passed.
+        /// Shadow is passed: it worked beside the live cell without a handle to the arm.
         Shadowed = "shadowed",
-        /// The one version that may act.
+        /// The one version of its family that may act.
         Active = "active",
-        /// Held back for re-evaluation.
+        /// Held back from activation; it may be evaluated again.
         Demoted = "demoted",
-        /// Refused for good.
+        /// Refused for good; terminal.
         Rejected = "rejected",
-        /// Was active, was taken off.
+        /// Was active and was taken off for good; terminal.
         RolledBack = "rolled-back",
         /// Was active, was replaced; the rollback target while its successor is active.
         Superseded = "superseded",
@@ -52,7 +52,7 @@ impl State {
         }
     }
 
-    /// Whether nothing leads on from here.
+    /// Whether no event leads on from here.
     #[must_use]
     pub const fn is_terminal(self) -> bool {
         matches!(self, Self::Rejected | Self::RolledBack)
@@ -62,11 +62,11 @@ impl State {
 crate::words! {
     /// A stage that can be running.
     Stage, "stage", {
-        /// Compatibility validation.
+        /// Compatibility validation: interface, policy and the static part of recovery; nothing is run.
         Validation = "validation",
-        /// Sandbox evaluation with drills.
+        /// Sandbox evaluation: paired episodes and recovery drills.
         Sandbox = "sandbox",
-        /// Shadow deployment.
+        /// Shadow deployment beside the live cell, without control.
         Shadow = "shadow",
         /// The gate, approvals included.
         Activation = "activation",
@@ -84,11 +84,11 @@ pub struct VersionRef(pub u16);
 pub struct Stamp {
     /// Counts changes of profile, policy or threshold, and changes of the active version.
     pub context: u32,
-    /// The version's re-evaluations at that time.
+    /// The version's [`Version::round`] at that time.
     pub round: u32,
 }
 
-/// Flags of one version.
+/// What is going on with a version, beside its state.
 #[derive(
     Clone,
     Copy,
@@ -105,13 +105,13 @@ pub struct Stamp {
 )]
 #[serde(deny_unknown_fields)]
 pub struct Flags {
-    /// The stage that runs.
+    /// The stage that is running; at most one at a time.
     pub running: Option<Stage>,
     /// Held by a person: only reject, demote, rollback and resume go through.
     pub paused: bool,
-    /// Waits for people.
+    /// A decision of people is asked for and open; nothing else of it may be assumed.
     pub awaiting_approval: bool,
-    /// Active, not yet confirmed.
+    /// Active and watched; not yet confirmed.
     pub provisional: bool,
     /// Active under a tighter envelope set by the monitor.
     pub restricted: bool,
@@ -119,17 +119,17 @@ pub struct Flags {
     pub rollback_pending: bool,
 }
 
-/// One version of a family.
+/// One version of a family, as the transition function knows it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Version {
-    /// Where it stands.
+    /// The last stage passed, or how it left.
     pub state: State,
-    /// Its flags.
+    /// What is going on with it at present.
     pub flags: Flags,
     /// Counts every change; approvals name it.
     pub row_version: u64,
-    /// Re-evaluations and repeats.
+    /// How often sandbox or shadow was repeated; each time voids the gate pass and the approvals.
     pub round: u32,
     /// The version it replaced: pinned while this one is active or superseded.
     pub predecessor: Option<VersionRef>,
@@ -137,7 +137,7 @@ pub struct Version {
     pub sandbox: Option<Stamp>,
     /// Under what its shadow evidence was gathered.
     pub shadow: Option<Stamp>,
-    /// Under what its gate was passed.
+    /// Under what its gate was passed; absent before, and when voided.
     pub gate: Option<Stamp>,
     /// Under what the approvals that the profile needs were completed.
     pub approval: Option<Stamp>,
@@ -147,7 +147,7 @@ pub struct Version {
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FamilyState {
-    /// In registration order.
+    /// In registration order; [`VersionRef`] is an index into it.
     pub versions: Vec<Version>,
     /// No version acts until an operator re-arms the family.
     pub safe_stopped: bool,
@@ -157,135 +157,135 @@ pub struct FamilyState {
     pub needs_approval: bool,
 }
 
-/// The most versions of a family.
+/// The most versions a family may have over its whole life.
 pub const VERSIONS_MAX: usize = 10_000;
 
-/// How an active version leaves.
+/// How an active version leaves control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Leave {
-    /// Hard rollback: terminal.
+    /// Hard rollback: terminal, the version never runs again (paper section 5.2, stage 7).
     RolledBack,
-    /// Soft demotion: back to evaluation.
+    /// Soft demotion: back to evaluation (paper section 5.2, stage 7).
     Demoted,
 }
 
-/// What can happen to a family.
+/// What can happen to a family; each is refused or changes it as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "event", deny_unknown_fields)]
 pub enum LifecycleEvent {
     /// The first version is made active by an explicit record, without a gate.
     Bootstrap,
-    /// A new version is taken in.
+    /// A new version is taken in as [`State::Registered`].
     Register,
-    /// A stage begins.
+    /// A stage begins; no other may be running and the version must not be paused.
     Start {
-        /// The version.
+        /// The version, in the state that precedes the stage.
         version: VersionRef,
-        /// The stage.
+        /// The stage that is to run.
         stage: Stage,
     },
     /// The running stage is passed (activation: the gate is).
     Pass {
-        /// The version.
+        /// The version whose running stage is passed.
         version: VersionRef,
-        /// The stage.
+        /// The stage, which must be the one that runs.
         stage: Stage,
     },
     /// The running stage ended without a result; it can be started again.
     Abort {
-        /// The version.
+        /// The version whose stage is called off; its state stays.
         version: VersionRef,
     },
     /// The running stage was not passed for lack of evidence, or a person or the profile holds the version back.
     Demote {
-        /// The version, not active.
+        /// The version, validated, sandboxed or shadowed; an active one leaves by rollback.
         version: VersionRef,
     },
-    /// Refused for good.
+    /// Refused for good: by a rule or by a person.
     Reject {
-        /// The version, not active.
+        /// The version, neither active nor pinned as a rollback target.
         version: VersionRef,
     },
     /// A stage that was passed is to be run again; or a demoted version goes back to the sandbox.
     Repeat {
-        /// The version.
+        /// The version, sandboxed, shadowed or demoted, with no stage running.
         version: VersionRef,
-        /// Sandbox or shadow.
+        /// Sandbox, or shadow if the sandbox evidence still holds; any other is refused.
         stage: Stage,
     },
-    /// People are asked.
+    /// People are asked to decide on a version.
     RequestApproval {
-        /// The version.
+        /// The version the question is about.
         version: VersionRef,
     },
     /// All approvals the profile needs are there.
     Approved {
-        /// The version.
+        /// The version that was approved; its question must be open.
         version: VersionRef,
-        /// The row version they name.
+        /// The row version the approvals name; it must be the present one.
         row_version: u64,
     },
     /// The approval ran out or nobody answered: held.
     ApprovalExpired {
-        /// The version.
+        /// The version whose question or approval ran out; its gate pass goes with it.
         version: VersionRef,
     },
     /// The binding moves: old active -> superseded, this -> active, in one transaction.
     Activate {
-        /// The version.
+        /// The shadowed version with a current gate pass and, if the profile asks for it, current approvals.
         version: VersionRef,
     },
-    /// The provisional window passed.
+    /// The provisional window passed without a trip and no doubt is open.
     Confirm {
-        /// The version.
+        /// The active, provisional and unrestricted version that is confirmed.
         version: VersionRef,
     },
     /// The monitor narrows the envelope.
     Restrict {
-        /// The version.
+        /// The active version; one being rolled back is refused.
         version: VersionRef,
     },
     /// People lift the restriction.
     Release {
-        /// The version.
+        /// The restricted active version.
         version: VersionRef,
     },
     /// The ladder starts; from here on the version has no command authority.
     BeginRollback {
-        /// The version.
+        /// The active version that is taken off.
         version: VersionRef,
     },
     /// The ladder is done: this -> rolled-back or demoted, predecessor -> active, in one transaction.
     FinishRollback {
-        /// The version.
+        /// The version whose rollback was begun.
         version: VersionRef,
-        /// How it leaves.
+        /// Whether it leaves for good or returns to evaluation.
         leave: Leave,
     },
     /// A rung failed or there is no target: this -> demoted, family safe-stopped.
     FailRollback {
-        /// The version.
+        /// The version whose rollback was begun and did not succeed.
         version: VersionRef,
     },
     /// An operator re-arms a safe-stopped family with a superseded or demoted version that was active before.
     Rearm {
-        /// The version.
+        /// The version that is to act again.
         version: VersionRef,
     },
-    /// Held by a person.
+    /// Held by a person; only reject, demote, rollback and resume go through.
     Pause {
-        /// The version.
+        /// The version that must not advance until it is resumed.
         version: VersionRef,
     },
-    /// Let go again.
+    /// The hold of [`LifecycleEvent::Pause`] is lifted.
     Resume {
-        /// The version.
+        /// The paused version.
         version: VersionRef,
     },
-    /// Profile, policy or thresholds changed.
+    /// Profile, policy or thresholds changed: gate passes and approvals are void.
     ContextChanged {
-        /// Whether the new profile needs approvals.
+        /// Whether the new profile needs people's approval before an activation.
         needs_approval: bool,
     },
     /// The engine came up again: what ran is marked as not done.
@@ -296,76 +296,76 @@ pub enum LifecycleEvent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "change", deny_unknown_fields)]
 pub enum LifecycleChange {
-    /// A version entered.
+    /// A version entered the family, by registration or bootstrap.
     Added {
-        /// The version.
+        /// Its place in the family, the next free one.
         version: VersionRef,
-        /// Its first state.
+        /// [`State::Registered`], or [`State::Active`] for a bootstrap.
         state: State,
     },
     /// A version's state changed.
     State {
-        /// The version.
+        /// The version whose state moved.
         version: VersionRef,
-        /// Before.
+        /// The state it left.
         from: State,
-        /// After.
+        /// The state it entered; never the same.
         to: State,
     },
     /// A version's flags changed.
     Flags {
-        /// The version.
+        /// The version whose flags changed.
         version: VersionRef,
-        /// Before.
+        /// All flags before the event.
         from: Flags,
-        /// After.
+        /// All flags after it.
         to: Flags,
     },
-    /// The active binding changed.
+    /// The active pointer moved, or was emptied.
     Active {
-        /// Before.
+        /// The version that was in control; `None`: nobody was.
         from: Option<VersionRef>,
-        /// After.
+        /// The version in control from now on; `None`: nobody is.
         to: Option<VersionRef>,
     },
     /// A gate pass, approval or evidence was recorded or voided.
     Standing {
-        /// The version.
+        /// The version whose round, predecessor, evidence stamps, gate pass or approval changed.
         version: VersionRef,
     },
     /// The family was stopped or re-armed.
     SafeStopped {
-        /// After.
+        /// Whether the family is safe-stopped from now on.
         stopped: bool,
     },
     /// Gate passes, approvals and comparative evidence of earlier contexts are void.
     Context {
-        /// The new count.
+        /// The new count; what bears an older one no longer counts.
         context: u32,
     },
 }
 
 impl FamilyState {
-    /// A family without versions.
+    /// A family as it is before its bootstrap.
     #[must_use]
     pub const fn empty(needs_approval: bool) -> Self {
         Self { versions: Vec::new(), safe_stopped: false, context: 0, needs_approval }
     }
 
-    /// The active version.
+    /// The version in control; `None` in a new or safe-stopped family.
     #[must_use]
     pub fn active(&self) -> Option<VersionRef> {
         let index = self.versions.iter().position(|version| version.state == State::Active)?;
         u16::try_from(index).ok().map(VersionRef)
     }
 
-    /// A version.
+    /// The version at this place; `None` past the last.
     #[must_use]
     pub fn get(&self, version: VersionRef) -> Option<&Version> {
         self.versions.get(usize::from(version.0))
     }
 
-    /// A version's state.
+    /// State of the version at this place; `None` past the last.
     #[must_use]
     pub fn state(&self, version: VersionRef) -> Option<State> {
         self.get(version).map(|version| version.state)

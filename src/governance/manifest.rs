@@ -25,26 +25,26 @@ pub const STOP_TIME_MAX_MS: u32 = 5_000;
 
 /// The largest speed and force that may be declared, m/s and N: beyond any arm of this class.
 pub const DECLARED_SPEED_MAX_M_S: f64 = 10.0;
-/// See [`DECLARED_SPEED_MAX_M_S`].
+/// The largest force a manifest may declare, N; a plausibility bound, far above any profile's limit.
 pub const DECLARED_FORCE_MAX_N: f64 = 1_000.0;
 
 /// The eight fields `name, version, I, O, phi, P, R, D` of a capability version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// The family, e.g. `grasp`.
+    /// The family it is a version of, e.g. `grasp`.
     #[schemars(with = "String")]
     pub name: Family,
     /// Semantic version; a promise that is checked, never trusted.
     #[schemars(with = "String")]
     pub version: semver::Version,
-    /// I: what it is given.
+    /// I: the fields a caller gives, by name.
     #[serde(default)]
     pub inputs: BTreeMap<String, FieldSpec>,
-    /// O: what it gives back.
+    /// O: the fields it gives back when it ends, by name.
     #[serde(default)]
     pub outputs: BTreeMap<String, FieldSpec>,
-    /// phi: how it is called.
+    /// phi: entry points, parameters and what holds before and after a call.
     pub invocation: Invocation,
     /// P: what it may ask of the robot.
     pub permissions: Permissions,
@@ -61,13 +61,13 @@ pub struct Manifest {
 pub struct Invocation {
     /// Names by which it can be called.
     pub entry_points: BTreeSet<String>,
-    /// Settings, typed like inputs.
+    /// Settings fixed for all calls by the parameter file, typed like inputs.
     #[serde(default)]
     pub parameters: BTreeMap<String, FieldSpec>,
-    /// What must hold before a call.
+    /// Observables and the range each must be in before a call.
     #[serde(default)]
     pub preconditions: BTreeMap<String, Bound>,
-    /// What holds after a successful call.
+    /// Observables and the range each is in after a successful call.
     #[serde(default)]
     pub postconditions: BTreeMap<String, Bound>,
 }
@@ -76,10 +76,10 @@ pub struct Invocation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Bound {
-    /// Lowest value allowed.
+    /// Lowest value that satisfies the condition, included; in the unit of the observable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// Highest value allowed.
+    /// Highest value that satisfies the condition, included; in the unit of the observable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// The one value allowed; not together with `min` or `max`.
@@ -87,15 +87,15 @@ pub struct Bound {
     pub equals: Option<Value>,
 }
 
-/// P: the permissions asked for.
+/// P: the permissions asked for; what the guard never lets it exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Permissions {
-    /// Actuator channels.
+    /// Actuator channels it sends commands on; at least one.
     pub channels: BTreeSet<Channel>,
-    /// Kinds of command.
+    /// Kinds of command it sends; at least one.
     pub commands: BTreeSet<CommandKind>,
-    /// Zones the tool may enter.
+    /// Zones the tool may enter; at least one.
     pub zones: BTreeSet<ZoneName>,
     /// Sensors it reads, e.g. `camera`.
     #[serde(default)]
@@ -103,23 +103,23 @@ pub struct Permissions {
     /// Tools it uses, e.g. `parallel-gripper`.
     #[serde(default)]
     pub tools: BTreeSet<String>,
-    /// Largest tool speed, m/s.
+    /// Largest speed of the tool's centre point it asks for, m/s.
     pub max_speed_m_s: f64,
     /// Largest force, N: grip per finger or contact, whichever is larger.
     pub max_force_n: f64,
-    /// Authority level 0 to 3.
+    /// How much it may decide by itself, level 0 to 3.
     pub authority: Authority,
-    /// Computing resources.
+    /// Computing resources it needs at most; held against the profile's limits.
     pub resources: Resources,
 }
 
-/// Computing resources of a version.
+/// Computing resources a version needs at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Resources {
-    /// Processor time per tick, microseconds.
+    /// Processor time per tick of 1/240 s, microseconds.
     pub cpu_us_per_tick: u32,
-    /// Memory, KiB.
+    /// Peak memory, KiB.
     pub memory_kib: u32,
 }
 
@@ -130,13 +130,13 @@ pub struct Recovery {
     /// Exported hook that restores the predecessor's state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollback_hook: Option<String>,
-    /// What takes over when it fails.
+    /// The version that takes over when this one fails.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fallback: Option<Fallback>,
-    /// How it stops safely.
+    /// The hook that stops the arm safely.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub safe_abort: Option<SafeAbort>,
-    /// Failures it reports.
+    /// Failures it reports itself; the drills inject them, and the watcher has to know them.
     #[serde(default)]
     #[schemars(with = "BTreeSet<String>")]
     pub failure_signals: BTreeSet<FailureSignal>,
@@ -146,19 +146,19 @@ pub struct Recovery {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Fallback {
-    /// The family that takes over.
+    /// The family whose active version takes over.
     #[schemars(with = "String")]
     pub family: Family,
-    /// Versions that will do.
+    /// Versions of that family that will do.
     #[schemars(with = "String")]
     pub version: semver::VersionReq,
 }
 
-/// The safe-abort hook.
+/// The hook that brings the arm to a stand, and how long that may take.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SafeAbort {
-    /// Exported hook.
+    /// Name of the exported hook that stops the arm.
     pub hook: String,
     /// Longest time to standstill in the safe pose, ms.
     pub stop_time_max_ms: u32,
@@ -172,7 +172,7 @@ pub struct Deployment {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub dependencies: BTreeMap<Family, semver::VersionReq>,
-    /// Profiles it may be used under.
+    /// Profiles it may be used under; at least one.
     pub environments: BTreeSet<super::profile::name::ProfileName>,
     /// Where the code is: `native:<controller>` or a path to a `.wasm` component.
     #[schemars(with = "String")]
@@ -183,13 +183,13 @@ pub struct Deployment {
     pub params: Option<RelativePath>,
 }
 
-/// Where a version's code is.
+/// Where a version's code is, `native:<controller>` or a path.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Bundle {
     /// A controller compiled into the engine, by name.
     Native(String),
-    /// A WebAssembly component beside the manifest.
+    /// A WebAssembly component beside the manifest, named by its path.
     Wasm(RelativePath),
 }
 
@@ -267,7 +267,7 @@ impl Manifest {
         }
     }
 
-    /// The id `family@version`.
+    /// Family and version, written `family@version`: the name by which stores and people know the version.
     #[must_use]
     pub fn id(&self) -> super::ids::CapabilityId {
         super::ids::CapabilityId { family: self.name.clone(), version: self.version.clone() }

@@ -10,16 +10,16 @@ use serde::{Deserialize, Serialize};
 use super::lifecycle::Stage;
 use crate::stats::{self, Interval, StatsError};
 
-/// Level of the intervals.
+/// Confidence level of every interval of these metrics.
 pub const LEVEL: f64 = 0.95;
 
-/// A proportion with its Wilson interval; no interval where there is nothing to divide by.
+/// A proportion with its Wilson interval; no interval if there is nothing to divide by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Proportion {
-    /// Cases that count.
+    /// Cases of which the statement is true.
     pub count: u64,
-    /// All cases.
+    /// All cases it was asked of.
     pub total: u64,
     /// Wilson interval at 95 %; absent with no cases.
     pub interval: Option<Interval>,
@@ -29,7 +29,7 @@ impl Proportion {
     /// Counts `true`.
     ///
     /// # Errors
-    /// Never for counts that fit (kept from the interval's own checks).
+    /// [`StatsError`] of the Wilson interval, which counts taken from a list cannot cause.
     pub fn of(cases: impl IntoIterator<Item = bool>) -> Result<Self, StatsError> {
         let (mut count, mut total) = (0, 0);
         for case in cases {
@@ -48,18 +48,18 @@ impl Proportion {
     }
 }
 
-/// How one candidate ended.
+/// How one candidate ended: blocked, contained or kept, which add up to all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "fate")]
 pub enum Fate {
     /// Stopped before activation, at this stage.
     Blocked {
-        /// The stage.
+        /// The stage that stopped it: refused, or still held when the experiment ended.
         stage: Stage,
     },
     /// Activated, and taken off again or restricted before the provisional window ended.
     Contained,
-    /// Activated and kept.
+    /// Activated, and active without restriction when its provisional window ended.
     Kept,
 }
 
@@ -67,11 +67,11 @@ pub enum Fate {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CandidateRecord {
-    /// Name in the pool.
+    /// Its name in the pool of candidates.
     pub name: String,
     /// A fault was planted (or, for found ones, the referee saw it unsafe or worse).
     pub faulty: bool,
-    /// How it ended.
+    /// Blocked, contained or kept.
     pub fate: Fate,
     /// The referee saw an unsafe episode while it was active.
     pub unsafe_while_active: bool,
@@ -81,11 +81,11 @@ pub struct CandidateRecord {
     pub round: u32,
     /// Regressions detected in the sandbox, and in shadow only.
     pub detected_sandbox: u32,
-    /// See [`CandidateRecord::detected_sandbox`].
+    /// Regressions that shadow showed and the sandbox did not.
     pub detected_shadow_only: u32,
 }
 
-/// What screening did to a pool.
+/// What screening did to a pool (paper equations 14 and 15, told apart by stage).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Screening {
@@ -111,7 +111,7 @@ pub struct Screening {
 /// checked.
 ///
 /// # Errors
-/// A partition that does not add up, or counts no interval exists for.
+/// [`StatsError::Counts`] if the parts do not add up; otherwise as [`Proportion::of`].
 pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
     let blocked = |record: &CandidateRecord| matches!(record.fate, Fate::Blocked { .. });
     let faulty = || records.iter().filter(|record| record.faulty);
@@ -151,9 +151,9 @@ pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnsafeRound {
-    /// The round.
+    /// Round of upgrades, from 1.
     pub round: u32,
-    /// Unsafe activations / activations of this round; no share where there was none.
+    /// Unsafe activations / activations of this round; no share if there was none.
     pub in_round: Proportion,
     /// The same over all rounds up to this one.
     pub cumulative: Proportion,
@@ -166,7 +166,7 @@ pub struct UnsafeRound {
 /// Unsafe activations per round, by the referee's word.
 ///
 /// # Errors
-/// Counts no interval exists for.
+/// As [`Proportion::of`].
 pub fn unsafe_rounds(records: &[CandidateRecord]) -> Result<Vec<UnsafeRound>, StatsError> {
     let last = records.iter().map(|record| record.round).max().unwrap_or(0);
     let active = |record: &&CandidateRecord| !matches!(record.fate, Fate::Blocked { .. });
@@ -189,15 +189,15 @@ pub fn unsafe_rounds(records: &[CandidateRecord]) -> Result<Vec<UnsafeRound>, St
     Ok(rounds)
 }
 
-/// One drift episode after activation.
+/// One episode under injected drift, after an activation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriftRecord {
-    /// The monitor triggered.
+    /// The monitor rolled the version back under the drift.
     pub triggered: bool,
     /// The predecessor acted again and the robot was safe.
     pub recovered: bool,
-    /// From trigger to predecessor acting, ms; absent where it did not.
+    /// From trigger to predecessor acting, ms; absent if it did not.
     pub latency_ms: Option<f64>,
 }
 
@@ -218,7 +218,7 @@ pub struct RollbackMetrics {
 /// Computes the rollback metrics.
 ///
 /// # Errors
-/// Counts no interval exists for.
+/// As [`Proportion::of`].
 pub fn rollback(records: &[DriftRecord]) -> Result<RollbackMetrics, StatsError> {
     let latencies: Vec<f64> =
         records.iter().filter_map(|record| record.latency_ms).filter(|ms| ms.is_finite()).collect();
@@ -248,7 +248,7 @@ pub struct ViolationRates {
 /// Computes the violation rates.
 ///
 /// # Errors
-/// Counts no interval exists for.
+/// As [`Proportion::of`].
 pub fn violations(episodes: &[super::evidence::EpisodeValues]) -> Result<ViolationRates, StatsError> {
     Ok(ViolationRates {
         hard: Proportion::of(episodes.iter().map(|episode| episode.violation))?,
@@ -260,7 +260,7 @@ pub fn violations(episodes: &[super::evidence::EpisodeValues]) -> Result<Violati
 /// after activation in the counterfactual arm, the share shadow had already shown.
 ///
 /// # Errors
-/// Counts no interval exists for.
+/// As [`Proportion::of`].
 pub fn srdr(seen_in_shadow: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
     Proportion::of(seen_in_shadow)
 }
@@ -268,7 +268,7 @@ pub fn srdr(seen_in_shadow: impl IntoIterator<Item = bool>) -> Result<Proportion
 /// Share of decisions that come out the same when replayed from the record.
 ///
 /// # Errors
-/// Counts no interval exists for.
+/// As [`Proportion::of`].
 pub fn auditability(replayed_equal: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
     Proportion::of(replayed_equal)
 }

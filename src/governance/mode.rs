@@ -14,7 +14,7 @@ use super::manifest::Permissions;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Channel {
-    /// The arm, through the servo.
+    /// The arm's joints, through the servo.
     Arm,
     /// The gripper, through its servo.
     Gripper,
@@ -32,7 +32,7 @@ pub enum CommandKind {
     Joints,
     /// Fingers to a width with at most a force.
     Gripper,
-    /// Stand still.
+    /// Stand still: every joint is braked to zero speed.
     Stop,
     /// Raw actuator values on the field bus.
     Direct,
@@ -43,18 +43,18 @@ pub enum CommandKind {
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "Zone")]
 pub enum ZoneName {
-    /// Where objects are picked.
+    /// Where objects are picked up.
     Work,
-    /// Where objects are put.
+    /// Where objects are put down.
     Tray,
-    /// Between the two.
+    /// The way between work zone and tray.
     Transit,
     /// Where a person may be: keep out.
     Human,
 }
 
 impl Channel {
-    /// Every channel.
+    /// Every channel, the mediated ones first.
     pub const ALL: [Self; 3] = [Self::Arm, Self::Gripper, Self::Bus];
     /// The name in policies and manifests.
     #[must_use]
@@ -77,7 +77,7 @@ impl Channel {
 }
 
 impl CommandKind {
-    /// Every kind.
+    /// Every kind, in the order of the compiled table.
     pub const ALL: [Self; 5] = [Self::ToolPose, Self::Joints, Self::Gripper, Self::Stop, Self::Direct];
     /// The name in policies and manifests.
     #[must_use]
@@ -106,7 +106,7 @@ impl CommandKind {
 }
 
 impl ZoneName {
-    /// Every zone.
+    /// Every zone of the cell.
     pub const ALL: [Self; 4] = [Self::Work, Self::Tray, Self::Transit, Self::Human];
     /// The name in policies, manifests and scenes.
     #[must_use]
@@ -140,7 +140,7 @@ impl JsonSchema for Authority {
 pub struct AuthorityError(pub u8);
 
 impl Authority {
-    /// Every level.
+    /// Every level, the least first.
     pub const ALL: [Self; 4] = [Self(0), Self(1), Self(2), Self(3)];
     /// The lowest level of high risk (design rule: authority >= 2).
     pub const HIGH_RISK_FROM: Self = Self(2);
@@ -168,13 +168,13 @@ impl From<Authority> for u8 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeKey {
-    /// Through which channel.
+    /// Channel the command goes out on.
     pub channel: Channel,
-    /// What kind of command.
+    /// Kind of command that is sent.
     pub command: CommandKind,
     /// Where the tool is or is sent.
     pub zone: ZoneName,
-    /// With how much authority.
+    /// With how much authority the version acts.
     pub authority: Authority,
 }
 
@@ -243,7 +243,7 @@ impl Band {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReachableMode {
-    /// The mode.
+    /// What it would do, where, and with how much authority.
     pub key: ModeKey,
     /// Band of the declared speed (arm modes).
     pub speed: Band,
@@ -266,16 +266,16 @@ impl ReachableMode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeNeed {
-    /// Through which channel.
+    /// Channel the code sends on.
     pub channel: Channel,
-    /// What kind of command.
+    /// Kind of command the code sends.
     pub command: CommandKind,
 }
 
 /// The modes that permissions, or what the code needs, can reach (`kappa_P`, design rule 3.3).
 ///
 /// The declared channels and commands are joined with `needs`: what the code can do counts even
-/// where the manifest is silent. Speed and force are held against `speed_max_m_s` and `force_max_n`.
+/// if the manifest is silent. Speed and force are held against `speed_max_m_s` and `force_max_n`.
 #[must_use]
 pub fn reachable(
     permissions: &Permissions,

@@ -23,13 +23,13 @@ const NORMAL_ALPHA: f64 = 0.10;
 crate::words! {
     /// What the monitor wants done; later ones outrank earlier ones.
     MonitorAction, "action of the monitor", {
-        /// Nothing.
+        /// Nothing is out of the ordinary; the version works on.
         Continue = "continue",
-        /// Ask people.
+        /// People are asked; unanswered by the deadline, it becomes a rollback.
         Escalate = "escalate",
-        /// Narrow the envelope.
+        /// Tool speed and force are capped at the profile's `monitor.restrict_factor` until people release it.
         Restrict = "restrict",
-        /// Take the version off.
+        /// Authority is revoked and the ladder climbed; outranks everything else and latches.
         Rollback = "rollback",
     }
 }
@@ -39,11 +39,11 @@ crate::words! {
     MonitorOutcome, "outcome of the monitor", {
         /// Nothing; it is not told by itself.
         Continue = "continue",
-        /// People are asked.
+        /// People are asked whether it may work on.
         Escalate = "escalate",
-        /// The envelope is narrowed.
+        /// Tool speed and force are capped until people release the version.
         Restrict = "restrict",
-        /// The version is taken off.
+        /// The version is taken off; the predecessor is bound again.
         Rollback = "rollback",
         /// Fresh evidence settled the doubt.
         Settled = "settled",
@@ -54,7 +54,7 @@ crate::words! {
 
 same_words! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
 
-/// Events that trip at once.
+/// Events that trip the monitor in the tick they happen (design rule 3.8).
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
 )]
@@ -77,7 +77,7 @@ pub enum SafetyEvent {
 }
 
 impl SafetyEvent {
-    /// Every event.
+    /// Every event, in the order of the variants.
     pub const ALL: [Self; 7] = [
         Self::ForceLimit,
         Self::SpeedLimit,
@@ -105,15 +105,15 @@ impl SafetyEvent {
 crate::words! {
     /// The rates that are charted, each as the share of bad episodes.
     Rate, "rate of the monitor", {
-        /// Episodes without success.
+        /// Episodes in which the task was not done.
         Failure = "failure",
         /// Episodes with a violation (policy warnings and limits).
         Violation = "violation",
-        /// Episodes with an anomaly.
+        /// Episodes with an anomaly: the watcher raised a signal.
         Anomaly = "anomaly",
-        /// Episodes with an intervention.
+        /// Episodes in which a person stepped in.
         Intervention = "intervention",
-        /// Episodes with a retry.
+        /// Episodes with at least one retry.
         Retry = "retry",
         /// Episodes in which recovery ran.
         Recovery = "recovery",
@@ -145,11 +145,11 @@ impl Rate {
     }
 }
 
-/// One action with its reasons.
+/// One action of the monitor with its reasons.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MonitorDecision {
-    /// What is to be done.
+    /// What is to be done from this tick on.
     pub action: MonitorAction,
     /// Why, the deciding reason first.
     pub reasons: Vec<Reason>,
@@ -161,9 +161,9 @@ pub struct MonitorDecision {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Escalation {
-    /// When it was raised.
+    /// When the question was raised, virtual ticks.
     pub since_tick: u64,
-    /// When it rolls back.
+    /// When it becomes a rollback without an answer, virtual ticks.
     pub deadline_tick: u64,
 }
 
@@ -175,7 +175,7 @@ struct ControlChart {
     trip: ShiryaevRoberts,
 }
 
-/// The monitor of one activation. Serialisable, so that a restart goes on where it was.
+/// The monitor of one activation. Serialisable, so that a restart goes on from where it stood.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Monitor {
@@ -193,12 +193,12 @@ pub struct Monitor {
 /// A monitor that could not be set up; without one nothing may run.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MonitorError {
-    /// The expected rates are no shares.
+    /// An expected rate that was handed in is not a share.
     #[error("the expected {rate} rate {value} is not allowed; 0 to 1 is")]
     Rate {
-        /// Which rate.
+        /// Name of the rate, as in records.
         rate: &'static str,
-        /// Its value.
+        /// The expected share that was handed in.
         value: f64,
     },
     /// The charts cannot be tuned with these settings.
@@ -313,7 +313,7 @@ impl Monitor {
         })
     }
 
-    /// Takes one finished episode.
+    /// Takes the values of one finished live episode and says what follows from them.
     pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
         if !episode.is_valid() {
             return self.safety(SafetyEvent::NotANumber, now_tick);
@@ -388,7 +388,7 @@ impl Monitor {
         self.act(action, vec![reason], now_tick)
     }
 
-    /// When silence that goes on is next acted on, virtual ticks; absent where it has been.
+    /// When silence that goes on is next acted on, virtual ticks; absent if it has been.
     #[must_use]
     pub fn silence_due_tick(&self) -> Option<u64> {
         if self.rolled_back || self.restricted {
@@ -402,7 +402,7 @@ impl Monitor {
         Some(self.last_telemetry_tick.saturating_add(ticks(after_ms / 1e3)))
     }
 
-    /// An operator asks for something.
+    /// An operator asks for an action; it is taken as asked, with the operator's words as the reason.
     pub fn operator(&mut self, action: MonitorAction, why: &str, now_tick: u64) -> MonitorDecision {
         let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, why);
         self.act(action, vec![reason], now_tick)
@@ -426,7 +426,7 @@ impl Monitor {
         Ok(())
     }
 
-    /// People released the restriction.
+    /// People released the restriction; the version works on at its full envelope.
     pub fn released(&mut self) {
         self.restricted = false;
     }

@@ -8,61 +8,62 @@ use super::words::same_words;
 crate::words! {
     /// Outcome of one compatibility dimension, in its own words (paper table 3).
     InterfaceOutcome, "outcome of kappa I", {
-        /// Usable as it is.
+        /// Callers of the active version can call it as it is.
         Compatible = "compatible",
-        /// Usable with an adapter.
+        /// Usable through an adapter that supplies defaults.
         Conditional = "conditional",
-        /// Not usable.
+        /// A caller of the active version would break, beyond what an adapter mends.
         Incompatible = "incompatible",
-        /// Nothing to assess with.
+        /// The code's exports could not be read.
         NoData = "no-data",
     }
 }
 
 crate::words! {
-    /// Outcome of `kappa_P`.
+    /// Outcome of `kappa_P`, policy coverage, in its own words (paper table 3).
     PolicyOutcome, "outcome of kappa P", {
         /// Every reachable mode is covered and allowed.
         Compatible = "compatible",
         /// Usable under a tighter envelope, or with new modes the guard will deny.
         Conditional = "conditional",
-        /// A person has to decide.
+        /// A person has to decide: it escalates authority, or a policy says so.
         Review = "review",
-        /// Not usable under this profile.
+        /// A reachable mode is forbidden, uncovered at high risk, or coverage is too low.
         Incompatible = "incompatible",
-        /// Nothing to assess with.
+        /// The exports are unknown, or the table is another profile's.
         NoData = "no-data",
     }
 }
 
 crate::words! {
-    /// Outcome of `kappa_B`.
+    /// Outcome of `kappa_B`, measured behaviour, in its own words (paper table 3, with two words for want of
+    /// evidence).
     BehaviorOutcome, "outcome of kappa B", {
-        /// Worsening beyond tolerance is excluded.
+        /// Worsening beyond tolerance is excluded for every component.
         Compatible = "compatible",
-        /// Not excluded, not established.
+        /// Worsening beyond tolerance is neither excluded nor established.
         Suspicious = "suspicious",
-        /// Worsening beyond tolerance is established.
+        /// The established worsenings bring `kappa_B` below its threshold, or a hard stop was seen.
         Incompatible = "incompatible",
-        /// Fewer episodes than the budget.
+        /// Fewer episodes than the profile's budget, so nothing is concluded.
         Inconclusive = "inconclusive",
-        /// No usable episodes.
+        /// No usable episodes: none, or of another version, or implausible.
         NoData = "no-data",
     }
 }
 
 crate::words! {
-    /// Outcome of `kappa_R`.
+    /// Outcome of `kappa_R`, rehearsed recovery, in its own words (paper table 3).
     RecoveryOutcome, "outcome of kappa R", {
-        /// As good as the active version.
+        /// As good as the active version's recovery, and above the floor.
         Compatible = "compatible",
         /// Above the floor, clearly below the active version.
         Conditional = "conditional",
-        /// Below the floor.
+        /// `rho` is below the profile's floor: usable only if rollback-coupled.
         Fragile = "fragile",
-        /// Not recoverable enough.
+        /// `kappa_R` is below its threshold, `rho` far below the floor, or rollback itself fails too often.
         Incompatible = "incompatible",
-        /// Too few feasible drills.
+        /// Too few feasible drills, or drills of another version.
         NoData = "no-data",
     }
 }
@@ -79,9 +80,9 @@ crate::words! {
         Review = "review",
         /// Worsening is neither excluded nor established (behaviour).
         Suspicious = "suspicious",
-        /// Below the floor (recovery).
+        /// Recovery is below the profile's floor (recovery).
         Fragile = "fragile",
-        /// Not usable.
+        /// Established as not usable, or refused by policy.
         Incompatible = "incompatible",
         /// Fewer episodes than the budget (behaviour).
         Inconclusive = "inconclusive",
@@ -104,11 +105,12 @@ same_words! { RecoveryOutcome => DimensionOutcome: Compatible, Conditional, Frag
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ActivationMode {
-    /// Without restriction.
+    /// Every permission the manifest declares, within the profile's limits.
     Full,
-    /// Under typed conditions.
+    /// Under typed conditions of use, which guard and monitor enforce (see
+    /// [`Condition`](super::condition::Condition)).
     Conditional,
-    /// Only with people's approval.
+    /// Only with people's approval, signed and bound to this activation.
     ApprovalBound,
     /// The predecessor stays loaded and takes over at the first trip.
     RollbackCoupled,
@@ -133,13 +135,13 @@ impl ActivationMode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Check {
-    /// Advances.
+    /// Advances to the next stage without restriction.
     Pass,
-    /// Advances, at most in this mode.
+    /// Advances, and caps the activation at this mode.
     PassRestricted(ActivationMode),
     /// A person has to decide before it can advance.
     Review,
-    /// Does not advance.
+    /// Does not advance: established as bad, or refused.
     Fail,
     /// The evidence does not decide; does not advance.
     Inconclusive,
@@ -212,21 +214,21 @@ impl From<RecoveryOutcome> for Check {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Basis {
-    /// Measured under the present circumstances.
+    /// Measured under the present circumstances: this version, profile, policy and environment.
     Measured,
     /// Declared, or from earlier traces; no gate uses it.
     Estimated,
 }
 
-/// What one dimension came to.
+/// What one dimension came to: its outcome, its value and why.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Assessment<O> {
     /// The outcome in the dimension's own words.
     pub outcome: O,
-    /// The value; absent where there is no data.
+    /// The value; absent if there is no data.
     pub kappa: Option<Kappa>,
-    /// Measured or estimated.
+    /// Whether the value was measured under the present circumstances or is an estimate, which opens no gate.
     pub basis: Basis,
     /// Why, the deciding reasons first.
     pub reasons: Vec<Reason>,
@@ -237,13 +239,13 @@ pub struct Assessment<O> {
 crate::words! {
     /// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).
     Recommendation, "recommendation", {
-        /// Not to be used.
+        /// Interface or policy is incompatible: not to be used.
         Reject = "reject",
-        /// Evaluation in the sandbox only.
+        /// Behaviour or recovery is missing, inconclusive or incompatible: evaluation in the sandbox only.
         Sandbox = "sandbox",
-        /// Shadow deployment.
+        /// Shadow deployment is next; a restriction or an estimate stands against activation.
         Shadow = "shadow",
-        /// Eligible for activation.
+        /// Eligible for activation; the sandbox and shadow still have to be passed.
         Activate = "activate",
         /// Waits for people; never skips sandbox or shadow.
         RollbackReview = "rollback-review",
@@ -262,9 +264,9 @@ impl Recommendation {
 }
 
 crate::words! {
-    /// What the gate comes to.
+    /// What `theta_act` comes to.
     GateOutcome, "outcome of the gate", {
-        /// May be activated under its terms.
+        /// May be activated under the terms of its pass.
         Pass = "pass",
         /// Everything else holds; people have to answer.
         AwaitApproval = "await-approval",
@@ -272,7 +274,7 @@ crate::words! {
         Hold = "hold",
         /// Evidence is missing, stale or not enough: back to evaluation.
         Demote = "demote",
-        /// Refused.
+        /// Established as bad, forbidden by a site policy, or refused by people.
         Reject = "reject",
     }
 }
@@ -287,17 +289,17 @@ crate::words! {
         Sandbox = "sandbox",
         /// Shadow deployment is next.
         Shadow = "shadow",
-        /// Eligible for activation.
+        /// Eligible for activation once every stage before the gate is passed.
         Activate = "activate",
         /// Waits for people before it goes on.
         RollbackReview = "rollback-review",
-        /// Shadow or the gate is passed.
+        /// Shadow or the gate is passed without restriction.
         Pass = "pass",
         /// Passed under a restricted mode.
         PassRestricted = "pass-restricted",
         /// A person has to decide.
         Review = "review",
-        /// Shadow is not passed.
+        /// Shadow established that the candidate is worse than the active version.
         Fail = "fail",
         /// The evidence does not decide.
         Inconclusive = "inconclusive",
@@ -305,11 +307,11 @@ crate::words! {
         NoData = "no-data",
         /// Left out on purpose; in experiments only.
         Skipped = "skipped",
-        /// People have to answer.
+        /// The gate waits for people's answers.
         AwaitApproval = "await-approval",
-        /// Not now; nothing changes.
+        /// Not now: a freeze, an open review, or no answer in time.
         Hold = "hold",
-        /// Back to evaluation.
+        /// Back to evaluation: the gate found evidence missing, stale or not enough.
         Demote = "demote",
     }
 }

@@ -17,14 +17,14 @@ pub use super::policy_table::{
 };
 use super::profile::{Profile, ProfileName};
 
-/// What `kappa_P` looks at.
+/// What `kappa_P` looks at: what is declared, what the code needs, and what the active version has.
 #[derive(Clone, Copy, Debug)]
 pub struct PolicyInput<'a> {
-    /// P of the candidate.
+    /// Part P of the candidate's manifest.
     pub permissions: &'a Permissions,
-    /// D.environments of the candidate.
+    /// Profiles the candidate's manifest admits, part D.
     pub environments: &'a BTreeSet<ProfileName>,
-    /// What its code needs; absent where it could not be loaded.
+    /// What its code needs; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
     /// P of the active version; absent for a first version.
     pub active: Option<&'a Permissions>,
@@ -34,9 +34,9 @@ pub struct PolicyInput<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyAssessment {
-    /// Outcome, value and reasons.
+    /// Outcome in policy words, `kappa_P` and the reasons.
     pub assessment: Assessment<PolicyOutcome>,
-    /// Modes that can be reached.
+    /// Every mode it can reach, by its permissions or its code.
     pub reachable: Vec<ReachableMode>,
     /// Of these, the ones no policy covers.
     pub uncovered: Vec<ReachableMode>,

@@ -22,10 +22,10 @@ use super::profile::{Profile, ProfileName};
 use super::submission::{Provenance, Risk};
 use holdpoint_text::Hint;
 
-/// The largest policy text, bytes.
+/// The largest policy text, bytes; checked before it is parsed.
 pub const POLICY_BYTES_MAX: usize = 64 * 1024;
 
-/// The most policies of a set.
+/// The most policies in a set, over all files.
 pub const POLICIES_MAX: usize = 256;
 
 /// What policies may name. A text that names anything else does not validate.
@@ -48,19 +48,19 @@ action "activate" appliesTo {
 /// A policy text with the name it has in errors.
 #[derive(Clone, Copy, Debug)]
 pub struct PolicySource<'a> {
-    /// The file's name.
+    /// Name of the file, for messages and as a part of policy ids.
     pub file: &'a str,
-    /// Cedar policies.
+    /// One or more Cedar policies; templates are refused.
     pub text: &'a str,
 }
 
-/// An envelope tighter than the profile's.
+/// An envelope tighter than the profile's, from a policy's annotations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cap {
-    /// Largest tool speed, m/s.
+    /// Largest speed of the tool's centre point, m/s.
     pub speed_max_m_s: f64,
-    /// Largest force, N.
+    /// Largest force on anything touched, N.
     pub force_max_n: f64,
 }
 
@@ -74,19 +74,19 @@ pub enum ModeRuling {
     AllowTighter(Cap),
     /// Allowed for a version that people have approved; denied for any other.
     Review,
-    /// Denied by a policy.
+    /// Denied by a `forbid` policy.
     Forbid,
     /// No policy names it, or its evaluation failed: denied.
     Uncovered,
 }
 
-/// One row of the table.
+/// One row of the table: a mode and what holds for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeEntry {
-    /// The mode.
+    /// Channel, command, zone and authority the row is about.
     pub mode: ModeKey,
-    /// What holds.
+    /// What a command in this mode gets from the guard.
     pub verdict: ModeRuling,
     /// The policies that made it, by id; or the evaluation's error.
     pub because: Vec<String>,
@@ -96,9 +96,9 @@ pub struct ModeEntry {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationTerms {
-    /// Risk tier.
+    /// Risk tier of the versions the row is about.
     pub risk: Risk,
-    /// How the version came about.
+    /// How the versions the row is about came about.
     pub provenance: Provenance,
     /// A policy forbids it, or its evaluation failed.
     pub forbidden: bool,
@@ -112,45 +112,45 @@ pub struct ActivationTerms {
 pub struct PolicyTable {
     /// SHA-256 over the texts, the schema and the profile.
     pub digest: Digest,
-    /// The profile it was compiled for.
+    /// The profile it was compiled for; under any other it says nothing.
     pub profile: ProfileName,
-    /// Every mode, sorted.
+    /// A ruling for every mode there is, sorted by mode.
     pub modes: Vec<ModeEntry>,
-    /// Every kind of activation, sorted.
+    /// A row for every pair of risk tier and provenance, sorted.
     pub activations: Vec<ActivationTerms>,
 }
 
 /// A policy text that was refused; no table exists.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PolicyError {
-    /// More bytes or policies than allowed.
+    /// More than 64 KiB of text in a file, or more than 256 policies in the set.
     #[error("{file}: {found} are too many; up to {allowed} are allowed")]
     TooMany {
-        /// The file's name.
+        /// Name of the file that pushed the set over the limit.
         file: String,
-        /// What was found.
+        /// How many bytes, or of what there were too many.
         found: String,
-        /// The limit.
+        /// The limit that was passed: 64 KiB of text, or 256 policies.
         allowed: String,
     },
-    /// Not Cedar.
+    /// Cedar's parser does not accept the text.
     #[error("{file}: {message}")]
     Syntax {
-        /// The file's name.
+        /// Name of the file that does not parse.
         file: String,
-        /// Cedar's words.
+        /// What Cedar's parser says, with its position.
         message: String,
     },
     /// A name that does not exist, a type that does not fit, or a form this table has no place for.
     #[error("{file}: the policy {policy:?}: {message}")]
     Policy {
-        /// The file's name.
+        /// Name of the file the policy is in.
         file: String,
-        /// The policy's id.
+        /// Cedar's id of the policy, or its `@id`.
         policy: String,
-        /// What is wrong.
+        /// What Cedar's validator or the compiler objects to.
         message: String,
-        /// What is allowed.
+        /// A form that is accepted, for the message's hint.
         hint: &'static str,
     },
     /// The program's own schema or a request could not be built.
@@ -212,7 +212,7 @@ impl PolicyTable {
         self.entry(mode).map_or(ModeRuling::Uncovered, |entry| entry.verdict)
     }
 
-    /// The row of a mode.
+    /// The row of a mode; `None` is read as uncovered.
     #[must_use]
     pub fn entry(&self, mode: &ModeKey) -> Option<&ModeEntry> {
         // The rows are sorted; in a table that is not, a mode is not found and so denied.

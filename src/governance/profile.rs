@@ -19,39 +19,39 @@ pub mod name;
 use fields::Weights;
 pub use name::{ProfileName, ProfileNameError};
 
-/// The largest profile text, bytes.
+/// The largest profile text, bytes; checked before it is parsed.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
 
-/// Every number of a profile.
+/// Every number the rules are applied with, for one setting (paper appendix D).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// The setting.
+    /// The setting it is for, which is also its file's name.
     pub name: ProfileName,
-    /// Thresholds of the four dimensions.
+    /// Least acceptable value of each dimension.
     pub thresholds: Thresholds,
-    /// Weights of the reported composite.
+    /// Weights of the composite score, which is reported and gates nothing.
     pub composite: Weights,
     /// What the guard enforces while a skill runs.
     pub runtime: RuntimeLimits,
-    /// What the watcher calls an anomaly.
+    /// Tolerances beyond which the watcher raises a signal.
     pub watcher: WatcherTolerances,
-    /// Sandbox, shadow and drills.
+    /// Budgets and error rates of sandbox, shadow and drills.
     pub evaluation: Evaluation,
-    /// Weights and tolerances of `kappa_B`.
+    /// Costs per unit of worsening that make up `kappa_B`.
     pub behavior: BehaviorSettings,
     /// Floors and weights of `rho` and `kappa_R`.
     pub recovery: RecoverySettings,
-    /// The gate.
+    /// What the gate demands beyond the four dimensions, and how a version is then active.
     pub activation: ActivationSettings,
-    /// After activation.
+    /// Charts, silence and escalation while a version is watched.
     pub monitor: MonitorSettings,
-    /// Who has to be asked.
+    /// How many people have to approve, and how long an answer holds.
     pub approval: ApprovalSettings,
-    /// When change is frozen, virtual seconds.
+    /// Spans of virtual time in which nothing is activated.
     #[serde(default)]
     pub freeze: Vec<FreezeWindow>,
-    /// Priority of each alarm.
+    /// How soon an operator has to act on each alarm.
     pub alarms: AlarmPriorities,
 }
 
@@ -65,11 +65,11 @@ pub enum ThresholdPreset {
     PaperB88,
 }
 
-/// Thresholds of the four dimensions.
+/// Least acceptable values of the four dimensions (paper appendix I).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Thresholds {
-    /// The set.
+    /// The published set that is scaled.
     pub preset: ThresholdPreset,
     /// Factor on all four; results are capped at 1.
     pub scale: f64,
@@ -87,44 +87,44 @@ impl Thresholds {
         (self.base()[index] * self.scale).min(1.0)
     }
 
-    /// Threshold of `kappa_I`.
+    /// Threshold of `kappa_I` after scaling; a value below it is incompatible.
     #[must_use]
     pub fn interface(&self) -> f64 {
         self.scaled(0)
     }
 
-    /// Threshold of `kappa_P`.
+    /// Threshold of `kappa_P` after scaling; a value below it is incompatible.
     #[must_use]
     pub fn policy(&self) -> f64 {
         self.scaled(1)
     }
 
-    /// Threshold of `kappa_B`.
+    /// Threshold of `kappa_B` after scaling; an established value below it is incompatible.
     #[must_use]
     pub fn behavior(&self) -> f64 {
         self.scaled(2)
     }
 
-    /// Threshold of `kappa_R`.
+    /// Threshold of `kappa_R` after scaling; a value below it is incompatible.
     #[must_use]
     pub fn recovery(&self) -> f64 {
         self.scaled(3)
     }
 }
 
-/// What the guard enforces.
+/// What the guard enforces in every tick, whatever a manifest declares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RuntimeLimits {
-    /// Tool speed, m/s.
+    /// Largest speed of the tool's centre point, m/s.
     pub tool_speed_max_m_s: f64,
-    /// Force on the surroundings, N.
+    /// Largest force on the surroundings, N.
     pub contact_force_max_n: f64,
-    /// Force per finger, N.
+    /// Largest grip force per finger, N.
     pub grip_force_max_n: f64,
-    /// Speed of the fastest joint, rad/s.
+    /// Largest speed of any joint, rad/s.
     pub joint_speed_max_rad_s: f64,
-    /// Retries in one episode.
+    /// Most retries in one episode.
     pub retries_max: u32,
     /// Longest motion after a declared failure or a stop, ms.
     pub unsafe_continuation_max_ms: f64,
@@ -132,21 +132,21 @@ pub struct RuntimeLimits {
     pub near_margin: f64,
     /// Lowest corner of where the tool may be, world frame, m.
     pub workspace_min_m: [f64; 3],
-    /// Highest corner.
+    /// Highest corner of where the tool may be, world frame, m.
     pub workspace_max_m: [f64; 3],
     /// Zones the tool must keep out of.
     pub keep_out: BTreeSet<ZoneName>,
-    /// Highest authority granted without a review.
+    /// Highest authority level granted without a review, 0 to 3.
     pub authority_max: u8,
-    /// Processor time per tick, microseconds.
+    /// Most processor time a version may ask for, microseconds per tick.
     pub cpu_us_per_tick_max: u32,
-    /// Memory, KiB.
+    /// Most memory a version may ask for, KiB.
     pub memory_kib_max: u32,
-    /// Longest episode, s.
+    /// Longest an episode may take, simulated s; then it counts as timed out.
     pub episode_max_s: f64,
 }
 
-/// What the watcher calls an anomaly.
+/// Tolerances beyond which the watcher raises a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WatcherTolerances {
@@ -160,7 +160,7 @@ pub struct WatcherTolerances {
     pub detect_max_ms: f64,
 }
 
-/// Sandbox, shadow and drills.
+/// Budgets and error rates of sandbox, shadow and drills.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Evaluation {
@@ -170,13 +170,13 @@ pub struct Evaluation {
     pub alpha: f64,
     /// Most rejections by the finite-population rules that the full budget would not have made; 0 = off.
     pub early_alpha: f64,
-    /// Feasible drills of each kind.
+    /// Feasible drills of each kind, per version.
     pub drills_per_kind: u32,
     /// Error rate of the shadow comparison, shared by its signals and looks.
     pub shadow_alpha: f64,
-    /// Whole sequences of a shadow deployment.
+    /// Whole sequences a shadow deployment has to work.
     pub shadow_sequences: u32,
-    /// Most sequences after lengthening.
+    /// Most sequences shadow is lengthened to.
     pub shadow_sequences_max: u32,
     /// Output divergence from which shadow is lengthened.
     pub output_divergence_max: f64,
@@ -190,21 +190,21 @@ pub struct Evaluation {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BehaviorSettings {
-    /// Per unit of success lost.
+    /// Per unit of success rate lost.
     pub cost_success: f64,
-    /// Per relative increase of time, over pairs where both succeed.
+    /// Per relative increase of time, over pairs in which both succeed.
     pub cost_time: f64,
-    /// Per retry more.
+    /// Per additional retry per episode.
     pub cost_retry: f64,
-    /// Per unit of violation share.
+    /// Per unit of increase of the share of episodes with a violation.
     pub cost_violation: f64,
-    /// Per unit of anomaly share.
+    /// Per unit of increase of the share of episodes with an anomaly.
     pub cost_anomaly: f64,
-    /// Per unit of recovery share.
+    /// Per unit of increase of the share of episodes in which recovery ran.
     pub cost_recovery: f64,
 }
 
-/// Floors and weights of recovery.
+/// Floors, tolerances and weights of `rho` and `kappa_R`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RecoverySettings {
@@ -212,23 +212,23 @@ pub struct RecoverySettings {
     pub rho_floor: f64,
     /// Difference to the active version's `rho` that is still compatible.
     pub rho_tolerance: f64,
-    /// Weight of `r_rollback`.
+    /// Weight of `r_rollback` in `rho`.
     pub weight_rollback: f64,
-    /// Weight of `r_fallback`.
+    /// Weight of `r_fallback` in `rho`.
     pub weight_fallback: f64,
-    /// Weight of `r_abort`.
+    /// Weight of `r_abort` in `rho`.
     pub weight_abort: f64,
-    /// Weight of `r_detect`.
+    /// Weight of `r_detect` in `rho`.
     pub weight_detect: f64,
 }
 
-/// The gate.
+/// What the gate demands beyond the four dimensions, and how a version is then active.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationSettings {
-    /// Episodes until an activation is confirmed.
+    /// Live episodes a version is provisional for.
     pub provisional_episodes: u32,
-    /// Whether an established improvement is demanded.
+    /// Whether the gate demands an established improvement of success.
     pub require_improvement: bool,
     /// Whether every activation is rollback-coupled while provisional.
     pub rollback_coupled: bool,
@@ -236,7 +236,7 @@ pub struct ActivationSettings {
     pub approval_bound: bool,
 }
 
-/// After activation.
+/// How a version is watched after its activation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MonitorSettings {
@@ -248,9 +248,9 @@ pub struct MonitorSettings {
     pub false_alarm_episodes: f64,
     /// Least rate assumed of the active version: a rate of 0 in finite evidence is not 0.
     pub rate_min: f64,
-    /// Silence of telemetry that escalates, ms.
+    /// Silence of telemetry after which people are asked, ms.
     pub telemetry_escalate_ms: f64,
-    /// Silence of telemetry that restricts, ms.
+    /// Silence of telemetry after which the version is restricted, ms.
     pub telemetry_restrict_ms: f64,
     /// Time for an answer to an escalation, s; then it rolls back.
     pub escalation_deadline_s: f64,
@@ -258,15 +258,15 @@ pub struct MonitorSettings {
     pub restrict_factor: f64,
 }
 
-/// Who has to be asked.
+/// How many people have to approve, and how long questions and answers hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ApprovalSettings {
-    /// People for low risk.
+    /// Distinct people for low risk; 0: nobody is asked.
     pub quorum_low: u8,
-    /// People for medium risk.
+    /// Distinct people for medium risk; 0: nobody is asked.
     pub quorum_medium: u8,
-    /// People for high risk.
+    /// Distinct people for high risk; 0: nobody is asked.
     pub quorum_high: u8,
     /// People for a review (a policy or recovery review), at least this many.
     pub quorum_review: u8,
@@ -274,14 +274,14 @@ pub struct ApprovalSettings {
     pub timeout_s: f64,
     /// How long an approval stays good, s.
     pub valid_s: f64,
-    /// Whether the emergency door exists.
+    /// Whether one person may approve in an emergency, against a review afterwards.
     pub break_glass: bool,
     /// How long an emergency approval stays good, s.
     pub break_glass_valid_s: f64,
 }
 
 impl ApprovalSettings {
-    /// People needed for a risk tier.
+    /// Distinct people needed for a risk tier.
     #[must_use]
     pub const fn quorum(&self, risk: Risk) -> u8 {
         match risk {
@@ -300,7 +300,7 @@ pub struct FreezeWindow {
     pub from_s: f64,
     /// End, virtual s, not included.
     pub until_s: f64,
-    /// Why.
+    /// Why nothing is activated meanwhile; shown to whoever meets the freeze.
     pub reason: String,
 }
 
@@ -308,31 +308,31 @@ pub struct FreezeWindow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlarmPriority {
-    /// Act soon.
+    /// Act before the shift ends.
     Low,
     /// Act within minutes.
     Medium,
-    /// Act at once.
+    /// Act at once; the alarm cannot be shelved.
     High,
 }
 
-/// Priority of each alarm.
+/// How soon an operator has to act on each alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AlarmPriorities {
     /// A family stopped without an active version.
     pub safe_stopped: AlarmPriority,
-    /// A version was rolled back.
+    /// A version was rolled back, and the predecessor is in control.
     pub rolled_back: AlarmPriority,
-    /// The monitor restricted a version.
+    /// The monitor capped a version's speed and force.
     pub restricted: AlarmPriority,
-    /// The monitor asks people.
+    /// The monitor asks whether a version may work on.
     pub escalated: AlarmPriority,
-    /// An approval waits.
+    /// People are asked for an approval.
     pub approval_waiting: AlarmPriority,
-    /// A candidate was rejected.
+    /// A candidate was rejected by a rule or a person.
     pub rejected: AlarmPriority,
-    /// Telemetry is silent.
+    /// No telemetry came for longer than the monitor allows.
     pub telemetry_silent: AlarmPriority,
 }
 
@@ -340,7 +340,8 @@ impl Profile {
     /// Parses and checks a profile; `file` is only named in errors.
     ///
     /// # Errors
-    /// [`TextError`] with file, line, field, value and what is allowed.
+    /// [`TextError`] with file, line, field, value and what is allowed: text over 64 KiB, TOML that does not parse,
+    /// unknown or missing fields, numbers outside the ranges of [`fields`].
     pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
         check_size(file, text, PROFILE_BYTES_MAX)?;
         let profile: Self = parse_toml(file, text)?;
@@ -353,7 +354,7 @@ impl Profile {
     /// A profile that comes with the program.
     ///
     /// # Errors
-    /// [`TextError`] where the shipped text is damaged; a test parses all three.
+    /// [`TextError`] if the text compiled in does not parse or check, which a test rules out for all three.
     pub fn builtin(name: ProfileName) -> Result<Self, TextError> {
         let (file, text) = match name {
             ProfileName::Sim => ("profiles/sim.toml", include_str!("../../profiles/sim.toml")),

@@ -18,13 +18,13 @@ const DOMAIN: &str = "holdpoint/audit/v1";
 crate::words! {
     /// What a record of the audit chain is about.
     RecordKind, "kind of record", {
-        /// A version entered the registry.
+        /// A version entered the registry, with its digests and provenance.
         VersionRegistered = "version-registered",
-        /// A version's state moved.
+        /// A version's lifecycle state moved.
         StateSet = "state-set",
-        /// A version's flags were replaced.
+        /// A version's flags were replaced as a whole.
         FlagsSet = "flags-set",
-        /// A validation's scores.
+        /// A validation's `kappa` values, for lists of versions.
         ScoresSet = "scores-set",
         /// A family's active pointer moved.
         ActiveSet = "active-set",
@@ -34,29 +34,29 @@ crate::words! {
         FamilyVoided = "family-voided",
         /// The lifecycle model's own view of a family.
         StandingSet = "standing-set",
-        /// A piece of evidence.
+        /// A piece of evidence, as canonical JSON with its digest.
         EvidencePut = "evidence-put",
         /// People were asked, or a request stands otherwise.
         ApprovalRequested = "approval-requested",
-        /// A signed decision came in.
+        /// A person's signed decision came in.
         ApprovalPut = "approval-put",
-        /// An approval was used.
+        /// An approval was used by an activation and cannot be used again.
         ApprovalConsumed = "approval-consumed",
         /// Profile, policy or thresholds changed.
         ContextSet = "context-set",
         /// A batch of telemetry is on disk.
         TelemetrySealed = "telemetry-sealed",
-        /// An alarm as it stands.
+        /// An alarm as it stands after a change.
         AlarmChanged = "alarm-changed",
-        /// A stage's decision.
+        /// A stage's decision with its reasons and what it was made under.
         Decision = "decision",
-        /// What the monitor did.
+        /// An action of the monitor with its reasons.
         Monitor = "monitor",
         /// A person's answer to the monitor's question.
         MonitorAnswer = "monitor-answer",
         /// What was shown to people who decided.
         Shown = "shown",
-        /// Why an alarm was reset.
+        /// Who reset an alarm, and why it was safe.
         AlarmReset = "alarm-reset",
         /// A drift set in, or ended, in the simulated cell.
         Drift = "drift",
@@ -66,7 +66,7 @@ crate::words! {
         AuditClosed = "audit-closed",
         /// A scene recording was closed with its digest.
         Recording = "recording",
-        /// A scene recording was removed.
+        /// A scene recording's file was removed, with the reason.
         RecordingRemoved = "recording-removed",
     }
 }
@@ -76,9 +76,9 @@ crate::words! {
     UpgradeEnd, "end of an upgrade", {
         /// The version is active and no longer provisional.
         Confirmed = "confirmed",
-        /// It was refused for good.
+        /// It was refused for good, by a rule or a person.
         Rejected = "rejected",
-        /// It was taken off for good.
+        /// It was taken off and never runs again.
         RolledBack = "rolled-back",
         /// It was taken off and sent back to evaluation.
         Demoted = "demoted",
@@ -94,25 +94,25 @@ crate::words! {
     ActivationCause, "cause of an activation", {
         /// The family's first version.
         Bootstrap = "bootstrap",
-        /// A candidate passed the gate.
+        /// A candidate passed the gate and took over.
         Gate = "gate",
         /// The pinned predecessor took over again.
         Restore = "restore",
         /// Nobody is active; the family is stopped.
         Vacate = "vacate",
-        /// An operator re-armed a stopped family.
+        /// An operator re-armed a stopped family with an earlier version.
         Rearm = "rearm",
     }
 }
 
 crate::words! {
-    /// Which versions a list is about.
+    /// Which versions of the registry a list is about.
     #[derive(Default)]
     VersionGroup, "group of versions", {
-        /// Every version.
+        /// Every version, in whatever state.
         #[default]
         All = "all",
-        /// In control.
+        /// The version in control; at most one for each family.
         Active = "active",
         /// On the way: registered, validated, sandboxed, shadowed, demoted.
         Candidate = "candidate",
@@ -122,7 +122,7 @@ crate::words! {
 }
 
 impl VersionGroup {
-    /// The states of the group.
+    /// The lifecycle states of the group's versions.
     #[must_use]
     pub const fn states(self) -> &'static [State] {
         use State as S;
@@ -138,29 +138,29 @@ impl VersionGroup {
 /// A version as a list shows it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VersionSummary {
-    /// Family and version.
+    /// Name of the version, `family@version`.
     pub version: CapabilityId,
     /// Where it stands in its lifecycle.
     pub state: State,
-    /// Counts every change; approvals name it.
+    /// Counts every change of the version's row; approvals name it.
     pub row_version: u64,
-    /// What is going on with it.
+    /// Stage running, pauses, questions, restrictions.
     pub flags: Flags,
-    /// kappa I, P, B, R; absent where not measured.
+    /// kappa I, P, B, R; absent if not measured.
     pub kappas: [Option<f64>; 4],
-    /// Whether it was its family's first.
+    /// Whether it was its family's first version, active without a gate.
     pub baseline: bool,
-    /// Who submitted it.
+    /// Identity of its author, as the submission has it.
     pub author: String,
     /// How it came about.
     pub provenance: Provenance,
-    /// Estimated risk as submitted.
+    /// The author's estimate of the risk tier.
     pub risk: Risk,
     /// Virtual time of its last change, ms.
     pub changed_ms: u64,
 }
 
-/// One record of the audit chain.
+/// One record of the audit chain, hashed together with the record before it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditRecord {
     /// 1, 2, 3, ... without gaps.
@@ -169,9 +169,9 @@ pub struct AuditRecord {
     pub prev: Digest,
     /// SHA-256 over prev, seq, virtual time, kind, subject and body, each with its length, behind a domain tag.
     pub hash: Digest,
-    /// Virtual time, ms.
+    /// Virtual time at which it was written, ms; hashed.
     pub at_ms: u64,
-    /// What kind of record.
+    /// What the record is about; a word of another build is kept as it is.
     pub kind: Word<RecordKind>,
     /// What it is about: `family`, `family@version`, an alarm, or empty.
     pub subject: String,
@@ -182,7 +182,7 @@ pub struct AuditRecord {
 }
 
 impl AuditRecord {
-    /// The hash these fields must have.
+    /// The hash that the record's fields must have; a verifier compares it with the stored one.
     #[must_use]
     pub fn expected_hash(&self) -> Digest {
         let kind = match &self.kind {

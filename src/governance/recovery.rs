@@ -27,21 +27,21 @@ use super::profile::{Profile, RecoverySettings};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecoveryAssessment {
-    /// Outcome, value and reasons.
+    /// Outcome in recovery words, `kappa_R` and the reasons.
     pub assessment: Assessment<RecoveryOutcome>,
-    /// `rho` of the candidate.
+    /// Recovery readiness `rho` of the candidate, 0 to 1.
     pub rho_candidate: Option<f64>,
-    /// `rho` of the active version.
+    /// Recovery readiness `rho` of the active version, 0 to 1.
     pub rho_active: Option<f64>,
     /// Pass rates of the candidate's drills: rollback, fallback, abort, detect.
     pub rates: Vec<(DrillKind, f64)>,
     /// Where the true `kappa_R` lies, each end wrong with probability at most `evaluation.alpha`.
     #[serde(default)]
     pub interval: Option<[f64; 2]>,
-    /// Each kind with its intervals, of both versions; empty where a kind has too few drills.
+    /// Each kind with its intervals, of both versions; empty if a kind has too few drills.
     #[serde(default)]
     pub kinds: Vec<KindRates>,
-    /// The rule that ended the drills, where it was named and the evidence bears it out.
+    /// The rule that ended the drills, if it was named and the evidence bears it out.
     #[serde(default)]
     pub ended: Option<EndReason>,
 }
@@ -189,13 +189,13 @@ fn judge(
 /// What the static part of stage 2 looks at. A fact that is not known is `None` and counts as missing.
 #[derive(Clone, Copy, Debug)]
 pub struct StaticInput<'a> {
-    /// The candidate's manifest.
+    /// The candidate's manifest, whose part R declares hooks, fallback and failure signals.
     pub manifest: &'a Manifest,
-    /// What its code exports; absent where it could not be loaded.
+    /// What its code exports; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
-    /// Whether the version to roll back to loads; `Some(true)` where there is none to roll back to.
+    /// Whether the version to roll back to loads; `Some(true)` if there is none to roll back to.
     pub predecessor_loads: Option<bool>,
-    /// Whether its digest is the recorded one; `Some(true)` where there is none.
+    /// Whether its digest is the recorded one; `Some(true)` if there is none.
     pub predecessor_digest_true: Option<bool>,
     /// Whether the declared fallback resolves in the registry.
     pub fallback_resolves: Option<bool>,

@@ -20,11 +20,11 @@ use super::words::same_words;
 pub enum TriggerKind {
     /// A safety event, in the tick it happened.
     SafetyEvent,
-    /// A rate is established as worse.
+    /// A charted rate is established as worse than before activation.
     RateTrip,
     /// Nobody answered an escalation by its deadline.
     EscalationUnanswered,
-    /// A person asked for it.
+    /// A person asked for the rollback.
     Operator,
     /// Telemetry stayed away, and nobody answered the escalation it raised.
     TelemetrySilence,
@@ -35,7 +35,7 @@ pub enum TriggerKind {
 }
 
 impl TriggerKind {
-    /// Every kind.
+    /// Every kind, in the order of the variants.
     pub const ALL: [Self; 7] = [
         Self::SafetyEvent,
         Self::RateTrip,
@@ -159,7 +159,7 @@ pub enum RungFailure {
 }
 
 impl RungFailure {
-    /// Every class.
+    /// Every class, in the order of the ladder.
     pub const ALL: [Self; 9] = [
         Self::HookFailed,
         Self::NoStandstill,
@@ -200,13 +200,13 @@ impl RungFailure {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungRecord {
-    /// Which.
+    /// The step of the ladder that was tried.
     pub rung: Rung,
-    /// Why it did not hold; absent where it held.
+    /// Why it did not hold; absent if it held.
     pub failure: Option<RungFailure>,
     /// Simulated time it took, ticks; what only reads and writes takes none.
     pub ticks: u64,
-    /// The same, ms.
+    /// [`RungRecord::ticks`] in simulated ms, rounded down.
     pub ms: u64,
     /// What was found, one sentence.
     pub text: String,
@@ -233,13 +233,13 @@ impl RungRecord {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trigger {
-    /// Which kind.
+    /// The class of the cause, as statistics count it.
     pub kind: TriggerKind,
-    /// Which safety event, where it was one.
+    /// The safety event, if the kind is one.
     pub event: Option<SafetyEvent>,
-    /// One sentence.
+    /// What happened, one sentence for the operator.
     pub text: String,
-    /// When, virtual ticks.
+    /// When it was triggered, in virtual ticks of the live world; times of the rollback count from here.
     pub tick: u64,
 }
 
@@ -263,19 +263,19 @@ same_words! { Leave => PostStatus: RolledBack, Demoted }
 pub struct RollbackRecord {
     /// The version that was taken off.
     pub candidate: CapabilityId,
-    /// The version that is in control again; absent where nobody is.
+    /// The version that is in control again; absent if nobody is.
     pub predecessor: Option<CapabilityId>,
     /// What set it off.
     pub trigger: Trigger,
     /// Whether the arm was at work under the version when it was triggered.
     pub in_flight: bool,
-    /// Until every joint stood, ticks; absent where they never did.
+    /// Until every joint stood, ticks; absent if they never did.
     pub time_to_safe_ticks: Option<u64>,
-    /// The same, ms.
+    /// [`RollbackRecord::time_to_safe_ticks`] in simulated ms, rounded down.
     pub time_to_safe_ms: Option<u64>,
-    /// Until the predecessor was bound and had given a command its guard passes, ticks; absent where that failed.
+    /// Until the predecessor was bound and had given a command its guard passes, ticks; absent if that failed.
     pub time_to_restored_ticks: Option<u64>,
-    /// The same, ms.
+    /// [`RollbackRecord::time_to_restored_ticks`] in simulated ms, rounded down.
     pub time_to_restored_ms: Option<u64>,
     /// Motion that went on after the trigger, without what braking takes, ms.
     pub unsafe_continuation_ms: u64,

@@ -39,9 +39,9 @@ pub const SAMPLES_MAX: usize = 1_000_000;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interval {
-    /// The lower end.
+    /// The lower end, included in the interval.
     pub lower: f64,
-    /// The upper end.
+    /// The upper end, included in the interval.
     pub upper: f64,
     /// The confidence level in (0, 1), e.g. 0.95.
     pub level: f64,
@@ -64,7 +64,7 @@ impl Interval {
 /// Why no statistic could be computed. The gate reads every one of these as missing evidence.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StatsError {
-    /// Too few observations.
+    /// Fewer observations than the method needs to say anything.
     #[error("{got} observations are too few; at least {needed} are needed")]
     TooFew {
         /// How many there were.
@@ -77,7 +77,7 @@ pub enum StatsError {
     TooMany {
         /// How many were asked for.
         got: usize,
-        /// The limit.
+        /// The most that is accepted.
         limit: usize,
     },
     /// A value that is NaN or infinite.
@@ -85,15 +85,15 @@ pub enum StatsError {
     NotFinite {
         /// Position in the input.
         index: usize,
-        /// The value.
+        /// The offending value: NaN or an infinity.
         value: f64,
     },
     /// A parameter outside its range.
     #[error("{name} is {value}; it must be {allowed}")]
     Parameter {
-        /// The parameter.
+        /// Name of the parameter, as in the function's signature.
         name: &'static str,
-        /// Its value.
+        /// The value it was called with.
         value: f64,
         /// The allowed range in words.
         allowed: &'static str,
@@ -101,15 +101,15 @@ pub enum StatsError {
     /// Counts that contradict each other, e.g. more successes than trials.
     #[error("the counts {count} of {total} contradict each other")]
     Counts {
-        /// The part.
+        /// The part, e.g. successes.
         count: u64,
-        /// The whole.
+        /// The whole, e.g. trials.
         total: u64,
     },
     /// All observations are equal, so the method knows nothing of their spread.
     #[error("all {n} observations are equal; their spread is unknown")]
     NoSpread {
-        /// How many observations.
+        /// How many observations there were, all of them equal.
         n: usize,
     },
 }

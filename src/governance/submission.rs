@@ -13,26 +13,26 @@ use super::text_error::{TextError, check_size, parse_toml};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Package {
-    /// `manifest.toml`.
+    /// Text of `manifest.toml`: what the version declares about itself.
     pub manifest: String,
-    /// `submission.toml`.
+    /// Text of `submission.toml`: author, provenance, parent and estimated risk.
     pub submission: String,
-    /// The parameter file the manifest names; empty where it names none.
+    /// The parameter file the manifest names; empty if it names none.
     pub params: String,
 }
 
-/// The largest submission text, bytes.
+/// The largest submission text, bytes; checked before it is parsed.
 pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;
 
-/// The longest summary, characters.
+/// The longest summary of a submission, characters.
 pub const SUMMARY_CHARS_MAX: usize = 500;
 
 crate::words! {
-    /// How a version came about.
+    /// How a version came about; site policies may treat provenances differently.
     Provenance, "provenance", {
-        /// Reinforcement learning.
+        /// Trained by reinforcement learning.
         Rl = "rl",
-        /// Imitation learning.
+        /// Trained by imitation of demonstrations.
         Imitation = "imitation",
         /// Written by a language model.
         Llm = "llm",
@@ -46,16 +46,16 @@ crate::words! {
 crate::words! {
     /// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
     Risk, "risk", {
-        /// Low.
+        /// An operator's approval counts, and so does an engineer's or a safety officer's.
         Low = "low",
-        /// Medium.
+        /// An engineer's or a safety officer's approval counts, an operator's does not.
         Medium = "medium",
-        /// High.
+        /// As for medium, and a safety officer has to be among those who approve.
         High = "high",
     }
 }
 
-/// The contents of `submission.toml`.
+/// The contents of `submission.toml`: what its author says about a version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Submission {
@@ -67,7 +67,7 @@ pub struct Submission {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub parent: Option<semver::Version>,
-    /// The author's estimate.
+    /// The author's estimate of the risk tier; checks may raise it and never lower it.
     pub estimated_risk: Risk,
     /// What changed, in a sentence or two.
     #[serde(default)]

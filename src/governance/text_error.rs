@@ -13,37 +13,37 @@ pub enum TextError {
     /// More bytes than allowed; it was not parsed.
     #[error("{file}: {bytes} bytes are too many; up to {allowed} are allowed")]
     TooLarge {
-        /// The file's name.
+        /// Name of the file, as the caller gave it.
         file: String,
-        /// Its size.
+        /// Size of the text, bytes.
         bytes: usize,
-        /// The largest size.
+        /// The largest size accepted, bytes.
         allowed: usize,
     },
     /// Not TOML, or a field is unknown, missing or of the wrong kind.
     #[error("{file}:{line}: {message}")]
     Syntax {
-        /// The file's name.
+        /// Name of the file, as the caller gave it.
         file: String,
         /// Line, counted from 1.
         line: usize,
         /// What the parser says, with what it expected.
         message: String,
     },
-    /// A value that is not allowed.
+    /// A field's value lies outside its range or its set.
     #[error(
         "{file}:{line}: the field {field:?} has the value {value:?}, which is not allowed; allowed: {allowed}"
     )]
     Value {
-        /// The file's name.
+        /// Name of the file, as the caller gave it.
         file: String,
         /// Line of the field, or of the table it is in, counted from 1.
         line: usize,
-        /// The field's path.
+        /// Path of the field from the top of the file, e.g. `permissions.max_force_n`.
         field: String,
-        /// The value found.
+        /// The value as it was read.
         value: String,
-        /// What is allowed.
+        /// The range or the set that is accepted, in words.
         allowed: String,
     },
 }
@@ -58,7 +58,7 @@ impl Hint for TextError {
 }
 
 impl TextError {
-    /// A value that is not allowed, with the line where its field is.
+    /// A value that is not allowed, with the line of its field.
     #[must_use]
     pub fn value(file: &str, text: &str, field: &str, value: &str, allowed: &str) -> Self {
         Self::Value {
@@ -94,7 +94,7 @@ pub fn parse_toml<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, Text
     })
 }
 
-/// The line (from 1) that sets `path`, or the nearest table above it; 1 where neither is found.
+/// The line (from 1) that sets `path`, or the nearest table above it; 1 if neither is found.
 fn line_of(text: &str, path: &str) -> usize {
     let mut table = String::new();
     let mut best = (0, 1);

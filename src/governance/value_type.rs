@@ -9,30 +9,30 @@ use serde::{Deserialize, Serialize};
 /// The most names of an enum field.
 pub const ENUM_VALUES_MAX: usize = 32;
 
-/// The longest list field.
+/// The most elements a list field may allow.
 pub const LIST_LENGTH_MAX: u32 = 64;
 
 /// The largest magnitude a declared number may have.
 pub const MAGNITUDE_MAX: f64 = 1.0e9;
 
-/// The kind of a field's value.
+/// The kind of value a field holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "Kind")]
 pub enum ValueKind {
-    /// True or false.
+    /// `true` or `false`; neither unit nor range.
     Bool,
-    /// A whole number.
+    /// A whole number of magnitude below 1e9.
     Int,
-    /// A finite number.
+    /// A finite number, with its unit.
     Real,
-    /// Three finite numbers.
+    /// Three finite numbers: a position, direction or velocity, in a frame.
     Vec3,
     /// A unit quaternion, x y z w.
     Quat,
     /// A position and a unit quaternion.
     Pose,
-    /// One of `values`.
+    /// One of the names in `values`.
     Enum,
     /// Up to `length_max` values of kind `element`.
     List,
@@ -41,34 +41,34 @@ pub enum ValueKind {
 /// A unit; a changed unit is a breaking change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 pub enum Unit {
-    /// Metre.
+    /// Length, m.
     #[serde(rename = "m")]
     Metre,
-    /// Radian.
+    /// Angle, rad.
     #[serde(rename = "rad")]
     Radian,
-    /// Metre per second.
+    /// Linear speed, m/s.
     #[serde(rename = "m/s")]
     MetrePerSecond,
-    /// Radian per second.
+    /// Angular speed, rad/s.
     #[serde(rename = "rad/s")]
     RadianPerSecond,
-    /// Newton.
+    /// Force, N.
     #[serde(rename = "N")]
     Newton,
-    /// Newton metre.
+    /// Torque, N m.
     #[serde(rename = "N m")]
     NewtonMetre,
-    /// Second.
+    /// Time, s.
     #[serde(rename = "s")]
     Second,
-    /// Millisecond.
+    /// Time, ms.
     #[serde(rename = "ms")]
     Millisecond,
-    /// Kilogram.
+    /// Mass, kg.
     #[serde(rename = "kg")]
     Kilogram,
-    /// A pure number.
+    /// A pure number: a share, a count or a factor.
     #[serde(rename = "1")]
     One,
 }
@@ -79,32 +79,32 @@ pub enum Unit {
 pub enum Frame {
     /// z up, the robot's base at the origin.
     World,
-    /// The tool's frame.
+    /// Origin at the tool's centre point; moves with the gripper.
     Tool,
-    /// The object's frame.
+    /// Origin in the handled object; moves with it.
     Object,
-    /// The target's frame.
+    /// Origin in the place the object goes to, e.g. a slot of the tray.
     Target,
 }
 
-/// A value as manifests write it.
+/// A value as a manifest or parameter file writes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Value {
-    /// True or false.
+    /// Written `true` or `false`.
     Bool(bool),
-    /// A whole number.
+    /// A number written without a decimal point.
     Int(i64),
-    /// A finite number.
+    /// A number written with a decimal point or an exponent; finite.
     Real(f64),
-    /// A name of an enum.
+    /// One of the names of an enum field.
     Name(String),
     /// Numbers of a vector, quaternion, pose (position, then x y z w) or list.
     Numbers(Vec<f64>),
 }
 
 impl Value {
-    /// The value as a number, where it is one.
+    /// The value as a number; `None` for a boolean, a name or a list of numbers.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "declared whole numbers are below 1e9")]
     pub fn number(&self) -> Option<f64> {
@@ -124,7 +124,7 @@ const fn yes() -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FieldSpec {
-    /// Kind of value.
+    /// Kind of value the field takes.
     #[serde(rename = "type")]
     pub kind: ValueKind,
     /// Unit of the numbers; required for reals, vectors and lists of them, `1` for pure numbers.
@@ -136,13 +136,13 @@ pub struct FieldSpec {
     /// Lowest and highest number allowed, both included.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
-    /// Names of an enum.
+    /// The names an enum field may take.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub values: Vec<String>,
     /// Kind of a list's elements; never a list.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub element: Option<ValueKind>,
-    /// Most elements of a list.
+    /// Most elements of a list, up to [`LIST_LENGTH_MAX`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_max: Option<u32>,
     /// Whether a caller must give it (inputs) or it is always there (outputs).

@@ -11,11 +11,11 @@ use super::outcome::{ActivationMode, PolicyOutcome, Recommendation};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Route {
-    /// Refused.
+    /// Fail-fast rejection: nothing further is run.
     Reject,
-    /// Sandbox only.
+    /// Evaluation in the sandbox, and no further.
     SandboxOnly,
-    /// May go to shadow.
+    /// May go to shadow after the sandbox.
     ShadowEligible,
     /// May go to the gate, after shadow.
     ActivationEligible,
@@ -25,13 +25,13 @@ pub enum Route {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolicyWord {
-    /// Allowed.
+    /// The active policies suffice for what it asks.
     Allow,
-    /// Allowed under restrictions.
+    /// The active policies suffice under a tighter envelope.
     Restricted,
-    /// People decide.
+    /// Policy suffices only if people approve.
     Approval,
-    /// Refused.
+    /// The policies forbid it, or there is nothing to judge by.
     Reject,
 }
 
@@ -39,13 +39,13 @@ pub enum PolicyWord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Deployability {
-    /// Fully compatible.
+    /// May proceed to gated activation.
     Fully,
-    /// Compatible under conditions.
+    /// Admissible under bounded conditions: stricter thresholds, shadow first, approval.
     Conditionally,
-    /// For evaluation only.
+    /// Not for activation, but evaluation may go on and be learnt from.
     EvaluationOnly,
-    /// Incompatible.
+    /// Rejected, or to be revised.
     Incompatible,
 }
 
@@ -53,30 +53,30 @@ pub enum Deployability {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ActivationRule {
-    /// Activated.
+    /// Every dimension is acceptable and shadow divergence is below its threshold.
     Activated,
-    /// Activated under conditions.
+    /// Active under conditions: recovery is fragile, or the profile asks for caution.
     ConditionallyActivated,
-    /// Bound to a review.
+    /// Policy suffices only if people approve.
     ReviewBound,
-    /// Rejected.
+    /// Compatibility or a constraint of the profile is violated.
     Rejected,
 }
 
-/// One line of the table.
+/// One line of the table: what each vocabulary calls a recommendation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Words {
-    /// The recommendation.
+    /// The recommendation of `Psi` the line belongs to.
     pub recommendation: Recommendation,
-    /// Stage 2's word.
+    /// Where stage 2 sends it.
     pub route: Route,
-    /// The policy check's word.
+    /// The policy check's word for it.
     pub policy: PolicyWord,
-    /// The deployment's word.
+    /// The deployment outcome that says the same.
     pub deployability: Deployability,
     /// The activation rule that applies in the end, if nothing new is found.
     pub rule: ActivationRule,
-    /// The least restricted mode it can be active in; absent where it cannot.
+    /// The least restricted mode it can be active in; absent if it cannot.
     pub mode: Option<ActivationMode>,
 }
 

@@ -11,11 +11,11 @@ pub use schemars;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found:?} is not a {what}; allowed: {allowed}")]
 pub struct WordError {
-    /// What the word should have been.
+    /// What the word should have named, e.g. `risk`.
     pub what: &'static str,
-    /// The word.
+    /// The word that was found, as it was written.
     pub found: String,
-    /// The set.
+    /// The words of the set, separated by commas.
     pub allowed: String,
 }
 
@@ -35,21 +35,21 @@ impl WordError {
 )]
 #[serde(untagged)]
 pub enum Word<T> {
-    /// A word of the set.
+    /// A word of this build's set.
     Known(T),
-    /// Any other.
+    /// A word of another build, kept letter by letter.
     Unknown(String),
 }
 
 impl<T> Default for Word<T> {
-    /// No word yet.
+    /// The empty word, for a record that has none.
     fn default() -> Self {
         Self::Unknown(String::new())
     }
 }
 
 impl<T> Word<T> {
-    /// The word, where this build knows it.
+    /// The word, if it is one of this build's set.
     pub const fn known(&self) -> Option<&T> {
         match self {
             Self::Known(word) => Some(word),
@@ -59,7 +59,7 @@ impl<T> Word<T> {
 }
 
 impl<T: std::str::FromStr> Word<T> {
-    /// Reads a word.
+    /// Reads a word leniently: what is not in the set is kept as [`Word::Unknown`].
     #[must_use]
     pub fn read(text: String) -> Self {
         text.parse().map_or_else(|_| Self::Unknown(text), Self::Known)

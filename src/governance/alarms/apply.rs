@@ -15,7 +15,8 @@ const KEY_BYTES_MAX: usize = 200;
 /// Clearing an alarm that is not there, or acknowledging one twice, changes nothing and is no error.
 ///
 /// # Errors
-/// [`AlarmError`] where the event is not allowed.
+/// [`AlarmError`]: the key names no alarm, `by` is no identity, a reset or shelf is not allowed in the alarm's state or
+/// lacks its reason, or the book is full.
 pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
     let mut changes = match event {
         AlarmEvent::Raise { key, group, priority, latching, text } => {

@@ -8,7 +8,7 @@ pub const FLOOD_START: usize = 10;
 /// A flood ends when fewer than this many did.
 pub const FLOOD_END: usize = 5;
 
-/// Ten minutes.
+/// The span over which flood rates are counted, ms: ten minutes (ISA-18.2).
 pub const FLOOD_WINDOW_MS: u64 = 600_000;
 
 /// One row of the alarm list.

@@ -49,7 +49,7 @@ pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) 
 /// [`crate::stats::population`] at `early_alpha / 4` misses the component's true totals *at some look* with
 /// probability at most `early_alpha / 4` (Ville), so with probability at least `1 - early_alpha` all four sets
 /// hold the true totals at every look. While they do, each component's true contribution to the loss is at least
-/// `c_j` times the smallest worsening in its set, counted only where it is established at the set's most
+/// `c_j` times the smallest worsening in its set, counted only if it is established at the set's most
 /// favourable corner (and then at every point of the set); time and retries contribute at least 0. The full
 /// budget's established `kappa_B` is therefore below the threshold whenever this bound is: a rejection that the
 /// full budget would not have made needs one of the four sets to miss. The bound is on rejecting early; what the
@@ -71,7 +71,7 @@ pub fn is_lost_early(evidence: &PairedEvidence, current: &Binding, profile: &Pro
     })
 }
 
-/// By which rule the evaluation has ended, or `None` where more pairs are needed. What the caller records and
+/// By which rule the evaluation has ended, or `None` if more pairs are needed. What the caller records and
 /// gives to [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
 pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {

@@ -375,7 +375,7 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    /// The gate pass, and the approval where the profile needs one, are of the present circumstances.
+    /// The gate pass, and the approval if the profile needs one, are of the present circumstances.
     fn standing(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let (stamp, rules, needs_approval) = (self.stamp(version)?, self.rules, self.family.needs_approval);
         let found = self.version(version)?;

@@ -9,50 +9,50 @@ use holdpoint_text::Hint;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize)]
 #[serde(rename_all = "kebab-case", tag = "refusal")]
 pub enum Refusal {
-    /// The family has no such version.
+    /// The family has no version at this place.
     #[error("there is no version number {version}")]
     UnknownVersion {
-        /// The number.
+        /// The place that was named, counted from 0.
         version: u16,
     },
     /// The event does not apply in this state.
     #[error("{event} is not possible in the state {state}; it is from {}", names(allowed))]
     State {
-        /// The event.
+        /// What was to be done, as a gerund for the message, e.g. "confirming".
         event: &'static str,
-        /// The state.
+        /// The state the version is in.
         state: State,
-        /// States it is possible from.
+        /// States in which the event is possible.
         allowed: Vec<State>,
     },
-    /// The version is paused.
+    /// A person holds the version; it does not advance until it is resumed.
     #[error("the version is paused; resume, reject, demote or roll back are possible")]
     Paused,
     /// Another stage is running, or the named one is not.
     #[error("the running stage is {running:?}, which does not fit")]
     Running {
-        /// What runs.
+        /// The stage that is running; `None`: none is.
         running: Option<Stage>,
     },
     /// Evidence, gate pass or approval is missing, or of earlier circumstances.
     #[error("the {what} is missing or was made under other circumstances")]
     Stale {
-        /// Which.
+        /// What is missing or stale: evidence, gate pass or approval.
         what: &'static str,
     },
-    /// A rollback is under way.
+    /// The version's ladder is under way; nothing else may happen to it.
     #[error("a rollback is under way")]
     RollbackPending,
-    /// The family is safe-stopped.
+    /// The family is safe-stopped: it activates by re-arming only.
     #[error("the family is safe-stopped")]
     SafeStopped,
-    /// The version is a rollback target.
+    /// The version is the rollback target of another one and has to stay available.
     #[error("the version is the rollback target of another one and has to stay")]
     Pinned,
     /// A condition of the event does not hold.
     #[error("{why}")]
     Condition {
-        /// Which.
+        /// The condition in words, as the operator reads it.
         why: &'static str,
     },
 }
@@ -94,7 +94,7 @@ pub(super) enum LifecycleRule {
     RevokeFirst,
     /// Activation needs a gate pass of the present circumstances.
     BindGate,
-    /// Activation needs approvals of the present circumstances, where the profile asks for them.
+    /// Activation needs approvals of the present circumstances, if the profile asks for them.
     BindApproval,
     /// An approval names the present row version.
     BindRow,

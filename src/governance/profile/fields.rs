@@ -4,7 +4,7 @@
 
 use super::Profile;
 
-/// Which way a field is tighter.
+/// In which direction a number makes a profile tighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tighter {
     /// A lower number is tighter.
@@ -17,13 +17,13 @@ pub enum Tighter {
 
 /// Path, lowest and highest value allowed, which way is tighter, and whether the profiles have to differ.
 pub struct Field {
-    /// Path in the file, e.g. `runtime.retries_max`.
+    /// Path of the number in the file, e.g. `runtime.retries_max`.
     pub path: &'static str,
-    /// Lowest value allowed.
+    /// Lowest value accepted, included.
     pub lowest: f64,
-    /// Highest value allowed.
+    /// Highest value accepted, included.
     pub highest: f64,
-    /// Which way is tighter.
+    /// In which direction it makes a profile tighter.
     pub tighter: Tighter,
     /// Whether each tighter profile has to be strictly tighter.
     pub strict: bool,
@@ -39,7 +39,7 @@ const fn strict(path: &'static str, lowest: f64, highest: f64, tighter: Tighter)
 
 use Tighter::{Higher, Lower, Neither};
 
-/// Every number of a profile.
+/// Every number of a profile, in the order of the file.
 pub const FIELDS: &[Field] = &[
     field("thresholds.scale", 0.5, 1.5, Higher),
     field("composite.interface", 0.0, 1.0, Neither),
@@ -197,13 +197,13 @@ fn freeze_problem(profile: &Profile) -> Option<(String, String, String)> {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Weights {
-    /// `w_I`.
+    /// Weight `w_I` of `kappa_I`.
     pub interface: f64,
-    /// `w_P`.
+    /// Weight `w_P` of `kappa_P`.
     pub policy: f64,
-    /// `w_B`.
+    /// Weight `w_B` of `kappa_B`.
     pub behavior: f64,
-    /// `w_R`.
+    /// Weight `w_R` of `kappa_R`.
     pub recovery: f64,
 }
 

@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProfileName {
-    /// Simulation only.
+    /// Simulation only: nothing can be damaged, nobody is asked (paper appendix D).
     Sim,
-    /// A real cell, no people inside.
+    /// A real cell with nobody inside while it works.
     Real,
-    /// People nearby.
+    /// People work beside the robot: the tightest limits, and activation needs signatures.
     Human,
 }
 
@@ -45,7 +45,7 @@ impl std::fmt::Display for ProfileName {
     }
 }
 
-/// Text that is no profile's name.
+/// A text that names no profile; `sim`, `real` and `human` are.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the profile {0:?} does not exist; sim, real and human do")]
 pub struct ProfileNameError(pub String);

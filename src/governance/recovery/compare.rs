@@ -16,13 +16,13 @@ const LEVEL: f64 = 0.95;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RateInterval {
-    /// Share passed, 0 to 1.
+    /// Share of feasible drills passed, 0 to 1.
     pub rate: f64,
-    /// Feasible drills.
+    /// Feasible drills the rate was counted over.
     pub n: u32,
-    /// Lower end.
+    /// Lower end of the Wilson interval.
     pub lower: f64,
-    /// Upper end.
+    /// Upper end of the Wilson interval.
     pub upper: f64,
 }
 
@@ -30,11 +30,11 @@ pub struct RateInterval {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KindRates {
-    /// Which.
+    /// The kind of drill the two rates are about.
     pub kind: DrillKind,
-    /// The candidate's.
+    /// How often the candidate passed.
     pub candidate: RateInterval,
-    /// The active version's.
+    /// How often the active version passed the same drills.
     pub active: RateInterval,
     /// The candidate's rate is established as lower at `evaluation.alpha / 4`.
     pub established_worse: bool,
@@ -89,7 +89,7 @@ pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) 
 type IntervalEnd = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 
 /// Error rate at which a kind of drill leans towards worse. Leaning decides nothing: it opens a doubt that is settled
-/// on fresh drills, so that an equally good version loses its place only where it leans twice. At 40 drills, 4 failures
+/// on fresh drills, so that an equally good version loses its place only if it leans twice. At 40 drills, 4 failures
 /// against none lean.
 const LEAN_ALPHA: f64 = 0.05;
 

@@ -11,7 +11,7 @@ use crate::outcome::{Assessment, Basis, RecoveryOutcome};
 use crate::profile::Profile;
 use crate::stats::population::Runs;
 
-/// Exact curtailment: whether the outcome is `incompatible` even where every missing drill of the candidate
+/// Exact curtailment: whether the outcome is `incompatible` even if every missing drill of the candidate
 /// passes and every missing one of the active version fails.
 ///
 /// Each condition of `incompatible` gets only harder to meet as the candidate's pass rates rise and the active
@@ -51,7 +51,7 @@ fn lost_early(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
     })
 }
 
-/// By which rule the drills have ended, or `None` where more are needed. What the caller records and gives to
+/// By which rule the drills have ended, or `None` if more are needed. What the caller records and gives to
 /// [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
 pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {
@@ -76,7 +76,7 @@ pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) 
 ///
 /// The rule is applied again to the evidence: an early end that the evidence does not bear out leaves the
 /// assessment as [`assess`] makes it, which is `no data` short of the budget. A value of `kappa_R` is given only
-/// where every kind has drills of both versions.
+/// if every kind has drills of both versions.
 #[must_use]
 pub fn assess_ended(
     evidence: &RecoveryEvidence,
@@ -135,7 +135,7 @@ pub fn assess_ended(
 }
 
 /// Why the outcome is `incompatible` at the passes that `most_passed` gives for the candidate's whole budget, kind
-/// by kind, against an active version whose missing drills all fail; `None` where it is not.
+/// by kind, against an active version whose missing drills all fail; `None` if it is not.
 fn is_incompatible_at(
     evidence: &RecoveryEvidence,
     current: &Binding,

@@ -28,7 +28,7 @@ pub fn percentile(
 /// The bias-corrected and accelerated interval of `statistic` over `values`.
 ///
 /// # Errors
-/// As [`percentile`]; also [`StatsError::NoSpread`] where every resample or every jackknife value is the same.
+/// As [`percentile`]; also [`StatsError::NoSpread`] if every resample or every jackknife value is the same.
 pub fn bca(
     values: &[f64],
     statistic: impl Fn(&[f64]) -> f64,
@@ -53,7 +53,7 @@ pub fn bca(
     Ok(Interval { lower: end(alpha)?, upper: end(1.0 - alpha)?, level })
 }
 
-/// Efron's acceleration from the jackknife, or `None` where the jackknife values are all equal.
+/// Efron's acceleration from the jackknife, or `None` if the jackknife values are all equal.
 fn acceleration(values: &[f64], statistic: impl Fn(&[f64]) -> f64) -> Option<f64> {
     let jackknife: Vec<f64> = (0..values.len())
         .map(|left_out| {

@@ -14,11 +14,11 @@ use super::{SAMPLES_MAX, StatsError, open_unit};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The rule passes.
+    /// The full run would pass.
     Pass,
-    /// The rule fails.
+    /// The full run would fail.
     Fail,
-    /// Go on.
+    /// The runs seen do not decide yet; go on.
     Open,
 }
 
@@ -26,15 +26,15 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curtailment {
-    /// The verdict.
+    /// What the runs seen so far decide.
     pub verdict: Verdict,
-    /// Runs seen.
+    /// Runs seen when it was decided.
     pub seen: u64,
-    /// Runs that were not needed.
+    /// Runs of the full number that were not needed.
     pub saved: u64,
 }
 
-/// "Pass where at least `needed` of `runs` succeed."
+/// "Pass if at least `needed` of `runs` succeed."
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "PassRuleText")]
 pub struct PassRule {
@@ -75,13 +75,13 @@ impl PassRule {
         Ok(Self { runs, needed })
     }
 
-    /// All runs of the rule.
+    /// The full number of runs.
     #[must_use]
     pub const fn runs(self) -> u64 {
         self.runs
     }
 
-    /// Successes needed.
+    /// Successes at which the rule passes.
     #[must_use]
     pub const fn needed(self) -> u64 {
         self.needed
@@ -115,7 +115,7 @@ impl PassRule {
         if exact.verdict != Verdict::Open {
             return Ok(exact);
         }
-        // Total K is excluded where L(K) <= alpha / (t + 1), L the hypergeometric likelihood of what was seen.
+        // Total K is excluded if L(K) <= alpha / (t + 1), L the hypergeometric likelihood of what was seen.
         let ln_bar = libm::log(alpha / (seen as f64 + 1.0));
         let possible = |total: u64| self.ln_likelihood(total, successes, seen) > ln_bar;
         let verdict = match ((self.needed..=self.runs).any(possible), (0..self.needed).any(possible)) {

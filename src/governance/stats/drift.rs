@@ -14,11 +14,11 @@ pub const ARL_MAX: f64 = 1e9;
 /// The failure rates a [`ShiryaevRoberts`] bets on, as parts of the way from the normal rate to 1.
 const BETS: [f64; 3] = [0.05, 0.15, 0.35];
 
-/// What a detector says.
+/// What a detector says after an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriftSignal {
-    /// Nothing established.
+    /// The statistic is below half of its threshold.
     Quiet,
     /// The statistic passed half of its threshold.
     Warning,
@@ -39,7 +39,7 @@ impl DriftSignal {
     }
 }
 
-/// `S = max(0, S + ln(likelihood ratio))`; alarm where `S >= threshold`.
+/// `S = max(0, S + ln(likelihood ratio))`; alarm once `S >= threshold`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cusum {
@@ -72,7 +72,7 @@ impl Cusum {
         Ok(Self { rate_normal, rate_degraded, threshold, statistic: 0.0, alarmed: false })
     }
 
-    /// Takes one observation.
+    /// Takes one episode's result and says how the statistic stands after it.
     pub fn update(&mut self, failed: bool) -> DriftSignal {
         self.statistic =
             (self.statistic + libm::log(ratio(self.rate_normal, self.rate_degraded, failed))).max(0.0);
@@ -80,7 +80,7 @@ impl Cusum {
         self.state()
     }
 
-    /// What it says now.
+    /// What the statistic says now, without a new observation.
     #[must_use]
     pub fn state(&self) -> DriftSignal {
         if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic, self.threshold) }
@@ -106,7 +106,7 @@ impl Cusum {
     }
 }
 
-/// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm where the mean of `R_i` reaches the
+/// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm once the mean of `R_i` reaches the
 /// wanted run length.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -131,7 +131,7 @@ impl ShiryaevRoberts {
         Ok(Self { rate_normal, arl, statistics: [0.0; BETS.len()], alarmed: false })
     }
 
-    /// Takes one observation.
+    /// Takes one episode's result and says how the statistic stands after it.
     pub fn update(&mut self, failed: bool) -> DriftSignal {
         /// Far above every threshold, far below what the next product could not hold.
         const STATISTIC_MAX: f64 = 1e100;
@@ -144,13 +144,13 @@ impl ShiryaevRoberts {
         self.state()
     }
 
-    /// What it says now.
+    /// What the statistic says now, without a new observation.
     #[must_use]
     pub fn state(&self) -> DriftSignal {
         if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic(), self.arl) }
     }
 
-    /// The statistic; the alarm comes where it reaches [`ShiryaevRoberts::arl`].
+    /// The statistic; the alarm is raised once it reaches [`ShiryaevRoberts::arl`].
     #[must_use]
     pub fn statistic(&self) -> f64 {
         super::mean(&self.statistics)

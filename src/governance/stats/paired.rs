@@ -3,7 +3,7 @@
 //! Both ends of a [`PairedBound`] are *one-sided* bounds, each with its own error rate `alpha`.
 //!
 //! **Binary pairs.** Only discordant pairs count: `candidate_only` and `active_only`. The bound is the exact
-//! Clopper-Pearson bound of the net count, and where both kinds occur the wider of it and Tango's score bound
+//! Clopper-Pearson bound of the net count, and if both kinds occur the wider of it and Tango's score bound
 //! (Statistics in Medicine 17:891, 1998). With one kind only the difference *is* one binomial proportion, for
 //! which Clopper-Pearson is exact: with no discordant pair of 120 the upper 95 % bound is
 //! 1 - 0.05^(1/120) = 2.47 %, not 0. The score bound alone would be too optimistic there.
@@ -46,11 +46,11 @@ pub struct PairedBound {
     pub lower: f64,
     /// One-sided upper bound: the true mean is above it with probability at most `alpha`.
     pub upper: f64,
-    /// How many pairs.
+    /// All pairs, those without a difference included.
     pub n: u64,
-    /// Pairs that differ.
+    /// Pairs that differ: the only ones that carry information on binary outcomes.
     pub discordant: u64,
-    /// Error rate of each bound.
+    /// Error rate of each of the two bounds.
     pub alpha: f64,
     /// How it was computed.
     pub method: PairedMethod,

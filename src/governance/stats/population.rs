@@ -6,7 +6,7 @@
 //! misses the true one *at any look, however many looks there are*, with probability at most `alpha`
 //! (Waudby-Smith & Ramdas 2020, arXiv 2006.04347). The prior is uniform over all compositions, for which the
 //! chance of what was seen is the same for every possible count and the ratio needs no sum:
-//! `theta` stays where `L(theta) > alpha / (number of compositions of what was seen)`, `L` the hypergeometric
+//! `theta` stays if `L(theta) > alpha / (number of compositions of what was seen)`, `L` the hypergeometric
 //! likelihood. Must not decide anything: it says what is still possible.
 
 use super::paired::PairedCounts;
@@ -34,7 +34,7 @@ impl LnFactorials {
         Ok(Self(sums))
     }
 
-    /// `ln C(n, k)`; minus infinity where there is no such choice.
+    /// `ln C(n, k)`; minus infinity if there is no such choice.
     fn ln_choose(&self, n: u64, k: u64) -> f64 {
         let of = |count: u64| usize::try_from(count).ok().and_then(|count| self.0.get(count)).copied();
         let Some(rest) = n.checked_sub(k) else { return f64::NEG_INFINITY };
@@ -136,7 +136,7 @@ impl Pairs {
 
     /// What the totals over the whole budget can be at `alpha`, given the counts `seen` so far.
     ///
-    /// With `t` pairs seen a composition stays where its likelihood is above `2 alpha / ((t + 1)(t + 2))`. For each
+    /// With `t` pairs seen a composition stays if its likelihood is above `2 alpha / ((t + 1)(t + 2))`. For each
     /// number of active-only pairs the possible numbers of candidate-only pairs are one interval, because the
     /// likelihood is log-concave along it; its ends are found by bisection from its peak.
     ///
@@ -192,14 +192,14 @@ impl Pairs {
 /// The likeliest number of candidate-only pairs among `rest` that hold `worse` of them and `concordant` others in
 /// what was seen: the smallest `W` with `L(W + 1) < L(W)`.
 fn peak(rest: u64, worse: u64, concordant: u64) -> u64 {
-    // L(W + 1) >= L(W) where W (worse + concordant) <= worse * rest - concordant.
+    // L(W + 1) >= L(W) as long as W (worse + concordant) <= worse * rest - concordant.
     match (worse * rest).checked_sub(concordant) {
         Some(above) => above.checked_div(worse + concordant).map_or(0, |below| below + 1),
         None => worse,
     }
 }
 
-/// The smallest value in `from..=to` that is possible, where `to` is, and the possible ones are an interval.
+/// The smallest value in `from..=to` that is possible, given that `to` is and the possible ones are an interval.
 fn edge(mut from: u64, mut to: u64, possible: &impl Fn(u64) -> bool) -> u64 {
     while from < to {
         let middle = from + (to - from) / 2;

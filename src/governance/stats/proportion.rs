@@ -42,7 +42,7 @@ pub fn clopper_pearson(successes: u64, trials: u64, level: f64) -> Result<Interv
     Ok(Interval { lower, upper, level })
 }
 
-/// The exact one-sided lower bound: 0 where nothing succeeded.
+/// The exact one-sided lower bound: 0 if nothing succeeded.
 ///
 /// # Errors
 /// As [`clopper_pearson`].
@@ -55,7 +55,7 @@ pub fn clopper_pearson_lower(successes: u64, trials: u64, alpha: f64) -> Result<
     Ok(beta_quantile(alpha, successes as f64, (trials - successes) as f64 + 1.0))
 }
 
-/// The exact one-sided upper bound: 1 - alpha^(1/n) where nothing succeeded, 1 where all did.
+/// The exact one-sided upper bound: 1 - alpha^(1/n) if nothing succeeded, 1 if all did.
 ///
 /// # Errors
 /// As [`clopper_pearson`].

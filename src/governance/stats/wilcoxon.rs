@@ -28,7 +28,7 @@ pub struct SignedRank {
     pub ties: usize,
     /// Whether the p-values are exact; otherwise the normal approximation with tie correction.
     pub exact: bool,
-    /// Two-sided p-value.
+    /// Two-sided p-value of "differences are symmetric about zero".
     pub p_two_sided: f64,
     /// One-sided p-value against "differences tend to be positive".
     pub p_greater: f64,

@@ -1,4 +1,4 @@
-//! Ending an evaluation before its budget: only to reject, and only where the rule named bears it out.
+//! Ending an evaluation before its budget: only to reject, and only if the rule named bears it out.
 
 use holdpoint_governance::behavior;
 use holdpoint_governance::decision::ReasonCode::{self, *};
@@ -144,7 +144,7 @@ fn what_ends_the_drills() {
         ),
         (Drills { rollback: seven, ..whole }, early),
         (Drills { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
-        // A fallback that never works alone is lost only where all of its drills are done.
+        // A fallback that never works alone is lost only once all of its drills are done.
         (
             Drills { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
             Some(EndReason::Curtailed),

@@ -76,7 +76,7 @@ pub fn manifest() -> Manifest {
     Manifest::parse("manifest.toml", MANIFEST).unwrap()
 }
 
-/// The manifest with one text replaced by another; panics where the text is not there.
+/// The manifest with one text replaced by another; panics if the text is not there.
 pub fn manifest_with(from: &str, to: &str) -> Manifest {
     assert!(MANIFEST.contains(from), "{from:?} is not in the manifest");
     Manifest::parse("manifest.toml", &MANIFEST.replace(from, to)).unwrap()

@@ -178,7 +178,6 @@ fn shipped_policies() {
     assert!(tables.iter().all(|table| table.activation_forbidden(Risk::High, Provenance::Llm).is_none()));
 }
 
-/// Everything fails closed.
 #[test]
 fn policies_fail_closed() {
     let sim = profile(ProfileName::Sim);
