@@ -7,10 +7,10 @@ use holdpoint_governance::approval::Answer;
 
 impl PromptView {
     /// The command by which `who` decides on this question, for the reason given. `shown` is what was on the screen;
-    /// absent where there was none.
+    /// absent if there was no screen.
     ///
     /// # Errors
-    /// Where no random number can be had.
+    /// [`ApprovalError`] if the machine gives no random number for the nonce.
     pub fn answer(
         &self,
         who: &Identity,

@@ -1,6 +1,6 @@
 //! Time as the engine knows it: virtual milliseconds that never go back.
 //!
-//! In a script the clock moves by what was simulated and jumps to the next deadline where nothing
+//! In a script the clock moves by what was simulated and jumps to the next deadline when nothing
 //! is left to do; at a console it follows the machine's monotonic clock.
 
 use std::time::Instant;
@@ -16,25 +16,25 @@ pub fn tick_of(at_ms: u64) -> u64 {
     at_ms.saturating_mul(TICKS_PER_SECOND) / 1000
 }
 
-/// Where virtual time comes from.
+/// What moves virtual time: the work of a script, or the machine's clock.
 #[derive(Clone, Debug)]
 pub enum Clock {
-    /// Moved by the engine.
+    /// Moved by the engine, by the simulated work it has done.
     Virtual {
-        /// Now, ms.
+        /// Virtual time now, ms.
         now_ms: u64,
     },
     /// Follows the monotonic clock from a starting point.
     Real {
         /// Virtual time at the start, ms.
         from_ms: u64,
-        /// When that was.
+        /// The machine's monotonic time at the start.
         since: Instant,
     },
 }
 
 impl Clock {
-    /// A clock for scripts.
+    /// A clock for scripts, which stands still until it is moved.
     #[must_use]
     pub const fn scripted(from_ms: u64) -> Self {
         Self::Virtual { now_ms: from_ms }
@@ -52,7 +52,7 @@ impl Clock {
         matches!(self, Self::Virtual { .. })
     }
 
-    /// Now, ms.
+    /// Virtual time now, ms; never less than at an earlier call.
     #[must_use]
     pub fn now_ms(&self) -> u64 {
         match self {

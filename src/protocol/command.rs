@@ -19,40 +19,40 @@ use holdpoint_text::Hint;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "command", deny_unknown_fields)]
 pub enum Command {
-    /// Take in a candidate version.
+    /// Take in a candidate version; it acts on nothing before its gate.
     Register {
-        /// Its texts.
+        /// Manifest, submission and parameters, as their author wrote them.
         package: Package,
         /// What the package is called in messages (its folder).
         name: String,
     },
-    /// A signed approval or refusal.
+    /// A person's signed approval or refusal of a waiting candidate.
     Decide {
-        /// The decision with its signature.
+        /// The decision with its signature; checked by the engine and again by the store.
         signed: Box<SignedApproval>,
-        /// What was on the screen, kept with the decision; absent where there was none.
+        /// What was on the screen, kept with the decision; absent if there was no screen.
         shown: Option<String>,
     },
-    /// Refuse a candidate for good.
+    /// Refuse a candidate for good; an active version is rolled back instead.
     Reject(Operation),
-    /// Take an active version off.
+    /// Take the active version off: safe pose first, then the predecessor.
     Rollback(Operation),
     /// Send a version back to evaluation, or close profiles to it.
     Demote {
-        /// Which, by whom and why.
+        /// Version, person and reason.
         operation: Operation,
         /// Profiles that are closed to it; empty for a soft demotion.
         profiles: Vec<ProfileName>,
     },
-    /// Hold a candidate.
+    /// Hold a candidate: it does not advance; rejecting, demoting and rolling back still work.
     Pause(Operation),
-    /// Let a held candidate go on.
+    /// Let a held candidate go on from where it was held.
     Resume(Operation),
-    /// Run a stage again.
+    /// Run sandbox or shadow again; a gate pass and approvals are void with it.
     Repeat {
-        /// Which, by whom and why.
+        /// Version, person and reason.
         operation: Operation,
-        /// Which stage.
+        /// Sandbox or shadow; the lifecycle refuses any other.
         stage: Stage,
     },
     /// Tighten the envelope of an active version, as the monitor would.
@@ -63,7 +63,7 @@ pub enum Command {
     Drift {
         /// What changes; absent ends it.
         kind: Option<DriftKind>,
-        /// How much; absent (an empty text) where it ends.
+        /// How much; absent (an empty text) if it ends.
         #[serde(with = "blank")]
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
@@ -75,36 +75,36 @@ pub enum Command {
     },
     /// Note that somebody has seen an alarm.
     AcknowledgeAlarm {
-        /// Which.
+        /// Name of the alarm, e.g. `rolled-back:grasp@1.3.0`.
         alarm: String,
-        /// Who.
+        /// Identity of the operator who has taken note.
         by: String,
     },
     /// Close a latched alarm whose condition is gone.
     ResetAlarm {
-        /// Which.
+        /// Name of the alarm, e.g. `safe-stopped:grasp`.
         alarm: String,
-        /// Who.
+        /// Identity of the operator who answers for the reset.
         by: String,
-        /// Why it is safe.
+        /// Why it is safe to close the alarm; a blank reason is refused.
         reason: String,
     },
     /// Set an alarm aside for a time.
     ShelveAlarm {
-        /// Which.
+        /// Name of the alarm; a critical one is refused.
         alarm: String,
-        /// Who.
+        /// Identity of the operator who sets it aside.
         by: String,
-        /// For how long, ms.
+        /// For how long from now, ms; at most one shift of eight hours.
         for_ms: u64,
-        /// Why.
+        /// Why it may be out of sight meanwhile; a blank reason is refused.
         reason: String,
     },
-    /// Take an alarm from its shelf.
+    /// Take an alarm from its shelf before the shelf ends.
     UnshelveAlarm {
-        /// Which.
+        /// Name of the alarm, which must be shelved.
         alarm: String,
-        /// Who.
+        /// Identity of the operator who brings it back.
         by: String,
     },
     /// Answer a monitor's question: the version goes on as it is.
@@ -116,32 +116,32 @@ pub enum Command {
     },
     /// Everything about one version.
     Detail {
-        /// Which.
+        /// The version that is asked about.
         version: CapabilityId,
     },
-    /// A page of the registry.
+    /// A page of the registry's versions, by family and semantic version.
     Registry {
-        /// Which versions.
+        /// The lifecycle states to list.
         group: VersionGroup,
         /// Whose name contains this; empty for all.
         text: String,
-        /// How many to skip.
+        /// Rows to skip from the start of the list.
         offset: u64,
-        /// How many at most.
+        /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },
     /// A page of the audit log, the newest first.
     Audit {
         /// Records before this one; absent for the newest.
         before: Option<u64>,
-        /// About this alone; empty for all.
+        /// Only records about this family, version or alarm; empty for all.
         subject: String,
-        /// How many at most.
+        /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },
-    /// Check the whole audit chain.
+    /// Check the whole audit chain and the views that follow from it.
     VerifyAudit,
-    /// How things stand.
+    /// The state of the whole engine at this moment.
     Snapshot,
     /// End in an orderly way: nothing is approved or activated by it.
     Shutdown,
@@ -151,11 +151,11 @@ pub enum Command {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Operation {
-    /// The version.
+    /// The version that is to be moved.
     pub version: CapabilityId,
-    /// Who asks.
+    /// Identity of the person who asks for it; kept on record.
     pub by: String,
-    /// Why.
+    /// Why, in the person's own words; kept on record.
     pub reason: String,
 }
 
@@ -165,53 +165,53 @@ pub struct Operation {
 pub struct Request {
     /// Chosen by the sender, unique; a retry uses the same.
     pub id: String,
-    /// What is asked.
+    /// What the engine is to do or to tell.
     pub command: Command,
 }
 
-/// The engine's answer.
+/// The engine's answer to one request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "reply", deny_unknown_fields)]
 pub enum Reply {
-    /// Done, and on disk.
+    /// Done, and on disk: a sudden death does not undo it.
     Accepted {
-        /// One sentence.
+        /// What was done, one sentence for the person who asked.
         text: String,
-        /// The version it is about.
+        /// The version it is about; absent if it is about none.
         version: Option<CapabilityId>,
     },
     /// Not done; nothing has changed.
     Refused {
-        /// A stable name.
+        /// The class of the refusal, for programs to match on.
         code: Refusal,
-        /// What failed and why.
+        /// What failed and why, one sentence for the person who asked.
         text: String,
-        /// What would help.
+        /// What would help, one sentence; absent if nothing the sender can do would.
         hint: Option<String>,
     },
-    /// How things stand.
+    /// Answers [`Command::Snapshot`].
     Snapshot {
-        /// All of it.
+        /// The state of the whole engine.
         snapshot: Box<super::snapshot::Snapshot>,
     },
-    /// Everything about one version.
+    /// Answers [`Command::Detail`].
     Detail {
-        /// All of it.
+        /// Everything that is known of the version.
         detail: Box<Detail>,
     },
-    /// A page of the registry.
+    /// Answers [`Command::Registry`].
     Registry {
-        /// The page.
+        /// The rows asked for, with the number there are in all.
         page: RegistryPage,
     },
-    /// A page of the audit log.
+    /// Answers [`Command::Audit`].
     Audit {
-        /// The page.
+        /// The rows asked for, with the head of the log.
         page: AuditPage,
     },
     /// What checking the audit chain came to.
     Verified {
-        /// All of it.
+        /// Whether the chain holds, and what was found.
         verified: Verified,
     },
 }
@@ -224,7 +224,7 @@ impl Reply {
     }
 }
 
-/// Why a command was refused.
+/// Why a command was refused: a closed set for programs, beside the sentence for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refusal {
@@ -232,13 +232,13 @@ pub enum Refusal {
     BadInput,
     /// There is no such version, family, prompt or alarm.
     NotFound,
-    /// It exists already.
+    /// A version of this name is registered already; what is registered never changes.
     Exists,
     /// The lifecycle does not allow it now.
     NotNow,
     /// The decision is over something that has changed since.
     Stale,
-    /// The identity may not decide this.
+    /// The identity's role, or its part in the candidate, does not let it decide this.
     NotAllowed,
     /// The engine could not write it down.
     Store,
@@ -297,7 +297,7 @@ impl Command {
         matches!(self, Self::Rollback(_) | Self::Restrict(_) | Self::Rearm(_) | Self::Shutdown)
     }
 
-    /// The family a command is about, where it names one.
+    /// The family the command is about; `None` if it names none.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {
         match self {

@@ -13,15 +13,15 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::submission::{Provenance, Risk};
 
-/// The most rows of one page.
+/// The most rows of one page; a larger limit is read as this one.
 pub const PAGE_MAX: usize = 10_000;
 
 /// A page of the registry, by family and semantic version.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RegistryPage {
-    /// The rows.
+    /// One row a version, at most [`PAGE_MAX`].
     pub rows: Vec<VersionSummary>,
-    /// How many there are in all.
+    /// How many rows there are in all, on this page and others.
     pub total: u64,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
@@ -30,7 +30,7 @@ pub struct RegistryPage {
 /// A page of the audit log, the newest first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditPage {
-    /// The rows.
+    /// One row a record, at most [`PAGE_MAX`].
     pub rows: Vec<AuditRecord>,
     /// Number of the newest record of the log.
     pub head: u64,
@@ -41,9 +41,9 @@ pub struct AuditPage {
 pub struct Verified {
     /// Whether every record follows from the one before and the store's views follow from the log.
     pub holds: bool,
-    /// Records checked.
+    /// Records in the chain that was checked.
     pub records: u64,
-    /// One sentence.
+    /// What was found, one sentence for the operator.
     pub text: String,
 }
 
@@ -52,42 +52,42 @@ pub struct Verified {
 pub struct Difference {
     /// Path of the field, e.g. `permissions.max_force_n`.
     pub field: String,
-    /// Its old value, in the active version; absent where it is new.
+    /// Its old value, in the active version; absent if the field is new.
     pub old: Option<Value>,
-    /// Its new value; absent where it is gone.
+    /// Its new value; absent if the field is gone.
     pub new: Option<Value>,
 }
 
 /// One measured value with its place between limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Measure {
-    /// What, in the rules' words.
+    /// The component or rate that was measured, in the rules' words.
     pub name: String,
-    /// Of the candidate.
+    /// The candidate's mean or share, in the unit of its name; absent if not measured.
     pub candidate: Option<f64>,
-    /// Of the active version.
+    /// The active version's mean or share, on the same seeds; absent if not measured.
     pub active: Option<f64>,
     /// Where the candidate's true value lies.
     pub interval: Option<[f64; 2]>,
-    /// The limit, where there is one.
+    /// The limit it is held against; absent if there is none.
     pub limit: Option<f64>,
-    /// Of how many episodes.
+    /// Over how many episodes it was measured.
     pub n: u64,
 }
 
-/// Sandbox results of one mode.
+/// Sandbox results of one mode of perturbation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModeView {
     /// The mode, e.g. `nominal`.
     pub mode: String,
-    /// What was measured in it.
+    /// What was measured in it, one row a component.
     pub measures: Vec<Measure>,
 }
 
-/// One kind of recovery drill.
+/// One kind of recovery drill, for both versions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DrillView {
-    /// The injected failure.
+    /// The kind of rehearsal.
     pub kind: DrillKind,
     /// Drills the candidate recovered from, of how many.
     pub candidate: [u64; 2],
@@ -98,46 +98,46 @@ pub struct DrillView {
 /// Everything there is to say about one version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detail {
-    /// The version.
+    /// The version everything here is about.
     pub version: CapabilityId,
     /// The version it would replace or has replaced.
     pub against: Option<CapabilityId>,
-    /// The version it was made from.
+    /// The version it was made from, as the submission has it.
     pub parent: Option<CapabilityId>,
-    /// Digest of manifest and bundle.
+    /// Digest of its manifest and bundle.
     pub digest: Digest,
-    /// What the author says about it.
+    /// What its author says has changed; an author's word, shown as such.
     pub summary: String,
-    /// Who made it.
+    /// Identity of its author, as the submission has it.
     pub author: String,
-    /// How.
+    /// How the version came about, as the submission has it.
     pub provenance: Provenance,
-    /// Declared risk.
+    /// Risk tier, as the submission estimates it.
     pub risk: Risk,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
-    /// The four dimensions.
+    /// The four dimensions as they were last assessed, in the order I, P, B, R.
     pub dimensions: Vec<DimensionResult>,
-    /// The composite; reported, never gating.
+    /// The composite score of the four dimensions; reported, never gating.
     pub composite: Option<f64>,
     /// Reasons of every dimension, the deciding ones first.
     pub reasons: Vec<Reason>,
-    /// Conditions of use.
+    /// Conditions under which it may be used, from all four dimensions.
     pub conditions: Vec<Condition>,
     /// Manifest against the active version's, field by field.
     pub differences: Vec<Difference>,
     /// The components of the behavioural comparison; interval and limit are of the worsening, candidate against
     /// active version (paired), not of the candidate's own value.
     pub behavior: Vec<Measure>,
-    /// Sandbox, mode by mode.
+    /// Sandbox results by mode of perturbation.
     pub modes: Vec<ModeView>,
-    /// Drills, kind by kind.
+    /// Results of the recovery drills by kind.
     pub drills: Vec<DrillView>,
     /// Every decision, oldest first.
     pub decisions: Vec<Explained>,
-    /// Records about it, newest first.
+    /// Audit records about it, newest first.
     pub audit: Vec<AuditRecord>,
-    /// The digest of its evidence.
+    /// Digest of the evidence a decision would be over; absent before there is any.
     pub evidence: Option<Digest>,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,

@@ -20,135 +20,135 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
 use holdpoint_governance::submission::{Provenance, Risk};
 
-/// One thing that happened.
+/// One thing that happened, numbered and with its virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Event {
     /// Counts from 1 in one engine's life.
     pub seq: u64,
-    /// Virtual time, ms.
+    /// Virtual time at which it happened, ms.
     pub at_ms: u64,
-    /// What.
+    /// What happened, with its values; `event` names it in JSON.
     #[serde(flatten)]
     pub kind: EventKind,
 }
 
-/// A dimension's result, for display.
+/// Result of one compatibility dimension, for display; nothing decides by it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DimensionResult {
-    /// Which.
+    /// The dimension of compatibility, one of the paper's four.
     pub dimension: Dimension,
     /// The outcome in the dimension's own words.
     pub outcome: DimensionOutcome,
-    /// The value; absent where there is no data.
+    /// The value; absent if there is no data.
     pub kappa: Option<f64>,
     /// Where the true value lies; absent for what is determined without measuring, and without data.
     pub interval: Option<[f64; 2]>,
-    /// The profile's threshold.
+    /// Least acceptable value under the profile, 0 to 1.
     pub threshold: f64,
-    /// Measured, or an estimate.
+    /// Whether the value was measured; otherwise it is an estimate, which opens no gate.
     pub measured: bool,
 }
 
-/// What happened.
+/// What happened. In JSON the field `event` holds the variant's name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "event")]
 pub enum EventKind {
-    /// The engine is up.
+    /// The engine is up and takes commands.
     EngineStarted {
-        /// The profile.
+        /// Profile that everything is judged under in this engine's life.
         profile: ProfileName,
-        /// The robot.
+        /// Name of the robot's description.
         robot: String,
-        /// The run's seed.
+        /// Seed of the run: every disturbance and every choice follows from it.
         seed: u64,
         /// Digest of profile and policies.
         policy: Digest,
-        /// Hash of the agent's identity.
+        /// Hash of the agent's identity; upgrades do not change it.
         agent: Digest,
-        /// Active versions.
+        /// The version in control of each family.
         active: Vec<CapabilityId>,
     },
     /// What an interrupted engine had left, and what was done about it.
     Recovered {
-        /// The version.
+        /// The version that was under way when the engine was interrupted.
         version: CapabilityId,
-        /// One sentence.
+        /// What was found and what was done about it, one sentence.
         text: String,
     },
     /// A version was taken in (or bootstrapped).
     Registered {
-        /// The version.
+        /// The version that is in the store from now on.
         version: CapabilityId,
-        /// Digest of manifest and bundle.
+        /// Digest of its manifest and bundle.
         digest: Digest,
-        /// Who made it.
+        /// Identity of its author, as the submission has it.
         author: String,
-        /// How.
+        /// How the version came about, as the submission has it.
         provenance: Provenance,
-        /// Declared risk.
+        /// Risk tier, as the submission estimates it.
         risk: Risk,
-        /// The version it was made from.
+        /// The version it was made from, as the submission has it.
         parent: Option<String>,
     },
-    /// A stage began.
+    /// A stage began for a version.
     StageStarted {
-        /// The version.
+        /// The version under evaluation.
         version: CapabilityId,
-        /// The stage.
+        /// The stage that began.
         stage: Stage,
         /// Episodes, drills or sequences it takes.
         budget: u64,
     },
-    /// Part of a stage is done.
+    /// Part of a stage is done; told now and then, not for every episode.
     Progress {
-        /// The version.
+        /// The version under evaluation.
         version: CapabilityId,
-        /// The stage.
+        /// The stage that is under way.
         stage: Stage,
-        /// What is being done.
+        /// What is being worked, e.g. episode pairs or drills.
         what: String,
-        /// So many are done.
+        /// How many of them are done.
         done: u64,
-        /// Of so many.
+        /// How many there are in all; an early end may come before.
         budget: u64,
     },
-    /// A stage ended with a decision.
+    /// A stage ended with a decision by its rule.
     Decided {
-        /// The version.
+        /// The version that was judged.
         version: CapabilityId,
-        /// The stage.
+        /// The stage that ended.
         stage: Stage,
-        /// What was decided.
+        /// What the stage's rule came to, in its own word.
         outcome: StageOutcome,
         /// The four dimensions as they stand.
         dimensions: Vec<DimensionResult>,
-        /// The composite; reported, never gating.
+        /// The composite score of the four dimensions; reported, never gating.
         composite: Option<f64>,
         /// Why, the deciding reasons first.
         reasons: Vec<Reason>,
-        /// Under which conditions.
+        /// Conditions under which the version may be used from here on.
         conditions: Vec<Condition>,
     },
-    /// A version's state changed.
+    /// A version's lifecycle state changed, and the change is on disk.
     StateChanged {
-        /// The version.
+        /// The version whose lifecycle state moved.
         version: CapabilityId,
-        /// From.
+        /// The state it left.
         from: State,
-        /// To.
+        /// The state it entered.
         to: State,
-        /// Why.
+        /// What moved it, one sentence.
         reason: String,
     },
-    /// People are asked.
+    /// People are asked to decide on an activation.
     ApprovalRequested {
-        /// The version.
+        /// The version that would be activated.
         version: CapabilityId,
-        /// The version it would replace.
+        /// The active version it would replace; absent if there is none.
         replaces: Option<CapabilityId>,
-        /// How many distinct people.
+        /// How many distinct people have to approve.
         needed: u32,
-        /// Until when, virtual ms.
+        /// Virtual time at which an unanswered question becomes a hold, ms.
         deadline_ms: u64,
         /// Digest of what is to be signed over.
         evidence: Digest,
@@ -161,46 +161,46 @@ pub enum EventKind {
         /// What happens when it gets worse after activation, one sentence.
         on_drift: String,
     },
-    /// Somebody decided.
+    /// A person's signed answer was accepted and is on record.
     ApprovalReceived {
-        /// The version.
+        /// The version it is about.
         version: CapabilityId,
-        /// Who.
+        /// Identity that signed it.
         by: String,
-        /// What they said.
+        /// For or against the activation.
         decision: Answer,
-        /// Why.
+        /// Why, in the person's own words.
         reason: String,
-        /// Approvals so far.
+        /// Distinct people who have approved so far, this answer included.
         have: u32,
-        /// Approvals needed.
+        /// Distinct people whose approval is needed.
         needed: u32,
     },
-    /// A version took over.
+    /// A version took over control after its gate was passed.
     Activated {
-        /// The version.
+        /// The version in control from now on.
         version: CapabilityId,
         /// The version it replaced.
         replaced: Option<CapabilityId>,
-        /// How it may be active.
+        /// The modes that hold together (paper table 4).
         modes: Vec<ActivationMode>,
-        /// Under which conditions.
+        /// Conditions that guard and monitor enforce while it is active.
         conditions: Vec<Condition>,
-        /// Episodes until it is confirmed.
+        /// Live episodes until it is confirmed.
         provisional_episodes: u32,
     },
-    /// A provisional version passed its window.
+    /// A provisional version passed its window without a trip and without an open doubt.
     Confirmed {
-        /// The version.
+        /// The version that is no longer provisional.
         version: CapabilityId,
-        /// Episodes it worked.
+        /// Live episodes it worked while provisional.
         episodes: u32,
     },
-    /// The live world worked a sequence.
+    /// The live world worked a sequence of tasks to its end.
     Sequence {
-        /// Which.
+        /// Which sequence of the live world, counting from 0.
         index: u64,
-        /// Whole sequence done.
+        /// Whether every task of the sequence was done.
         success: bool,
         /// Per task: version, success, violation, anomaly, recovery.
         tasks: Vec<TaskSummary>,
@@ -209,66 +209,66 @@ pub enum EventKind {
     },
     /// The monitor decided something else than to go on.
     Monitor {
-        /// The version.
+        /// The version that is watched.
         version: CapabilityId,
         /// What is done, or how a doubt ended.
         decision: MonitorOutcome,
-        /// Why.
+        /// Why, the deciding reason first.
         reasons: Vec<Reason>,
     },
-    /// One rung of the rollback ladder.
+    /// One rung of the rollback ladder was tried.
     Rung {
-        /// The version.
+        /// The version that is being taken off.
         version: CapabilityId,
-        /// Which rung.
+        /// The step of the ladder that was tried.
         rung: Rung,
-        /// Whether it held.
+        /// Whether the rung held, which is that nothing failed.
         ok: bool,
-        /// Why it did not.
+        /// Why it did not hold; absent if it held.
         failure: Option<RungFailure>,
         /// Simulated time it took, ms.
         ms: u64,
-        /// What was found.
+        /// What was found, one sentence.
         text: String,
     },
     /// A version was taken off (paper appendix F.3).
     RolledBack {
-        /// The version.
+        /// The version that was taken off.
         version: CapabilityId,
-        /// Who took over.
+        /// The predecessor that is in control again; absent if nobody is.
         restored: Option<CapabilityId>,
-        /// What triggered it.
+        /// What set it off, one sentence.
         trigger: String,
-        /// From the trigger until every joint stood, ms; absent where they never did.
+        /// From the trigger until every joint stood, ms; absent if they never did.
         time_to_safe_ms: Option<u64>,
-        /// From the trigger until the predecessor was bound and ready, ms; absent where that failed.
+        /// From the trigger until the predecessor was bound and ready, ms; absent if that failed.
         time_to_rollback_ms: Option<u64>,
-        /// Whether the family works again.
+        /// Whether the first sequences under the predecessor ended without a safety event.
         recovered: bool,
-        /// All of it, rung by rung.
+        /// The whole record of the rollback, rung by rung.
         record: Box<RollbackRecord>,
     },
-    /// A drift set in or ended.
+    /// A drift of the simulated cell set in or ended.
     Drift {
-        /// Which; absent where it ended.
+        /// The kind that set in; absent if the drift ended.
         kind: Option<DriftKind>,
-        /// How strong; absent (an empty text) where it ended.
+        /// How strong; absent (an empty text) if it ended.
         #[serde(with = "blank")]
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
     },
     /// Something in the live world broke, or was mended.
     LiveFault {
-        /// What is broken; absent where nothing is.
+        /// What is broken; absent if nothing is.
         fault: Option<LiveFault>,
     },
     /// Somebody answered a monitor's question: the version goes on as it is.
     Continued {
-        /// The version.
+        /// The active version the question was about.
         version: CapabilityId,
-        /// Who.
+        /// Identity of the person who answered.
         by: String,
-        /// Why.
+        /// Why it may go on, in the person's own words.
         reason: String,
     },
     /// The simulated live world works at another pace from now on.
@@ -278,42 +278,42 @@ pub enum EventKind {
     },
     /// An alarm changed: raised, cleared, acknowledged, reset, shelved or taken from its shelf.
     Alarm {
-        /// Which.
+        /// Name of the alarm, e.g. `rolled-back:grasp@1.3.0`.
         alarm: String,
-        /// What it is about.
+        /// What it is grouped by in a flood, e.g. `rollback`.
         subject: String,
-        /// Its state.
+        /// The state that is shown for it from now on.
         state: AlarmState,
-        /// Its priority.
+        /// How soon an operator has to act.
         priority: Priority,
-        /// One sentence.
+        /// What is wrong, one sentence for the operator.
         text: String,
     },
     /// A profile, policy or active version changed and voided a family's passes.
     Voided {
-        /// The family.
+        /// The family whose gate passes and approvals no longer count.
         family: Family,
-        /// Why.
+        /// What changed, one sentence.
         reason: String,
     },
     /// The record of an upgrade is closed.
     AuditClosed {
-        /// The version.
+        /// The version whose upgrade is over.
         version: CapabilityId,
-        /// How it ended.
+        /// The end that is on record for the upgrade.
         outcome: UpgradeEnd,
-        /// Records that are about it.
+        /// Audit records that are about the upgrade.
         records: u64,
     },
     /// The recording of an upgrade is closed, and its digest is on record.
     RecordingKept {
-        /// The version.
+        /// The version whose upgrade is recorded.
         version: CapabilityId,
         /// The file's name, in the store's folder of recordings.
         file: String,
         /// SHA-256 of the file.
         digest: Digest,
-        /// Its size.
+        /// Size of the file, bytes.
         bytes: u64,
         /// Moments of the live cell in it.
         pictures: u64,
@@ -322,40 +322,40 @@ pub enum EventKind {
     },
     /// Something about scenes: where a viewer may connect, or why a recording is not written. Decides nothing.
     Scene {
-        /// One sentence.
+        /// What is to be told, one sentence.
         text: String,
         /// Whether something is not shown or not kept.
         failed: bool,
     },
-    /// A command was refused.
+    /// A command was refused; nothing has changed.
     CommandRefused {
-        /// Its id.
+        /// Id of the request, as its sender chose it.
         id: String,
-        /// Why.
+        /// What failed and why, one sentence.
         text: String,
     },
     /// A fault of the engine's own: the pipeline holds.
     Fault {
-        /// What failed.
+        /// What failed in the engine itself, one sentence.
         text: String,
     },
 }
 
-/// What one live task gave.
+/// What one task of the live world gave.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TaskSummary {
-    /// The version that did it.
+    /// The version that did the task.
     pub version: CapabilityId,
-    /// Done.
+    /// The task was done, by inspection at its end.
     pub success: bool,
-    /// A limit was passed.
+    /// A measured quantity passed its limit, or the guard denied a command.
     pub violation: bool,
-    /// The watcher named something.
+    /// The watcher raised a failure signal.
     pub anomaly: bool,
-    /// The recovery manager ran.
+    /// The recovery manager took over during the task.
     pub recovery: bool,
-    /// New attempts.
+    /// Additional attempts after a failed one.
     pub retries: u32,
-    /// Duration, s.
+    /// How long the task took, simulated s.
     pub time_secs: f64,
 }

@@ -20,31 +20,31 @@ use holdpoint_governance::words::Word;
 /// Everything that was decided about a version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Explanation {
-    /// The version.
+    /// The version whose decisions these are.
     pub version: CapabilityId,
-    /// Where it stands.
+    /// The lifecycle state it is in now.
     pub state: State,
-    /// Who submitted it.
+    /// Identity of its author, as the submission has it.
     pub author: String,
-    /// In the order they were made.
+    /// Every decision about it, in the order they were made.
     pub decisions: Vec<Explained>,
 }
 
-/// One decision.
+/// One decision on record, with the rule and the reasons that made it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Explained {
-    /// The audit record it stands in.
+    /// Number of the audit record the decision stands in.
     pub record: u64,
-    /// Virtual time, ms.
+    /// Virtual time of the decision, ms.
     pub at_ms: u64,
-    /// Who decided, and what.
+    /// Who decided, and in which word.
     #[serde(flatten)]
     pub ruling: Ruling,
     /// The rule that decided.
     pub rule: Rule,
     /// Why, the deciding reasons first.
     pub reasons: Vec<ExplainedReason>,
-    /// What would have to change for the next better outcome; empty where there is none.
+    /// What would have to change for the next better outcome; empty if there is none.
     pub change: Vec<String>,
     /// What happened next, until the next decision.
     pub then: Vec<String>,
@@ -56,29 +56,29 @@ pub struct Explained {
 pub enum Ruling {
     /// On registration, before there was evidence.
     Registration(Word<StageOutcome>),
-    /// The four checks.
+    /// The four compatibility checks of stage 2.
     Validation(Word<StageOutcome>),
-    /// Sandbox and drills.
+    /// Sandbox episodes and recovery drills, stage 3.
     Sandbox(Word<StageOutcome>),
-    /// Shadow deployment.
+    /// Shadow deployment, stage 4.
     Shadow(Word<StageOutcome>),
-    /// The gate.
+    /// The activation gate, stage 5.
     Activation(Word<StageOutcome>),
-    /// The monitor.
+    /// The monitor of the active version, stage 6.
     Monitor(Word<MonitorOutcome>),
-    /// The rollback ladder.
+    /// The rollback ladder, stage 7.
     Rollback(Word<PostStatus>),
-    /// People, or the clock where they did not answer.
+    /// People, or the clock if they did not answer.
     People(PeopleSaid),
 }
 
-/// What came of people.
+/// What came of asking people, or of leaving them the time to answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum PeopleSaid {
-    /// A signed answer.
+    /// A person's signed answer to a question.
     Answered(Answer),
-    /// The version was moved.
+    /// The version was moved without an answer, to this state.
     Moved(State),
 }
 
@@ -92,7 +92,7 @@ impl fmt::Display for PeopleSaid {
 }
 
 impl Ruling {
-    /// Who decided, by name.
+    /// Who decided, by the name of the stage.
     #[must_use]
     pub const fn stage(&self) -> &'static str {
         match self {
@@ -107,7 +107,7 @@ impl Ruling {
         }
     }
 
-    /// What was decided, by name.
+    /// What was decided, by the name of the outcome.
     #[must_use]
     pub fn outcome(&self) -> String {
         match self {
@@ -122,7 +122,7 @@ impl Ruling {
         }
     }
 
-    /// The rule that decides there.
+    /// The rule that decides at this place.
     #[must_use]
     pub const fn rule(&self) -> Rule {
         match self {
@@ -145,21 +145,21 @@ pub struct ExplainedReason {
     #[serde(with = "blank")]
     #[schemars(with = "String")]
     pub code: Option<Word<ReasonCode>>,
-    /// What it is about; absent (an empty text) where an older record does not say.
+    /// What it is about; absent (an empty text) if an older record does not say.
     #[serde(with = "blank")]
     #[schemars(with = "String")]
     pub dimension: Option<Word<Dimension>>,
     /// Whether it speaks for the version.
     pub in_favour: bool,
-    /// One sentence, as recorded.
+    /// What was found, one sentence as recorded.
     pub text: String,
-    /// The measured value; absent where there is none.
+    /// The measured value; absent if there is none.
     pub evidence: Option<f64>,
-    /// The limit it was held against.
+    /// The limit the value was held against; absent if there is none.
     pub limit: Option<f64>,
-    /// The rule it belongs to.
+    /// The rule it belongs to, which may be another than the decision's.
     pub rule: Rule,
-    /// What was measured, where the evidence in the store tells more than the reason: n, value, interval.
+    /// What was measured, if the evidence in the store tells more than the reason: n, value, interval.
     pub measured: Option<String>,
 }
 
@@ -194,15 +194,15 @@ pub(crate) mod blank {
 
 macro_rules! rules {
     ($($(#[$doc:meta])* $member:ident = $name:literal, $source:literal;)+) => {
-        /// A rule by name, and where it is written.
+        /// A rule by name, with its source in the design and the paper.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Rule { $($(#[$doc])* $member),+ }
 
         impl Rule {
-            /// Every rule.
+            /// Every rule, in the order of declaration.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$member),+];
 
-            /// Its name.
+            /// Its name, as records and screens have it.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$member => $name),+ }
@@ -218,42 +218,42 @@ macro_rules! rules {
 }
 
 rules! {
-    /// `kappa_I`.
+    /// Interface compatibility, `kappa_I`.
     Interface = "kappa_I", "design rule 3.2; paper section 4.3, Procedure 1";
-    /// `kappa_P`.
+    /// Policy compatibility, `kappa_P`.
     Policy = "kappa_P", "design rule 3.3; paper section 4.3, Procedure 1";
-    /// `kappa_B`.
+    /// Behavioural compatibility, `kappa_B`.
     Behavior = "kappa_B", "design rule 3.4; paper section 4.3, Table 3";
-    /// `kappa_R`.
+    /// Recovery compatibility, `kappa_R`.
     Recovery = "kappa_R", "design rule 3.5; paper section 4.3";
-    /// `Psi`.
+    /// The rule that joins the four, `Psi`.
     Composition = "Psi", "design rule 3.6; paper Procedure 2";
-    /// `Delta_shadow`, for a reason.
+    /// The shadow comparison `Delta_shadow`, for a single reason.
     Divergence = "Delta_shadow", "design rule 3.7; paper section 5.2, stage 4";
-    /// `theta_act`, for a reason.
+    /// The activation gate `theta_act`, for a single reason.
     Gate = "theta_act", "design rule 3.7; paper equation 10";
-    /// `M`, for a reason.
+    /// The monitor `M`, for a single reason.
     Watch = "M", "design rule 3.8; paper equation 11";
     /// Any rule: an older record does not say which.
     Any = "the rules", "design, chapter 3";
-    /// What validation decides by.
+    /// What stage 2 decides by: the four checks, joined.
     Validation = "Psi over the four compatibilities",
         "design rules 3.2, 3.3, 3.6; paper section 4.3, Procedures 1 and 2";
-    /// What the sandbox decides by.
+    /// What stage 3 decides by: measured behaviour and rehearsed recovery, joined.
     Sandbox = "Psi over measured behaviour and rehearsed recovery",
         "design rules 3.4 to 3.6; paper section 4.3, Procedure 2";
-    /// What shadow decides by.
+    /// What stage 4 decides by: the live world against its twin.
     Shadow = "Delta_shadow, live work against its twin", "design rules 3.7, 5.4; paper section 5.2, stage 4";
-    /// What the gate decides by.
+    /// What stage 5 decides by: the activation gate.
     Activation = "theta_act, the activation gate",
         "design rule 3.7; paper equation 10, section 5.2, stage 5";
-    /// What the monitor decides by.
+    /// What stage 6 decides by: the monitor of the active version.
     Monitor = "M, the monitor", "design rule 3.8; paper equation 11, section 5.2, stage 6";
-    /// What a rollback climbs.
+    /// What stage 7 follows: the ladder from revoked authority to the predecessor's first tasks.
     Ladder = "the rollback ladder", "design rule 3.11; paper section 5.2, stage 7, appendix F.3";
-    /// What a version's states follow.
+    /// What a version's lifecycle states follow.
     Lifecycle = "the lifecycle", "design rule 3.9; paper appendix A";
-    /// What people decide by.
+    /// What counts as an approval, and how many are needed.
     Approval = "approval by people", "design rule 3.10; paper section 5.2, stage 5";
 }
 
@@ -277,7 +277,7 @@ impl From<Dimension> for Rule {
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "Rule")]
 struct Written {
-    /// Its name.
+    /// Name of the rule, e.g. `kappa_B`.
     name: String,
     /// Design rule and section of the paper.
     source: String,

@@ -9,26 +9,26 @@ use serde::{Deserialize, Serialize};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::ids::CapabilityId;
 
-/// A point, m.
+/// A point in the world frame, m: x, y, z.
 pub type Point = [f32; 3];
 
-/// An upright box.
+/// A box with its edges along the axes of the world frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Region {
     /// What it is: `table`, `tray`, `workspace`, or the name of a keep-out.
     pub name: String,
-    /// Its smallest corner.
+    /// Its corner with the smallest coordinates.
     pub min: Point,
-    /// Its largest corner.
+    /// Its corner with the largest coordinates.
     pub max: Point,
 }
 
 /// What does not move: drawn behind the arm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Scenery {
-    /// Where the tool may be.
+    /// The box the tool has to stay in.
     pub workspace: Option<Region>,
-    /// Where nothing may be.
+    /// Boxes the robot has to keep out of.
     pub keep_outs: Vec<Region>,
     /// The table's and the tray's extent.
     pub fixtures: Vec<Region>,
@@ -42,7 +42,7 @@ impl Region {
 /// A rotation as a unit quaternion: x, y, z, w.
 pub type Turn = [f32; 4];
 
-/// No rotation.
+/// The rotation that turns nothing.
 pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
 
 /// An arm with its gripper and the object it works on.
@@ -50,37 +50,37 @@ pub const NO_TURN: Turn = [0.0, 0.0, 0.0, 1.0];
 pub struct ArmPicture {
     /// Joint origins from the base to the tool, in order; at least two.
     pub links: Vec<Point>,
-    /// The two finger pads.
+    /// Centres of the two finger pads.
     pub pads: [Point; 2],
     /// How the hand, and so each pad, is turned.
     pub hand: Turn,
-    /// The object's centre.
+    /// Centre of the object it works on.
     pub object: Point,
-    /// How the object is turned.
+    /// Rotation of the object in the world frame.
     pub object_turn: Turn,
-    /// Half the object's edge, m.
+    /// Half the edge of the object, drawn as a cube, m.
     pub object_half_m: f32,
-    /// Whether both pads touch the object.
+    /// Whether both finger pads touch the object.
     pub held: bool,
 }
 
 /// A block that stands in the cell for one sequence: a part of the tray, or a piece of clutter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Block {
-    /// Its middle.
+    /// Centre of the block.
     pub at: Point,
-    /// Half extents, m.
+    /// Half the edges along the block's own axes, m.
     pub half_m: [f32; 3],
-    /// How it is turned.
+    /// Rotation of the block in the world frame.
     pub turn: Turn,
 }
 
 /// Where the robot or the object touches something, and how hard.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Contact {
-    /// Where.
+    /// Where the two surfaces meet.
     pub at: Point,
-    /// The force on the robot, or on the object where the robot has no part in it, world frame, N.
+    /// The force on the robot, or on the object if the robot has no part in it, world frame, N.
     pub force_n: [f32; 3],
 }
 
@@ -90,28 +90,28 @@ pub const CONTACTS_MAX: usize = 16;
 /// The envelope that the guard holds the version at work to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct EnvelopePicture {
-    /// Largest speed of the tool, m/s.
+    /// Largest speed of the tool's centre point, m/s.
     pub speed_m_s: f32,
-    /// Largest force of a finger, N.
+    /// Largest grip force of one finger, N.
     pub force_n: f32,
     /// Largest force on the surroundings, N.
     pub contact_n: f32,
 }
 
-/// One moment of the live cell.
+/// One moment of the live cell, as a screen or a recording draws it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Picture {
-    /// The sequence, counting from 0.
+    /// The sequence of the live world, counting from 0.
     pub sequence: u64,
     /// The engine's virtual time, ms.
     pub at_ms: u64,
-    /// Simulated seconds since it began.
+    /// Simulated seconds since the sequence began.
     pub at_secs: f64,
     /// What is being done; absent at rest.
     pub task: Option<TaskKind>,
-    /// Who does it.
+    /// The version that does it; absent at rest.
     pub version: Option<CapabilityId>,
-    /// The arm.
+    /// The arm of the live cell.
     pub body: ArmPicture,
     /// Speed of the tool, m/s.
     pub speed_m_s: f32,
@@ -125,19 +125,19 @@ pub struct Picture {
     pub contacts: Vec<Contact>,
     /// What stands in the cell in this sequence: the parts of the tray, which is the target, then the clutter.
     pub blocks: Vec<Block>,
-    /// Whether something touches that should not.
+    /// Whether something touches that the task at hand does not touch.
     pub unexpected_contact: bool,
-    /// Whether the arm was stopped.
+    /// Whether the arm was stopped from outside the skill.
     pub stopped: bool,
-    /// The candidate's twin, where one runs beside it.
+    /// The candidate's twin; absent unless shadow runs beside the sequence.
     pub twin: Option<Twin>,
 }
 
 /// The twin in its forked world. It drives nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Twin {
-    /// The candidate.
+    /// The candidate that drives the twin.
     pub version: CapabilityId,
-    /// Its arm.
+    /// The twin's arm, in its own copy of the world.
     pub body: ArmPicture,
 }

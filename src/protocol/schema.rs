@@ -8,7 +8,7 @@ use super::picture::Picture;
 use super::snapshot::Snapshot;
 use super::wire::{Answer, Call};
 
-/// The documents' names.
+/// Names of the published documents, as `holdpoint schema` takes them.
 pub const NAMES: [&str; 9] =
     ["call", "answer", "request", "command", "reply", "event", "snapshot", "detail", "picture"];
 

@@ -20,10 +20,10 @@ pub type Pictures = Arc<dyn Fn(Picture) + Send + Sync>;
 /// Has the live scene served at an address from now on; tells whether somebody was there to do it.
 pub type Serve = Arc<dyn Fn(SocketAddr) -> bool + Send + Sync>;
 
-/// What a listener is started with.
+/// What a listener is started with: its folder, and what in it is closed.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// The folder of the store's recordings.
+    /// The store's folder of recordings.
     pub recordings: PathBuf,
     /// Names of the files whose digest is on the audit record: never touched again.
     pub closed: BTreeSet<String>,
@@ -37,11 +37,11 @@ pub type MakeSink = Box<dyn FnOnce(Setup) -> Result<Box<dyn Sink>, String> + Sen
 /// A listener with files or viewers of its own. The engine never waits for it but at its end, and there not for
 /// long; no decision hangs on any of it.
 pub trait Sink: Send {
-    /// Where pictures are handed over; absent where none are wanted.
+    /// What takes pictures; `None` if none are wanted.
     fn pictures(&self) -> Option<Pictures>;
-    /// How a live viewer is served; absent where this listener cannot.
+    /// How a live viewer is served; `None` if this listener cannot.
     fn serve(&self) -> Option<Serve>;
-    /// Takes what happened. `state` says how things stand; it is worked out only where it is asked for.
+    /// Takes what happened. `state` says how things stand; it is worked out only when it is called.
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot);
     /// What there is to tell; never waits.
     fn reports(&mut self) -> Vec<Report>;
@@ -49,44 +49,44 @@ pub trait Sink: Send {
     fn finish(self: Box<Self>, patience: Duration) -> Vec<Report>;
 }
 
-/// What the sink tells.
+/// What a sink reports back to the engine, which puts it on record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Report {
     /// An upgrade's recording is ended, compacted and safe on the disk.
     Closed(Closed),
     /// A recording failed: said once for each, the rest of it is not written.
     Failed {
-        /// Whose; absent where it is about no single one.
+        /// The version whose recording failed; absent if it is about no single one.
         version: Option<CapabilityId>,
-        /// What failed, one sentence.
+        /// What failed, one sentence for the operator.
         text: String,
     },
-    /// A viewer can connect.
+    /// A viewer can connect to the live scene.
     Serving {
-        /// Where: `rerun+http://127.0.0.1:9876/proxy`.
+        /// The address for a viewer, e.g. `rerun+http://127.0.0.1:9876/proxy`.
         url: String,
     },
-    /// No viewer can connect.
+    /// No viewer can connect, although one was asked for.
     NotServing {
-        /// Why, one sentence.
+        /// Why nobody can connect, one sentence.
         text: String,
     },
 }
 
-/// A recording that is ended.
+/// A recording that is closed and never written again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Closed {
-    /// The candidate.
+    /// The candidate whose upgrade is recorded.
     pub version: CapabilityId,
-    /// How the upgrade ended.
+    /// How the upgrade ended, as it is on record.
     pub outcome: Word<UpgradeEnd>,
-    /// The file's name in the folder.
+    /// The file's name in the store's folder of recordings.
     pub file: String,
     /// SHA-256 of the file.
     pub digest: Digest,
-    /// Its size, bytes.
+    /// Size of the file, bytes.
     pub bytes: u64,
-    /// Pictures in it.
+    /// Pictures of the live cell in the file.
     pub pictures: u64,
     /// Pictures and events that were dropped before they came here.
     pub dropped: (u64, u64),

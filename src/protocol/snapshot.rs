@@ -17,28 +17,28 @@ use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::{Provenance, Risk};
 
-/// The whole picture at one moment.
+/// How everything stands at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Snapshot {
-    /// Virtual time, ms.
+    /// Virtual time at which it was taken, ms.
     pub at_ms: u64,
-    /// The profile.
+    /// Profile that everything is judged under.
     pub profile: ProfileName,
-    /// The robot.
+    /// Name of the robot's description.
     pub robot: String,
-    /// The run's seed.
+    /// Seed of the run: every disturbance and every choice follows from it.
     pub seed: u64,
     /// Digest of profile and policies.
     pub policy: Digest,
-    /// Hash of the agent's identity.
+    /// Hash of the agent's identity; upgrades do not change it.
     pub agent: Digest,
-    /// Why the engine holds, where it does.
+    /// Why the engine holds after a fault of its own; absent if it does not.
     pub holding: Option<String>,
-    /// Families, by name.
+    /// Every family in the store, sorted by name.
     pub families: Vec<FamilyView>,
     /// Every version that is not history, the newest last.
     pub candidates: Vec<CandidateView>,
-    /// What waits for people.
+    /// Questions about activations that wait for people.
     pub prompts: Vec<PromptView>,
     /// Monitors' questions that wait for an answer.
     pub questions: Vec<QuestionView>,
@@ -46,9 +46,9 @@ pub struct Snapshot {
     pub alarms: Vec<AlarmView>,
     /// Counts for the status line.
     pub alarm_summary: AlarmSummary,
-    /// The live world.
+    /// What the live world is doing.
     pub live: LiveView,
-    /// What stands round the robot.
+    /// What stands round the robot and does not move.
     pub scenery: Scenery,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
@@ -57,26 +57,26 @@ pub struct Snapshot {
 /// A monitor's question: people are needed, or the version is rolled back at the deadline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct QuestionView {
-    /// About which active version.
+    /// The active version it is about.
     pub version: CapabilityId,
-    /// Why it asks.
+    /// Why the monitor asks, the deciding reason first.
     pub reasons: Vec<Reason>,
-    /// Until when, virtual ms.
+    /// Virtual time at which an unanswered question becomes a rollback, ms.
     pub deadline_ms: u64,
 }
 
-/// A family.
+/// A family as it stands: who is in control, and what may take over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FamilyView {
-    /// Its name.
+    /// Name of the family, e.g. `grasp`.
     pub family: Family,
     /// The active version; absent while safe-stopped.
     pub active: Option<CapabilityId>,
-    /// The rollback target.
+    /// The version that takes over if the active one is rolled back.
     pub pinned: Option<CapabilityId>,
-    /// Stopped until somebody re-arms it.
+    /// Nobody is in control until an operator re-arms the family.
     pub safe_stopped: bool,
-    /// The active version's flags.
+    /// The active version's flags; absent without one.
     pub flags: Option<Flags>,
     /// Episodes of the provisional window: worked and needed.
     pub provisional: Option<(u32, u32)>,
@@ -85,50 +85,50 @@ pub struct FamilyView {
 /// A candidate (or a version that was one).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateView {
-    /// The version.
+    /// The version this row is about.
     pub version: CapabilityId,
-    /// Digest of manifest and bundle.
+    /// Digest of its manifest and bundle.
     pub digest: Digest,
-    /// Its state.
+    /// The lifecycle state it is in.
     pub state: State,
-    /// Its flags.
+    /// Stage running, pauses, questions, restrictions.
     pub flags: Flags,
-    /// Row version; approvals name it.
+    /// Counts every change of the version's row; approvals name it.
     pub row_version: u64,
-    /// Who made it.
+    /// Identity of its author, as the submission has it.
     pub author: String,
-    /// How.
+    /// How the version came about, as the submission has it.
     pub provenance: Provenance,
-    /// Declared risk.
+    /// Risk tier, as the submission estimates it.
     pub risk: Risk,
-    /// The running stage: done, budget, what.
+    /// How far the running stage is; absent if none is running.
     pub progress: Option<ProgressView>,
-    /// The four dimensions as they stand.
+    /// The four dimensions as they were last assessed, in the order I, P, B, R.
     pub dimensions: Vec<DimensionResult>,
-    /// The composite; reported, never gating.
+    /// The composite score of the four dimensions; reported, never gating.
     pub composite: Option<f64>,
-    /// Paired episodes so far.
+    /// Paired episodes so far; absent before there are any to compare.
     pub pairs: Option<PairsView>,
     /// Drills so far: the candidate's and the active version's.
     pub drills: Option<(Drills, Drills)>,
-    /// Shadow so far.
+    /// Shadow sequences so far; absent before the first.
     pub shadow: Option<ShadowView>,
-    /// Why the last decision was made.
+    /// Why the last decision was made, the deciding reasons first.
     pub reasons: Vec<Reason>,
-    /// Conditions of use.
+    /// Conditions under which it may be used.
     pub conditions: Vec<Condition>,
 }
 
-/// How far a stage is.
+/// How far the running stage is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProgressView {
-    /// The stage.
+    /// The stage that is running.
     pub stage: Stage,
-    /// What is being done.
+    /// What is being worked, e.g. episode pairs or drills.
     pub what: String,
-    /// Done.
+    /// Episodes, drills or sequences that are done.
     pub done: u64,
-    /// Of.
+    /// How many there are in all; an early end may come before.
     pub budget: u64,
     /// When the stage began, virtual ms.
     pub since_ms: u64,
@@ -136,14 +136,14 @@ pub struct ProgressView {
     pub early: String,
 }
 
-/// Paired episodes.
+/// Paired episodes of a sandbox evaluation so far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairsView {
-    /// Pairs.
+    /// Pairs worked so far.
     pub n: u64,
-    /// Means of the active version.
+    /// The active version's means over the pairs.
     pub active: Signature,
-    /// Means of the candidate.
+    /// The candidate's means over the same pairs.
     pub candidate: Signature,
     /// Two-sided 95 % Wilson interval of the candidate's success.
     pub candidate_success: [f64; 2],
@@ -151,18 +151,18 @@ pub struct PairsView {
     pub active_success: [f64; 2],
 }
 
-/// Shadow.
+/// Shadow sequences so far: the live world against its twin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShadowView {
-    /// Sequences.
+    /// Whole sequences worked so far.
     pub n: u64,
-    /// Mean output divergence.
+    /// Mean distance of the candidate's commands from the active version's, 0 to 1 of range.
     pub output: f64,
     /// Share of sequences in which the twin raised a governance signal and the live world did not, less the reverse.
     pub governance: f64,
-    /// Mean envelope divergence.
+    /// Mean share of the twin's trajectory outside the active version's band, 0 to 1.
     pub envelope: f64,
-    /// The profile's limits of the three; absent where one decides nothing by itself.
+    /// The profile's limits of the three; absent if one decides nothing by itself.
     pub limits: [Option<f64>; 3],
     /// Output, governance and envelope divergence of each sequence, in order.
     pub series: Vec<[f32; 3]>,
@@ -175,42 +175,42 @@ pub struct ShadowView {
 pub struct Disagreement {
     /// Which of the shadowed sequences, counting from 0.
     pub index: u64,
-    /// Its seed.
+    /// Seed of the disturbances both worlds met.
     pub seed: u64,
     /// What the live world showed that the twin did not, and the reverse, in words.
     pub text: String,
-    /// Output divergence.
+    /// Distance of the candidate's commands from the active version's in this sequence, 0 to 1 of range.
     pub output: f32,
 }
 
-/// Something that waits for people.
+/// A question about an activation that waits for people.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PromptView {
-    /// Its id.
+    /// Identifies the question among those that wait.
     pub id: String,
-    /// What is to be approved.
+    /// The candidate that would be activated.
     pub version: CapabilityId,
-    /// What it would replace.
+    /// The active version it would replace; absent if there is none.
     pub replaces: Option<CapabilityId>,
-    /// Digest of manifest and bundle.
+    /// Digest of the candidate's manifest and bundle; the signature covers it.
     pub candidate: Digest,
-    /// Row version.
+    /// The candidate's row version when people were asked; a decision names it.
     pub row_version: u64,
-    /// Digest of the evidence.
+    /// Digest of the evidence the decision is over; the signature covers it.
     pub evidence: Digest,
-    /// Digest of profile and policies.
+    /// Digest of profile and policies; the signature covers it.
     pub policy: Digest,
-    /// The profile.
+    /// Profile that the activation would be under.
     pub profile: ProfileName,
-    /// Distinct people needed.
+    /// Distinct people who have to approve.
     pub needed: u32,
-    /// Who has approved.
+    /// Identities that have approved so far.
     pub approved_by: Vec<String>,
-    /// Until when, virtual ms.
+    /// Virtual time at which the unanswered question becomes a hold, ms.
     pub deadline_ms: u64,
     /// Until when a decision signed now is good, virtual ms.
     pub valid_until_ms: u64,
-    /// The store it belongs to.
+    /// Id of the store; a decision signed for it counts in no other.
     pub store_id: String,
     /// When people were asked, virtual ms.
     pub asked_ms: u64,
@@ -226,26 +226,26 @@ pub struct PromptView {
     pub on_drift: String,
 }
 
-/// An alarm.
+/// An alarm that is not normal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AlarmView {
-    /// Which.
+    /// Name of the alarm, e.g. `rolled-back:grasp@1.3.0`.
     pub alarm: String,
-    /// What it is about.
+    /// What it is grouped by in a flood, e.g. `rollback`.
     pub subject: String,
-    /// Its state.
+    /// The state that is shown: a shelf covers every other.
     pub state: AlarmState,
-    /// Its priority.
+    /// How soon an operator has to act.
     pub priority: Priority,
-    /// One sentence.
+    /// What is wrong, one sentence for the operator.
     pub text: String,
-    /// Since when, virtual ms.
+    /// Virtual time of the first raise since it was last normal, ms.
     pub since_ms: u64,
-    /// The state below a shelf; as `state` where there is none.
+    /// The state below a shelf; as `state` if there is none.
     pub state_below: AlarmState,
-    /// Whether it stays until reset.
+    /// Whether it stays after its condition has ended, until it is reset.
     pub latching: bool,
-    /// Who has acknowledged it.
+    /// Identity that acknowledged it; absent while it calls for attention.
     pub acknowledged_by: Option<String>,
     /// Who set it aside, why, and until when, virtual ms.
     pub shelf: Option<(String, String, u64)>,
@@ -255,40 +255,40 @@ pub struct AlarmView {
     pub chattering: bool,
 }
 
-/// The live world.
+/// What the live world is doing, and how it went lately.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LiveView {
-    /// Sequences worked.
+    /// Whole sequences worked in this engine's life.
     pub sequences: u64,
     /// Of the last fifty: whole sequences done.
     pub recent_success: Option<f64>,
-    /// Of how many that is.
+    /// Over how many sequences that share is.
     pub recent: u64,
-    /// The last sequence.
+    /// The tasks of the last sequence, in the order of work.
     pub last: Vec<TaskSummary>,
-    /// The drift that has set in.
+    /// The drift that has set in; absent if there is none.
     pub drift: Option<Drift>,
-    /// What is broken.
+    /// What is broken at present, for a rehearsal.
     pub fault: Option<LiveFault>,
     /// Simulated seconds in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
     /// Success of the last sequences, the newest last; at most fifty.
     pub outcomes: Vec<bool>,
-    /// Monitors of provisional and restricted versions.
+    /// Charts of the versions that are watched most closely: provisional and restricted ones.
     pub monitors: Vec<MonitorView>,
 }
 
-/// A monitor's charts against their limits.
+/// A monitor's charts, each against its limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MonitorView {
-    /// The version it watches.
+    /// The active version it watches.
     pub version: CapabilityId,
-    /// Episodes watched.
+    /// Live episodes of the version watched so far.
     pub episodes: u32,
-    /// Episodes of the provisional window.
+    /// Live episodes in the whole provisional window.
     pub needed: u32,
-    /// Whether it has tightened the envelope.
+    /// Whether it has capped the version's speed and force.
     pub restricted: bool,
-    /// Each chart's name, where it stands and its limit.
+    /// Each chart's name, its value and its limit.
     pub charts: Vec<(String, f64, f64)>,
 }

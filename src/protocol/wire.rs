@@ -18,52 +18,52 @@ pub const ANSWER_BYTES_MAX: usize = 16 * 1024 * 1024;
 /// The longest id of a command, bytes.
 pub const ID_BYTES_MAX: usize = 128;
 
-/// What a client sends.
+/// What a client sends, one JSON document a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "call", deny_unknown_fields)]
 pub enum Call {
-    /// One request; answered by one [`Answer::Reply`].
+    /// One request, answered by one [`Answer::Reply`].
     Ask {
-        /// What is asked.
+        /// The command, with the id that makes a retry harmless.
         request: Box<Request>,
     },
     /// From now on this connection only tells events.
     Subscribe {},
 }
 
-/// What the engine's side sends.
+/// What the engine's side sends, one JSON document a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "answer", deny_unknown_fields)]
 pub enum Answer {
     /// The first line of every connection.
     Hello {
-        /// The protocol.
+        /// The engine's [`PROTOCOL`]; a client with another one has to leave.
         protocol: u32,
-        /// The program's version.
+        /// Version of the program the engine is part of.
         version: String,
-        /// The engine's process.
+        /// Process id of the engine.
         process: u32,
     },
-    /// The engine's reply.
+    /// The answer to one [`Call::Ask`], in the order of the calls.
     Reply {
-        /// What it said.
+        /// What the engine answered.
         reply: Box<Reply>,
     },
     /// Events after this are all told, but for those a [`Answer::Lagged`] counts.
     Subscribed,
-    /// Something happened.
+    /// One event of the engine, for a subscriber.
     Event {
-        /// What.
+        /// What happened, with its number and time.
         event: Box<Event>,
     },
     /// The subscriber was too slow: the oldest events were dropped.
     Lagged {
-        /// How many.
+        /// How many events this subscriber does not get.
         missed: u64,
     },
     /// The connection is closed: what was sent is not allowed, or there are too many connections.
     Closed {
-        /// Why.
+        /// Why the connection is closed, one sentence.
         text: String,
     },
 }
@@ -71,7 +71,7 @@ pub enum Answer {
 /// A document with its line break.
 ///
 /// # Errors
-/// Where the value has no JSON form.
+/// A value without a JSON form; none of the documents here is one.
 pub fn line<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
     let mut line = serde_json::to_string(value)?;
     line.push('\n');

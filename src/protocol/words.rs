@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use crate::event::{DimensionResult, Event, EventKind};
 use holdpoint_text::{Shown, Untrusted};
 
-/// The longest line, columns.
+/// The longest line in words, columns; what does not fit is cut.
 pub const LINE_WIDTH_MAX: usize = 1_000;
 
 /// The line of an event, without its end.
