@@ -10,20 +10,20 @@ use crate::messages::{JointVec, MAX_JOINTS};
 /// A rigid transform with its rotation as a matrix: cheaper to chain than a quaternion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
-    /// Rotation.
+    /// Rotation matrix: its columns are this frame's axes in the parent frame.
     pub rotation: Matrix3<f64>,
     /// Position of the origin, m.
     pub origin: Vector3<f64>,
 }
 
 impl Transform {
-    /// The identity.
+    /// The parent frame itself: no rotation, no offset.
     pub const IDENTITY: Self = Self {
         rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         origin: Vector3::new(0.0, 0.0, 0.0),
     };
 
-    /// From an isometry.
+    /// The same transform as an isometry, with its quaternion as a matrix.
     #[must_use]
     pub fn new(isometry: &Isometry3<f64>) -> Self {
         Self {
@@ -32,7 +32,7 @@ impl Transform {
         }
     }
 
-    /// `self` followed by `next`.
+    /// `self` followed by `next`, which is given in this frame.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self { rotation: self.rotation * next.rotation, origin: self.point(&next.origin) }
@@ -44,13 +44,13 @@ impl Transform {
         self.rotation * local + self.origin
     }
 
-    /// The z axis.
+    /// This frame's z axis in the parent frame: the axis a joint turns about.
     #[must_use]
     pub fn z(&self) -> Vector3<f64> {
         self.rotation.column(2).into_owned()
     }
 
-    /// As an isometry.
+    /// The same transform as an isometry, with its matrix as a quaternion.
     #[must_use]
     pub fn isometry(&self) -> Isometry3<f64> {
         let rotation = Rotation3::from_matrix_unchecked(self.rotation);
@@ -61,7 +61,7 @@ impl Transform {
     }
 }
 
-/// One revolute joint of the arm.
+/// One revolute joint of the arm, with its limits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointSpec {
     /// Name in the URDF.
@@ -72,7 +72,7 @@ pub struct JointSpec {
     pub lower_rad: f64,
     /// Upper position limit, rad.
     pub upper_rad: f64,
-    /// Speed limit, rad/s.
+    /// Largest angular speed, rad/s.
     pub speed_max_rad_s: f64,
     /// Acceleration limit of the servo, rad/s^2.
     pub acceleration_max_rad_s2: f64,
@@ -94,9 +94,9 @@ pub struct Chain {
 pub struct Frames {
     /// Frame of link `i + 1` (the link that joint `i` moves); only the first `count` are meaningful.
     pub links: [Transform; MAX_JOINTS],
-    /// Number of joints.
+    /// How many entries of `links` are meaningful: the number of joints.
     pub count: usize,
-    /// The tool.
+    /// Frame of the tool, in the frame of the base.
     pub tool: Transform,
 }
 
@@ -105,7 +105,7 @@ pub struct Frames {
 pub struct Jacobian {
     /// Columns; only the first `count` are meaningful.
     pub columns: [Vector6<f64>; MAX_JOINTS],
-    /// Number of joints.
+    /// How many entries of `columns` are meaningful: the number of joints.
     pub count: usize,
 }
 
@@ -118,7 +118,7 @@ impl Jacobian {
 }
 
 impl Chain {
-    /// Number of joints.
+    /// Number of joints, at most [`MAX_JOINTS`].
     #[must_use]
     pub fn len(&self) -> usize {
         self.joints.len()
@@ -147,7 +147,7 @@ impl Chain {
         Frames { links, count: self.len(), tool: at.then(&self.tool_from_last) }
     }
 
-    /// Pose of the tool.
+    /// Pose of the tool in the frame of the base, for joint angles in rad.
     #[must_use]
     pub fn tool(&self, q: &[f64]) -> Isometry3<f64> {
         self.frames(q).tool.isometry()

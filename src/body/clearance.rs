@@ -28,11 +28,11 @@ struct Cover {
     radius: f64,
 }
 
-/// Covers and the pairs worth measuring.
+/// The capsules that cover a robot, and the pairs of them that may meet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClearanceModel {
     covers: Vec<Cover>,
-    /// Indices into `covers`.
+    /// Pairs that may meet, as indices into `covers`.
     pairs: Vec<(usize, usize)>,
     /// Covers that can come near the table: those of the third link and beyond.
     low: Vec<usize>,
@@ -62,7 +62,7 @@ impl ClearanceModel {
         Self { covers, pairs, low }
     }
 
-    /// For joint angles, rad.
+    /// Distances for joint angles in rad, base first.
     #[must_use]
     pub fn measure(&self, chain: &Chain, q: &[f64]) -> Clearance {
         let frames = chain.frames(q);
@@ -77,7 +77,7 @@ impl ClearanceModel {
         })
     }
 
-    /// For frames already computed.
+    /// Distances for frames already computed, m.
     #[must_use]
     pub fn measure_frames(&self, frames: &Frames) -> Clearance {
         const COVERS_MAX: usize = 48;

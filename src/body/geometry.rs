@@ -8,14 +8,14 @@ use crate::clearance::{Clearance, ClearanceModel};
 /// A serial arm as geometry: no masses, no motors. Angles in rad, lengths in m, poses in the frame of the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {
-    /// Kinematics of the arm.
+    /// Kinematics of the arm, base to tool.
     pub chain: Chain,
-    /// The shapes that cover it.
+    /// The capsules that cover the robot, for distances.
     pub covers: ClearanceModel,
 }
 
 impl Geometry {
-    /// Number of arm joints.
+    /// Number of arm joints, without the fingers.
     #[must_use]
     pub fn joint_count(&self) -> usize {
         self.chain.len()

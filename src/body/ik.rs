@@ -8,10 +8,10 @@ use nalgebra::{Isometry3, Matrix6, Rotation3, Vector3, Vector6};
 use crate::chain::{Chain, Jacobian, Transform};
 use crate::messages::{JointVec, MAX_JOINTS};
 
-/// How hard to try.
+/// How hard to try before the best configuration found is given back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkOptions {
-    /// Most iterations.
+    /// Most iterations from one starting configuration.
     pub iterations_max: usize,
     /// Norm of the pose error (m and rad together) at which to stop.
     pub tolerance: f64,
@@ -32,14 +32,14 @@ impl IkOptions {
         Self { iterations_max: 4, tolerance: 1e-5, posture_gain: 0.01, step_max_rad: 0.1, restarts: 0 };
 }
 
-/// The best configuration found.
+/// The best configuration found, whether it converged or not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IkOutcome {
     /// Joint angles, inside the limits.
     pub q: JointVec,
     /// Remaining pose error: norm of (m, rad).
     pub error: f64,
-    /// Iterations used.
+    /// Iterations used, over all starts.
     pub iterations: usize,
 }
 
@@ -135,7 +135,7 @@ fn weighted_step(
         }
     }
     let l = cholesky(&a)?;
-    // dq = pull + J^+ (e - J pull): the pull acts only where it does not move the tool.
+    // dq = pull + J^+ (e - J pull): the pull acts only in directions that do not move the tool.
     let x = back_substitute(&l, &(e - jacobian.twist(pull)));
     let mut dq = *pull;
     for (value, column) in dq.iter_mut().zip(&jacobian.columns).take(n) {
@@ -242,7 +242,7 @@ impl Chain {
 }
 
 /// Joint speeds for a tool velocity (linear, angular): damped least squares with a null-space pull.
-/// None where the Jacobian is not finite.
+/// `None` if the Jacobian is not finite.
 #[must_use]
 pub fn rate_step(
     jacobian: &Jacobian,

@@ -23,13 +23,13 @@ pub use zone::Zone;
 /// Why a body could not carry out a tick. Never a failure of the skill.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BodyError {
-    /// A command that cannot be carried out: not a number, or not above zero where it must be.
+    /// A command that cannot be carried out: not a number, or zero or less for a value that must be above zero.
     #[error("command refused: {0}")]
     Command(String),
     /// The body's state stopped being finite or left the cell.
     #[error("the world diverged at tick {tick}: {what}")]
     Diverged {
-        /// Tick at which it was noticed.
+        /// Tick of the body at which it was noticed.
         tick: u64,
         /// The quantity that is not usable.
         what: String,
@@ -51,7 +51,8 @@ pub trait Body {
     /// Sends one command and lets one tick pass.
     ///
     /// # Errors
-    /// [`BodyError`] where the body has failed (for a simulator: a state that is not finite).
+    /// [`BodyError::Command`] for a command that cannot be carried out, and the other kinds if the body has failed (for a
+    /// simulator: a state that is not finite).
     fn step(&mut self, command: &Command) -> Result<(), BodyError>;
     /// From outside the skill: stop, or take commands again.
     fn interrupt(&mut self, interrupt: Interrupt);

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 /// Ticks per second of physics, skill, guard and watcher.
 pub const RATE_HZ: u32 = 240;
 
-/// Seconds per tick.
+/// Seconds per tick, 1/240.
 pub const TICK_SECS: f64 = 1.0 / RATE_HZ as f64;
 
 /// The most arm joints a robot description may have.
@@ -28,7 +28,7 @@ pub type JointVec = ArrayVec<f64, MAX_JOINTS>;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pose {
-    /// Position in metres.
+    /// Position of the origin, m.
     pub position: [f64; 3],
     /// Unit quaternion, x, y, z, w.
     pub rotation: [f64; 4],
@@ -73,9 +73,9 @@ impl From<&Isometry3<f64>> for Pose {
 /// Linear (m/s) and angular (rad/s) velocity in the world frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Twist {
-    /// Metres per second.
+    /// Velocity of the origin, m/s.
     pub linear: [f64; 3],
-    /// Radians per second.
+    /// Angular velocity as a rotation vector, rad/s.
     pub angular: [f64; 3],
 }
 
@@ -137,7 +137,7 @@ pub struct Estimate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuardVerdict {
-    /// Passed unchanged.
+    /// Passed on to the robot unchanged.
     #[default]
     Allowed,
     /// Passed with a smaller speed, force or reach.
@@ -175,7 +175,7 @@ pub struct Observation {
     pub tool_available: bool,
     /// The primitive that is to be done.
     pub goal: TaskKind,
-    /// What became of the previous command.
+    /// What the guard did with the previous command.
     pub guard: GuardVerdict,
 }
 
@@ -183,13 +183,13 @@ pub struct Observation {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FailureSignal {
-    /// Nothing was seen where the object or the target should be.
+    /// The object or the target was not seen.
     TargetNotFound,
     /// The fingers closed on nothing.
     GraspMissed,
     /// The object moved in, or left, the hand.
     ObjectSlipped,
-    /// Contact where none was expected.
+    /// Contact that the task at hand does not expect.
     UnexpectedContact,
     /// The object could not be brought over the target.
     AlignmentLost,
@@ -204,7 +204,7 @@ pub enum FailureSignal {
 }
 
 impl FailureSignal {
-    /// Every signal there is.
+    /// Every signal there is, in the order of the variants.
     pub const ALL: [Self; 9] = [
         Self::TargetNotFound,
         Self::GraspMissed,
@@ -222,11 +222,11 @@ impl FailureSignal {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Command {
-    /// Leave both channels as they are.
+    /// Leave both channels as they are; setpoints stay in force.
     Hold,
     /// Channel arm: move the tool in a straight line to a pose, world frame.
     ToolPose {
-        /// Where the tool is to go.
+        /// Pose of the tool to reach, world frame.
         pose: Pose,
         /// Path speed, m/s, above 0.
         max_speed_m_s: f64,
@@ -249,11 +249,11 @@ pub enum Command {
     },
     /// Channel arm: stand still as fast as the servo allows.
     Stop,
-    /// The skill believes it has finished.
+    /// The skill believes it has finished; whether it has is seen by inspection.
     Done,
     /// The skill gives up and says why.
     Fail {
-        /// The declared reason.
+        /// Why it gives up; its manifest must list the signal.
         signal: FailureSignal,
     },
 }
@@ -264,7 +264,7 @@ pub enum Command {
 pub enum Interrupt {
     /// Brake at the servo's limit and stay; setpoints are ignored until [`Interrupt::Release`].
     Stop,
-    /// Take setpoints again.
+    /// Take setpoints again, from standstill.
     Release,
 }
 
@@ -300,7 +300,7 @@ pub struct Telemetry {
     pub tracking_error_rad: f64,
     /// Tool pose from the measured joints.
     pub tool: Pose,
-    /// Tool speed, m/s.
+    /// Speed of the tool's centre point, m/s.
     pub tool_speed_m_s: f64,
     /// Distance between the finger pads, m.
     pub gripper_width_m: f64,
@@ -308,7 +308,7 @@ pub struct Telemetry {
     pub gripper_force_n: f64,
     /// Largest force of the robot or of the held object on its surroundings, N.
     pub contact_force_n: f64,
-    /// What touches what.
+    /// Which kinds of things touch each other.
     pub contacts: Contacts,
     /// How far the object has moved in the hand since the grip closed, m; absent without a grip.
     pub slip_m: Option<f64>,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer};
 /// For `deserialize_with`: a finite number.
 ///
 /// # Errors
-/// Where it is not.
+/// NaN and infinities, and what is no number.
 pub fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = f64::deserialize(deserializer)?;
     if value.is_finite() { Ok(value) } else { Err(D::Error::custom(format!("\"{value}\" is not finite"))) }
@@ -15,7 +15,7 @@ pub fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Erro
 /// For `deserialize_with`: a finite number above 0.
 ///
 /// # Errors
-/// Where it is not.
+/// As [`finite`], and numbers of 0 or less.
 pub fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = finite(deserializer)?;
     if value > 0.0 { Ok(value) } else { Err(D::Error::custom(format!("\"{value}\" is not above 0"))) }
@@ -24,7 +24,7 @@ pub fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Er
 /// For `deserialize_with`: three finite numbers.
 ///
 /// # Errors
-/// Where it is not.
+/// Another count than three, and any value that [`finite`] refuses.
 pub fn finite3<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
     let values = <[f64; 3]>::deserialize(deserializer)?;
     if values.iter().all(|v| v.is_finite()) {
@@ -37,7 +37,7 @@ pub fn finite3<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D
 /// For `deserialize_with`: a list of finite numbers.
 ///
 /// # Errors
-/// Where it is not.
+/// What is no list, and any value that [`finite`] refuses.
 pub fn finite_list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
     let values = Vec::<f64>::deserialize(deserializer)?;
     if values.iter().all(|v| v.is_finite()) {

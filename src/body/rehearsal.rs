@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found:?} is not a {what}; allowed: {allowed}")]
 pub struct UnknownWord {
-    /// What the word should have been.
+    /// What the word should have named, e.g. `kind of drift`.
     pub what: &'static str,
-    /// The word.
+    /// The word that was found.
     pub found: String,
-    /// The set.
+    /// The words of the set, separated by commas.
     pub allowed: String,
 }
 
@@ -43,15 +43,15 @@ pub enum DriftKind {
     /// Heavier, smoother goods that lie elsewhere.
     #[serde(alias = "distribution-shift")]
     DistributionShift,
-    /// Slower commands.
+    /// Commands reach the arm later.
     #[serde(alias = "actuator-delay")]
     ActuatorDelay,
-    /// All three.
+    /// All three kinds at the same magnitude.
     Combined,
 }
 
 impl DriftKind {
-    /// Every kind.
+    /// Every kind, the combination last.
     pub const ALL: [Self; 4] =
         [Self::SensorNoise, Self::DistributionShift, Self::ActuatorDelay, Self::Combined];
 
@@ -81,15 +81,15 @@ impl fmt::Display for DriftKind {
     }
 }
 
-/// How much it changes.
+/// How much it changes; what a step is in numbers is the simulator's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Magnitude {
-    /// A little.
+    /// The least of the three steps.
     Mild,
-    /// More.
+    /// Between the two.
     Middle,
-    /// Most.
+    /// The most of the three steps.
     Strong,
 }
 
@@ -121,13 +121,13 @@ impl fmt::Display for Magnitude {
     }
 }
 
-/// A drift by kind and magnitude.
+/// A drift: what changes in the cell, and how much.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drift {
-    /// What changes.
+    /// The part of the cell that changes.
     pub kind: DriftKind,
-    /// How much.
+    /// How much it changes.
     pub magnitude: Magnitude,
 }
 
@@ -144,12 +144,12 @@ pub enum LiveFault {
     /// The link to the monitors is down: nothing of the arm reaches them. Guard and watcher, which sit at the
     /// arm, still see it.
     TelemetryLost,
-    /// Every picture is lost.
+    /// Every picture is lost: skills get no new estimate of object and target.
     CameraLost,
 }
 
 impl LiveFault {
-    /// Every fault.
+    /// Every fault, in the order of the variants.
     pub const ALL: [Self; 2] = [Self::TelemetryLost, Self::CameraLost];
 
     /// The name in commands, scenarios and records.

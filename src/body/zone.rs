@@ -4,16 +4,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::number::finite3;
 
-/// A named axis-aligned box.
+/// A named box of the workspace, its edges along the world's axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Zone {
     /// Name, as manifests and policies use it.
     pub name: String,
-    /// Lower corner, m.
+    /// Corner with the smallest coordinates, world frame, m.
     #[serde(deserialize_with = "finite3")]
     pub min_m: [f64; 3],
-    /// Upper corner, m.
+    /// Corner with the largest coordinates, world frame, m.
     #[serde(deserialize_with = "finite3")]
     pub max_m: [f64; 3],
     /// Whether the robot must stay out.
@@ -28,7 +28,7 @@ impl Zone {
     }
 }
 
-/// A zone by name.
+/// The first zone of this name; `None` if there is none.
 #[must_use]
 pub fn named<'a>(zones: &'a [Zone], name: &str) -> Option<&'a Zone> {
     zones.iter().find(|zone| zone.name == name)

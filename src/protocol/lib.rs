@@ -1,7 +1,7 @@
 //! What is asked of an engine and what it tells: plain serde values, one door for all front ends.
 //!
 //! Commands go in, events come out, a snapshot says how things stand, a picture what the live cell looks like. The
-//! domain's own enums travel as they are: a front end matches on them, and a word that is in no set is refused where
+//! domain's own enums travel as they are: a front end matches on them, and a word that is in no set is refused when
 //! a document is read, with the list. Nothing here acts: the engine checks every command.
 //!
 //! # Where foreign text is made safe
