@@ -99,10 +99,10 @@ impl AlarmState {
     }
 }
 
-/// A shelf: who set the alarm aside, until when and why.
+/// The shelving of an alarm (ISA-18.2): who set it aside, until when and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Shelf {
+pub struct Shelving {
     /// When it ends by itself, in the book's milliseconds.
     pub until_ms: u64,
     /// Identity of the operator who set it aside.
@@ -132,7 +132,7 @@ pub struct Alarm {
     /// Whether a latching alarm still waits for its reset.
     pub reset_pending: bool,
     /// The shelf it lies on; `None`: it is in sight.
-    pub shelf: Option<Shelf>,
+    pub shelf: Option<Shelving>,
     /// The first raise since it was last normal.
     pub first_ms: u64,
     /// The newest raises, oldest first, at most [`CHATTER_RAISES`].

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
-use super::mode::ModeNeed;
+use super::mode::RequiredCommand;
 use super::value_type::FieldSpec;
 
 /// The exports and imports of a loaded bundle.
@@ -31,5 +31,5 @@ pub struct Interface {
     /// Failure signals the code can raise by itself.
     pub failure_signals: BTreeSet<FailureSignal>,
     /// Channels and kinds of command the code can use.
-    pub needs: BTreeSet<ModeNeed>,
+    pub needs: BTreeSet<RequiredCommand>,
 }

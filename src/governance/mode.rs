@@ -265,7 +265,7 @@ impl ReachableMode {
 /// A channel and kind of command, as a bundle's code needs them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ModeNeed {
+pub struct RequiredCommand {
     /// Channel the code sends on.
     pub channel: Channel,
     /// Kind of command the code sends.
@@ -279,19 +279,19 @@ pub struct ModeNeed {
 #[must_use]
 pub fn reachable(
     permissions: &Permissions,
-    needs: &BTreeSet<ModeNeed>,
+    needs: &BTreeSet<RequiredCommand>,
     speed_max_m_s: f64,
     force_max_n: f64,
 ) -> BTreeSet<ReachableMode> {
     let declared = permissions.channels.iter().flat_map(|channel| {
         let taken = permissions.commands.iter().filter(|command| channel.takes(**command));
-        taken.map(|command| ModeNeed { channel: *channel, command: *command })
+        taken.map(|command| RequiredCommand { channel: *channel, command: *command })
     });
-    let pairs: BTreeSet<ModeNeed> = declared.chain(needs.iter().copied()).collect();
+    let pairs: BTreeSet<RequiredCommand> = declared.chain(needs.iter().copied()).collect();
     let speed = Band::of(permissions.max_speed_m_s, speed_max_m_s);
     let force = Band::of(permissions.max_force_n, force_max_n);
     let mut modes = BTreeSet::new();
-    for ModeNeed { channel, command } in pairs {
+    for RequiredCommand { channel, command } in pairs {
         for zone in &permissions.zones {
             let key = ModeKey { channel, command, zone: *zone, authority: permissions.authority };
             // A stop neither moves nor presses; the gripper's travel is no tool speed.

@@ -123,7 +123,7 @@ impl Findings {
         &mut self,
         input: &PolicyInput<'_>,
         profile: &Profile,
-        needs: &BTreeSet<super::mode::ModeNeed>,
+        needs: &BTreeSet<super::mode::RequiredCommand>,
     ) {
         let declared = input.permissions;
         for need in needs {

@@ -2,7 +2,7 @@
 
 use super::{
     ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmState, CHATTER_RAISES, Priority,
-    SHELF_MS_MAX, Shelf, flood,
+    SHELF_MS_MAX, Shelving, flood,
 };
 use crate::ids::is_name;
 use holdpoint_text::Untrusted;
@@ -37,7 +37,7 @@ pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Al
         AlarmEvent::Reset { key, by, reason } => reset(find(book, key)?, identity(by)?, reason, now_ms)?,
         AlarmEvent::Shelve { key, by, until_ms, reason } => shelve(
             find(book, key)?,
-            Shelf { until_ms: *until_ms, by: identity(by)?, reason: reason.clone() },
+            Shelving { until_ms: *until_ms, by: identity(by)?, reason: reason.clone() },
             now_ms,
         )?,
         AlarmEvent::Unshelve { key, by } => {
@@ -139,7 +139,7 @@ fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<V
     }))
 }
 
-fn shelve(alarm: &Alarm, shelf: Shelf, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+fn shelve(alarm: &Alarm, shelf: Shelving, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
     let key = || Untrusted::from(alarm.key.as_str());
     if alarm.priority == Priority::Critical {
         return Err(AlarmError::ShelveCritical(key()));

@@ -23,7 +23,7 @@ use self::phases::Runner;
 use super::{Hook, Skill, SkillBundle};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
-use holdpoint_governance::mode::{Channel, CommandKind, ModeNeed};
+use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand};
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::value_type::{FieldSpec, Frame, Unit, ValueKind};
 use holdpoint_text::Hint;
@@ -252,10 +252,10 @@ impl SkillBundle for NativeBundle {
     }
 
     fn interface(&self) -> Interface {
-        let arm = |command| ModeNeed { channel: Channel::Arm, command };
+        let arm = |command| RequiredCommand { channel: Channel::Arm, command };
         let mut needs = BTreeSet::from([arm(CommandKind::ToolPose), arm(CommandKind::Stop)]);
         if !matches!(self.controller, Controller::Align(_) | Controller::Park(_)) {
-            needs.insert(ModeNeed { channel: Channel::Gripper, command: CommandKind::Gripper });
+            needs.insert(RequiredCommand { channel: Channel::Gripper, command: CommandKind::Gripper });
         }
         let entry = match self.controller {
             Controller::Park(_) => "park",

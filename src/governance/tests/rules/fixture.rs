@@ -11,7 +11,7 @@ use holdpoint_governance::evidence::{
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::manifest::Manifest;
-use holdpoint_governance::mode::ModeNeed;
+use holdpoint_governance::mode::RequiredCommand;
 use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
@@ -87,7 +87,7 @@ pub fn exports(manifest: &Manifest) -> Interface {
     let mut needs = BTreeSet::new();
     for channel in &manifest.permissions.channels {
         for command in manifest.permissions.commands.iter().filter(|command| channel.takes(**command)) {
-            needs.insert(ModeNeed { channel: *channel, command: *command });
+            needs.insert(RequiredCommand { channel: *channel, command: *command });
         }
     }
     Interface {
