@@ -51,8 +51,8 @@ pub trait Body {
     /// Sends one command and lets one tick pass.
     ///
     /// # Errors
-    /// [`BodyError::Command`] for a command that cannot be carried out, and the other kinds if the body has failed (for a
-    /// simulator: a state that is not finite).
+    /// [`BodyError::Command`] for a command that cannot be carried out; the other kinds if the body has failed (for
+    /// a simulator: a state that is not finite).
     fn step(&mut self, command: &Command) -> Result<(), BodyError>;
     /// From outside the skill: stop, or take commands again.
     fn interrupt(&mut self, interrupt: Interrupt);

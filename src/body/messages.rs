@@ -249,7 +249,7 @@ pub enum Command {
     },
     /// Channel arm: stand still as fast as the servo allows.
     Stop,
-    /// The skill believes it has finished; whether it has is seen by inspection.
+    /// The skill believes it has finished; inspection decides whether it has.
     Done,
     /// The skill gives up and says why.
     Fail {
@@ -268,7 +268,7 @@ pub enum Interrupt {
     Release,
 }
 
-/// What touches what, as the cell's sensors tell it.
+/// Which kinds of things touch each other, as the cell's sensors report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Contacts {
     /// A finger pad touches the object.

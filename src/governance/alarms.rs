@@ -26,7 +26,7 @@ use holdpoint_text::{Hint, Untrusted};
 pub use apply::apply;
 pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
 
-/// The most alarms a book holds, normal ones included; a full book refuses the next raise.
+/// The most alarms a book holds, normal ones included. A further raise takes the place of the oldest normal one, or is refused.
 pub const ALARMS_MAX: usize = 512;
 
 /// The longest a shelf may last: one shift.
@@ -51,7 +51,7 @@ crate::words! {
 }
 
 crate::words! {
-    /// What is being told about an alarm.
+    /// What an operator sees of an alarm: its place in the cycle of ISA-18.2.
     AlarmState, "state of an alarm", {
         /// No condition and nothing left to acknowledge or reset; dropped from the book after [`FLOOD_WINDOW_MS`].
         Normal = "normal",

@@ -88,7 +88,7 @@ pub struct Vote {
     pub subject: Subject,
     /// Virtual time from which it no longer counts, s.
     pub expires_s: f64,
-    /// The emergency door: counts alone, forces rollback coupling, opens a review.
+    /// Whether it is a break-glass (emergency) approval: counts alone, forces rollback coupling, opens a review.
     pub break_glass: bool,
     /// Whether the signature is the person's, as whoever holds the keys found it.
     pub signature: SignatureCheck,
@@ -121,13 +121,13 @@ pub struct Request {
 pub enum ApprovalOutcome {
     /// The quorum is 0: the profile asks nobody for this.
     NotNeeded,
-    /// Enough distinct people approved, or one by the emergency door.
+    /// Enough distinct people approved, or one by break-glass.
     Granted {
         /// Names of the identities whose approvals counted, sorted.
         people: BTreeSet<String>,
         /// Virtual time from which the grant no longer holds, s: the earliest end among the votes.
         expires_s: f64,
-        /// Whether it was granted by the emergency door, which forces rollback coupling and a review.
+        /// Whether it was granted by break-glass, which forces rollback coupling and a review.
         break_glass: bool,
     },
     /// Held: people are still to answer.

@@ -24,7 +24,7 @@ const UPPER_ALPHA: f64 = 0.05;
 const STUDENT_FROM: usize = 20;
 
 crate::words! {
-    /// The six components of the behavioural signature `B_c` (paper equation 5).
+    /// The six components of the behavioural signature `B_c` (paper equation 6).
     ComponentName, "component of the signature", {
         /// Loss of success: share of pairs that only the active version completed, less those only the candidate did.
         Success = "success",

@@ -1,6 +1,6 @@
 //! Joining the four dimensions: the composite score (reported, never gating) and `Psi`, the next permitted stage.
 //!
-//! Sources: paper equation 2 and Procedure 2; readings X39 to X47; weights from readings 2.1.
+//! Sources: paper equations 2 and 8, Procedure 2; readings X39 to X47; weights from readings 2.1.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ use super::profile::fields::Weights;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kappas {
-    /// `kappa_I`: callers of the active version can call the candidate (paper equation 4).
+    /// `kappa_I`: callers of the active version can call the candidate (paper equation 5).
     pub interface: Assessment<InterfaceOutcome>,
     /// `kappa_P`: the modes it can reach are covered by policy and allowed.
     pub policy: Assessment<PolicyOutcome>,
@@ -192,7 +192,7 @@ pub fn recovery_is_reviewable(recovery: &Assessment<RecoveryOutcome>) -> bool {
         })
 }
 
-/// A manifest and the conditions under which it may be used, for display.
+/// The largest tool speed, m/s, and force, N, that the manifest declares and the conditions leave, for display.
 #[must_use]
 pub fn envelope(manifest: &Manifest, conditions: &[Condition]) -> (f64, f64) {
     let declared = (manifest.permissions.max_speed_m_s, manifest.permissions.max_force_n);

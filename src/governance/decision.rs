@@ -85,7 +85,7 @@ reason_codes! {
     InterfaceConditionBreaking = "interface-condition-breaking",
     /// A precondition was strengthened within what the caller can assure.
     InterfaceConditionAdaptable = "interface-condition-adaptable",
-    /// A dependency has no version in the registry, or the dependencies form a circle.
+    /// A dependency has no version in the registry, or the dependencies form a cycle.
     InterfaceDependencyBreaking = "interface-dependency-breaking",
     /// A dependency is met by a registered version that is not the active one.
     InterfaceDependencyAdaptable = "interface-dependency-adaptable",
@@ -242,7 +242,7 @@ reason_codes! {
     ApprovalSignature = "approval-signature",
     /// The nonce was consumed by an earlier decision.
     ApprovalReplayed = "approval-replayed",
-    /// One person approved by the emergency door; a review of the family opens.
+    /// One person approved in an emergency (break-glass); a review of the family opens.
     ApprovalBreakGlass = "approval-break-glass",
 
     /// Nothing out of the ordinary; the charts are quiet.
@@ -264,7 +264,7 @@ reason_codes! {
 }
 
 impl ReasonCode {
-    /// Whether it tells what people said, or that they said nothing.
+    /// Whether it is about what people answered, or that they did not.
     #[must_use]
     pub const fn is_of_people(self) -> bool {
         matches!(
@@ -376,7 +376,7 @@ pub struct MadeUnder {
     pub policy: Digest,
     /// The profile with every number in it.
     pub profile: Digest,
-    /// The identities, roles and keys in force.
+    /// The identities and roles in force.
     pub authority: Digest,
     /// Robot, scene and engine build.
     pub environment: Digest,

@@ -32,9 +32,9 @@ pub struct EpisodeValues {
     pub violation: bool,
     /// The watcher raised a failure signal.
     pub anomaly: bool,
-    /// The version's own recovery ran, e.g. a retreat before a new attempt.
+    /// The recovery manager took over during the episode.
     pub recovery: bool,
-    /// A person stepped in and ended or corrected the episode.
+    /// A person stepped in during the episode.
     pub intervention: bool,
     /// The episode reached the time limit without an end of its own.
     pub timeout: bool,
@@ -173,7 +173,7 @@ pub struct DrillTally {
     pub passed: u32,
     /// Feasible drills that did not pass, a missing hook included.
     pub failed: u32,
-    /// Drills that could not be set up, e.g. the fault did not take hold; they say nothing about the version.
+    /// Drills that could not be set up; they say nothing about the version.
     pub infeasible: u32,
 }
 

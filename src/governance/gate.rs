@@ -38,7 +38,7 @@ pub struct ShadowAssessment {
 }
 
 /// In how many sequences the twin left the active version's band, and in how many the watcher spoke: whether the
-/// trace envelope tells what the watcher tells (paper section 6.7). Reported, never gating.
+/// trace envelope agrees with the watcher (paper section 6.7). Reported, never gating.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alignment {
@@ -407,7 +407,7 @@ impl GateFindings {
         }
     }
 
-    /// Whether the emergency door was used.
+    /// Whether the approval is a break-glass one.
     fn approvals(&mut self, approval: Option<&ApprovalResult>, quorum: u8) -> bool {
         if quorum == 0 {
             return false;

@@ -17,7 +17,7 @@ use super::outcome::{Assessment, Basis, InterfaceOutcome};
 use super::profile::Thresholds;
 use super::value_type::{FieldSpec, Value, ValueKind};
 
-/// The most dependencies followed when looking for a circle.
+/// The most dependencies followed when looking for a cycle.
 const DEPENDENCY_STEPS_MAX: usize = 1_000;
 
 /// How far one part of the interface deviates.
@@ -45,7 +45,7 @@ impl Deviation {
     }
 }
 
-/// The four deviations that make up `kappa_I` (paper equation 4).
+/// The four deviations that make up `kappa_I` (paper equation 5).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Deviations {
@@ -55,7 +55,7 @@ pub struct Deviations {
     pub schema: Deviation,
     /// `Delta_prepost`: pre- and postconditions.
     pub conditions: Deviation,
-    /// `Delta_dep`: whether dependencies resolve, to the active version or another, without a circle.
+    /// `Delta_dep`: whether dependencies resolve, to the active version or another, without a cycle.
     pub dependencies: Deviation,
 }
 

@@ -23,7 +23,7 @@ pub const FIELDS_MAX: usize = 64;
 /// The longest stop a safe abort may declare, ms.
 pub const STOP_TIME_MAX_MS: u32 = 5_000;
 
-/// The largest speed and force that may be declared, m/s and N: beyond any arm of this class.
+/// The largest tool speed a manifest may declare, m/s; a plausibility bound, beyond any arm of this class.
 pub const DECLARED_SPEED_MAX_M_S: f64 = 10.0;
 /// The largest force a manifest may declare, N; a plausibility bound, far above any profile's limit.
 pub const DECLARED_FORCE_MAX_N: f64 = 1_000.0;
@@ -136,7 +136,7 @@ pub struct Recovery {
     /// The hook that stops the arm safely.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub safe_abort: Option<SafeAbort>,
-    /// Failures it reports itself; the drills inject them, and the watcher has to know them.
+    /// Failures it can report; the watcher has to know each of them.
     #[serde(default)]
     #[schemars(with = "BTreeSet<String>")]
     pub failure_signals: BTreeSet<FailureSignal>,
@@ -146,7 +146,7 @@ pub struct Recovery {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Fallback {
-    /// The family whose active version takes over.
+    /// The family that takes over when this version fails.
     #[schemars(with = "String")]
     pub family: Family,
     /// Versions of that family that will do.

@@ -26,7 +26,7 @@ pub struct Proportion {
 }
 
 impl Proportion {
-    /// Counts `true`.
+    /// Counts the cases that are `true` among all of them.
     ///
     /// # Errors
     /// [`StatsError`] of the Wilson interval, which counts taken from a list cannot cause.
@@ -85,7 +85,7 @@ pub struct CandidateRecord {
     pub detected_shadow_only: u32,
 }
 
-/// What screening did to a pool (paper equations 14 and 15, told apart by stage).
+/// What screening did to a pool (paper equations 14 and 15, split by stage).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Screening {

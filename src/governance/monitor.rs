@@ -35,9 +35,10 @@ crate::words! {
 }
 
 crate::words! {
-    /// What is told of a monitor: an action other than going on, or how the doubt a version was let in with ended.
+    /// What an event says of a monitor: an action other than going on, or how the doubt ended that a version was
+    /// admitted with.
     MonitorOutcome, "outcome of the monitor", {
-        /// Nothing; it is not told by itself.
+        /// Nothing is done; no event says so by itself.
         Continue = "continue",
         /// People are asked whether it may work on.
         Escalate = "escalate",
@@ -303,7 +304,7 @@ impl Monitor {
         self.restricted
     }
 
-    /// Where every chart stands: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
+    /// Every chart: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
     pub fn charts(&self) -> impl Iterator<Item = (Rate, &'static str, f64, f64)> + '_ {
         self.charts.iter().flat_map(|chart| {
             [
@@ -408,7 +409,7 @@ impl Monitor {
         self.act(action, vec![reason], now_tick)
     }
 
-    /// People answered the escalation with "go on"; the charts start anew.
+    /// People answered the escalation with "go on"; the charts start again from zero.
     ///
     /// # Errors
     /// Settings no chart can be tuned with (they were good before, so none is expected).

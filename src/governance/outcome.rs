@@ -80,7 +80,7 @@ crate::words! {
         Review = "review",
         /// Worsening is neither excluded nor established (behaviour).
         Suspicious = "suspicious",
-        /// Recovery is below the profile's floor (recovery).
+        /// `rho` is below the profile's floor (recovery).
         Fragile = "fragile",
         /// Established as not usable, or refused by policy.
         Incompatible = "incompatible",
@@ -338,7 +338,7 @@ same_words! { GateOutcome => StageOutcome: Pass, AwaitApproval, Hold, Demote, Re
 mod tests {
     use super::*;
 
-    /// What a stage tells is the word that its rule's outcome has in the record.
+    /// What a stage reports is the word that its rule's outcome has in the record.
     #[test]
     fn a_stage_tells_its_rules_own_word() {
         let word = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();

@@ -87,25 +87,25 @@ impl Thresholds {
         (self.base()[index] * self.scale).min(1.0)
     }
 
-    /// Threshold of `kappa_I` after scaling; a value below it is incompatible.
+    /// Least acceptable `kappa_I`, after scaling.
     #[must_use]
     pub fn interface(&self) -> f64 {
         self.scaled(0)
     }
 
-    /// Threshold of `kappa_P` after scaling; a value below it is incompatible.
+    /// Least acceptable `kappa_P`, after scaling.
     #[must_use]
     pub fn policy(&self) -> f64 {
         self.scaled(1)
     }
 
-    /// Threshold of `kappa_B` after scaling; an established value below it is incompatible.
+    /// Least acceptable `kappa_B`, after scaling; compared with what is established.
     #[must_use]
     pub fn behavior(&self) -> f64 {
         self.scaled(2)
     }
 
-    /// Threshold of `kappa_R` after scaling; a value below it is incompatible.
+    /// Least acceptable `kappa_R`, after scaling.
     #[must_use]
     pub fn recovery(&self) -> f64 {
         self.scaled(3)
@@ -274,7 +274,7 @@ pub struct ApprovalSettings {
     pub timeout_s: f64,
     /// How long an approval stays good, s.
     pub valid_s: f64,
-    /// Whether one person may approve in an emergency, against a review afterwards.
+    /// Whether one person may approve in an emergency (break-glass), with a review afterwards.
     pub break_glass: bool,
     /// How long an emergency approval stays good, s.
     pub break_glass_valid_s: f64,

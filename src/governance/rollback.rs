@@ -97,7 +97,7 @@ pub enum Rung {
     ReadyPredecessor,
     /// Binding, pointer and record move together.
     SwapBinding,
-    /// The agent plans anew, and the first sequences are worked under the predecessor.
+    /// The agent plans again, and the first sequences are worked under the predecessor.
     Resume,
 }
 
@@ -140,9 +140,9 @@ impl Rung {
 pub enum RungFailure {
     /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
     HookFailed,
-    /// A joint still moves, or nothing tells that it does not.
+    /// A joint still moves, or no telemetry shows that it does not.
     NoStandstill,
-    /// The tool did not come clear.
+    /// The tool could not be lifted clear of what is around it.
     RetreatBlocked,
     /// There is no predecessor to go back to.
     PredecessorMissing,
@@ -196,7 +196,7 @@ impl RungFailure {
     }
 }
 
-/// How one rung ended.
+/// How one rung of the ladder ended, and how long it took.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungRecord {
@@ -208,7 +208,7 @@ pub struct RungRecord {
     pub ticks: u64,
     /// [`RungRecord::ticks`] in simulated ms, rounded down.
     pub ms: u64,
-    /// What was found, one sentence.
+    /// What was found, one sentence for the operator.
     pub text: String,
 }
 
@@ -229,7 +229,7 @@ impl RungRecord {
     }
 }
 
-/// What set a rollback off.
+/// What set a rollback off, and when.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trigger {
@@ -246,7 +246,7 @@ pub struct Trigger {
 crate::words! {
     /// Where a rollback left the version, or its family.
     PostStatus, "end of a rollback", {
-        /// Taken off for good.
+        /// Taken off for good: the version never runs again.
         RolledBack = "rolled-back",
         /// Taken off and sent back to evaluation.
         Demoted = "demoted",
@@ -261,11 +261,11 @@ same_words! { Leave => PostStatus: RolledBack, Demoted }
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RollbackRecord {
-    /// The version that was taken off.
+    /// The version that was taken off, once a candidate.
     pub candidate: CapabilityId,
     /// The version that is in control again; absent if nobody is.
     pub predecessor: Option<CapabilityId>,
-    /// What set it off.
+    /// What set the rollback off.
     pub trigger: Trigger,
     /// Whether the arm was at work under the version when it was triggered.
     pub in_flight: bool,
@@ -297,7 +297,7 @@ impl RollbackRecord {
     }
 }
 
-/// Simulated milliseconds of so many ticks, rounded down.
+/// Simulated milliseconds in a number of ticks, rounded down.
 #[must_use]
 pub const fn ticks_to_ms(ticks: u64) -> u64 {
     ticks.saturating_mul(1000) / RATE_HZ as u64

@@ -22,7 +22,7 @@ pub const MAGNITUDE_MAX: f64 = 1.0e9;
 pub enum ValueKind {
     /// `true` or `false`; neither unit nor range.
     Bool,
-    /// A whole number of magnitude below 1e9.
+    /// A whole number of magnitude up to 1e9.
     Int,
     /// A finite number, with its unit.
     Real,

@@ -70,7 +70,7 @@ pub struct Words {
     pub recommendation: Recommendation,
     /// Where stage 2 sends it.
     pub route: Route,
-    /// The policy check's word for it.
+    /// The outcome of the policy check that says the same.
     pub policy: PolicyWord,
     /// The deployment outcome that says the same.
     pub deployability: Deployability,

@@ -1,4 +1,4 @@
-//! What can be asked of the engine, and what it answers. Plain serde values: the one door for all front ends.
+//! What can be asked of the engine, and what it answers. Plain serde values: the one interface for all front ends.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -165,7 +165,7 @@ pub struct Operation {
 pub struct Request {
     /// Chosen by the sender, unique; a retry uses the same.
     pub id: String,
-    /// What the engine is to do or to tell.
+    /// What the engine is to do or to report.
     pub command: Command,
 }
 

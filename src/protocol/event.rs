@@ -1,4 +1,4 @@
-//! What the engine tells: one value per thing that happened, in order.
+//! What happened in the engine: one value for each thing, in order.
 //!
 //! No wall-clock time is in an event: equal scenarios with equal seeds give equal events.
 
@@ -99,7 +99,7 @@ pub enum EventKind {
         /// Episodes, drills or sequences it takes.
         budget: u64,
     },
-    /// Part of a stage is done; told now and then, not for every episode.
+    /// Part of a stage is done; sent now and then, not for every episode.
     Progress {
         /// The version under evaluation.
         version: CapabilityId,
@@ -322,7 +322,7 @@ pub enum EventKind {
     },
     /// Something about scenes: where a viewer may connect, or why a recording is not written. Decides nothing.
     Scene {
-        /// What is to be told, one sentence.
+        /// What there is to report, one sentence.
         text: String,
         /// Whether something is not shown or not kept.
         failed: bool,

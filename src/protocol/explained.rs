@@ -141,7 +141,7 @@ impl Ruling {
 /// A reason with the evidence it rests on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExplainedReason {
-    /// The stable name; absent (an empty text) for what is told beside the rules' reasons.
+    /// The stable name; absent (an empty text) for a remark that is none of the rules' reasons.
     #[serde(with = "blank")]
     #[schemars(with = "String")]
     pub code: Option<Word<ReasonCode>>,
@@ -159,7 +159,7 @@ pub struct ExplainedReason {
     pub limit: Option<f64>,
     /// The rule it belongs to, which may be another than the decision's.
     pub rule: Rule,
-    /// What was measured, if the evidence in the store tells more than the reason: n, value, interval.
+    /// What was measured, if the evidence in the store says more than the reason: n, value, interval.
     pub measured: Option<String>,
 }
 

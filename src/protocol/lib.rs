@@ -1,4 +1,4 @@
-//! What is asked of an engine and what it tells: plain serde values, one door for all front ends.
+//! What is asked of an engine and what it reports: plain serde values, one interface for all front ends.
 //!
 //! Commands go in, events come out, a snapshot says how things stand, a picture what the live cell looks like. The
 //! domain's own enums travel as they are: a front end matches on them, and a word that is in no set is refused when

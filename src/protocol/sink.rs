@@ -17,7 +17,7 @@ use crate::snapshot::Snapshot;
 /// Takes pictures of the live world, from whatever thread moves it. Must not wait.
 pub type Pictures = Arc<dyn Fn(Picture) + Send + Sync>;
 
-/// Has the live scene served at an address from now on; tells whether somebody was there to do it.
+/// Has the live scene served at an address from now on; returns whether there was a listener to do it.
 pub type Serve = Arc<dyn Fn(SocketAddr) -> bool + Send + Sync>;
 
 /// What a listener is started with: its folder, and what in it is closed.
@@ -43,7 +43,7 @@ pub trait Sink: Send {
     fn serve(&self) -> Option<Serve>;
     /// Takes what happened. `state` says how things stand; it is worked out only when it is called.
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot);
-    /// What there is to tell; never waits.
+    /// What there is to report; never waits.
     fn reports(&mut self) -> Vec<Report>;
     /// Ends it: what waits is written, for at most `patience`.
     fn finish(self: Box<Self>, patience: Duration) -> Vec<Report>;

@@ -274,7 +274,7 @@ pub struct LiveView {
     pub pace: Option<f64>,
     /// Success of the last sequences, the newest last; at most fifty.
     pub outcomes: Vec<bool>,
-    /// Charts of the versions that are watched most closely: provisional and restricted ones.
+    /// Monitors of the versions that are provisional or restricted.
     pub monitors: Vec<MonitorView>,
 }
 

@@ -27,7 +27,7 @@ pub enum Call {
         /// The command, with the id that makes a retry harmless.
         request: Box<Request>,
     },
-    /// From now on this connection only tells events.
+    /// From now on this connection only carries events.
     Subscribe {},
 }
 
@@ -49,7 +49,7 @@ pub enum Answer {
         /// What the engine answered.
         reply: Box<Reply>,
     },
-    /// Events after this are all told, but for those a [`Answer::Lagged`] counts.
+    /// Every event after this is sent, except those that an [`Answer::Lagged`] counts.
     Subscribed,
     /// One event of the engine, for a subscriber.
     Event {
