@@ -133,35 +133,17 @@ impl Signature {
     }
 }
 
-/// The four rehearsals of design rule 3.5.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum DrillKind {
-    /// The predecessor is restored with its policy state and goes on.
-    Rollback,
-    /// The bound fallback takes over and ends safely.
-    Fallback,
-    /// Standstill in the safe pose within the declared time, without a violation.
-    Abort,
-    /// The watcher names the injected failure in time.
-    Detect,
-}
-
-impl DrillKind {
-    /// All four kinds, in the order of the weights of `rho`.
-    pub const ALL: [Self; 4] = [Self::Rollback, Self::Fallback, Self::Abort, Self::Detect];
-
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Rollback => "rollback",
-            Self::Fallback => "fallback",
-            Self::Abort => "abort",
-            Self::Detect => "detect",
-        }
+crate::words! {
+    /// The four rehearsals of design rule 3.5.
+    DrillKind, "kind of drill", {
+        /// The predecessor is restored with its policy state and goes on.
+        Rollback = "rollback",
+        /// The bound fallback takes over and ends safely.
+        Fallback = "fallback",
+        /// Standstill in the safe pose within the declared time, without a violation.
+        Abort = "abort",
+        /// The watcher names the injected failure in time.
+        Detect = "detect",
     }
 }
 

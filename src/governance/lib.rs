@@ -195,6 +195,9 @@
 
 #![warn(missing_docs)]
 
+// What `words!` makes names this crate by its name, here as in the crates that use it.
+extern crate self as holdpoint_governance;
+
 pub mod alarms;
 pub mod approval;
 pub mod behavior;

@@ -55,51 +55,23 @@ crate::words! {
 
 same_words! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
 
-/// Events that trip the monitor in the tick they happen (design rule 3.8).
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum SafetyEvent {
-    /// Force on the surroundings past its limit.
-    ForceLimit,
-    /// Tool or joint speed past its limit.
-    SpeedLimit,
-    /// Contact of the robot with itself or with fixtures outside the task's phases.
-    Collision,
-    /// The tool entered a zone it must keep out of.
-    KeepOut,
-    /// Motion after a declared failure or a stop for longer than the profile allows.
-    UnsafeContinuation,
-    /// A number that is not finite from the version or from telemetry.
-    NotANumber,
-    /// The guard denied a command that the version's own permissions do not cover.
-    PermissionBreach,
-}
-
-impl SafetyEvent {
-    /// Every event, in the order of the variants.
-    pub const ALL: [Self; 7] = [
-        Self::ForceLimit,
-        Self::SpeedLimit,
-        Self::Collision,
-        Self::KeepOut,
-        Self::UnsafeContinuation,
-        Self::NotANumber,
-        Self::PermissionBreach,
-    ];
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::ForceLimit => "force-limit",
-            Self::SpeedLimit => "speed-limit",
-            Self::Collision => "collision",
-            Self::KeepOut => "keep-out",
-            Self::UnsafeContinuation => "unsafe-continuation",
-            Self::NotANumber => "not-a-number",
-            Self::PermissionBreach => "permission-breach",
-        }
+crate::words! {
+    /// Events that trip the monitor in the tick they happen (design rule 3.8).
+    SafetyEvent, "safety event", {
+        /// Force on the surroundings past its limit.
+        ForceLimit = "force-limit",
+        /// Tool or joint speed past its limit.
+        SpeedLimit = "speed-limit",
+        /// Contact of the robot with itself or with fixtures outside the task's phases.
+        Collision = "collision",
+        /// The tool entered a zone it must keep out of.
+        KeepOut = "keep-out",
+        /// Motion after a declared failure or a stop for longer than the profile allows.
+        UnsafeContinuation = "unsafe-continuation",
+        /// A number that is not finite from the version or from telemetry.
+        NotANumber = "not-a-number",
+        /// The guard denied a command that the version's own permissions do not cover.
+        PermissionBreach = "permission-breach",
     }
 }
 

@@ -12,40 +12,27 @@ use super::lifecycle::Leave;
 use super::monitor::SafetyEvent;
 use super::words::same_words;
 
-/// What a version is taken off for.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum TriggerKind {
-    /// A safety event, in the tick it happened.
-    SafetyEvent,
-    /// A charted rate is established as worse than before activation.
-    RateTrip,
-    /// Nobody answered an escalation by its deadline.
-    EscalationUnanswered,
-    /// A person asked for the rollback.
-    Operator,
-    /// Telemetry stayed away, and nobody answered the escalation it raised.
-    TelemetrySilence,
-    /// The engine came up again and found a rollback unfinished, or a version it cannot watch.
-    Restart,
-    /// The doubt it was let in with remained on fresh evidence at the end of its window.
-    OpenDoubt,
+crate::words! {
+    /// What a version is taken off for.
+    TriggerKind, "cause of a rollback", {
+        /// A safety event, in the tick it happened.
+        SafetyEvent = "safety-event",
+        /// A charted rate is established as worse than before activation.
+        RateTrip = "rate-trip",
+        /// Nobody answered an escalation by its deadline.
+        EscalationUnanswered = "escalation-unanswered",
+        /// A person asked for the rollback.
+        Operator = "operator",
+        /// Telemetry stayed away, and nobody answered the escalation it raised.
+        TelemetrySilence = "telemetry-silence",
+        /// The engine came up again and found a rollback unfinished, or a version it cannot watch.
+        Restart = "restart",
+        /// The doubt it was let in with remained on fresh evidence at the end of its window.
+        OpenDoubt = "open-doubt",
+    }
 }
 
 impl TriggerKind {
-    /// Every kind, in the order of the variants.
-    pub const ALL: [Self; 7] = [
-        Self::SafetyEvent,
-        Self::RateTrip,
-        Self::EscalationUnanswered,
-        Self::Operator,
-        Self::TelemetrySilence,
-        Self::Restart,
-        Self::OpenDoubt,
-    ];
-
     /// The kind that goes with the deciding reason of a monitor. `silent`: the escalation that was not
     /// answered had been raised for want of telemetry.
     #[must_use]
@@ -59,140 +46,62 @@ impl TriggerKind {
             _ => Self::SafetyEvent,
         }
     }
+}
 
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SafetyEvent => "safety-event",
-            Self::RateTrip => "rate-trip",
-            Self::EscalationUnanswered => "escalation-unanswered",
-            Self::Operator => "operator",
-            Self::TelemetrySilence => "telemetry-silence",
-            Self::Restart => "restart",
-            Self::OpenDoubt => "open-doubt",
-        }
+crate::words! {
+    /// The steps of the ladder, in their order (design rule 3.11).
+    Rung, "rung of the ladder", {
+        /// The version gives no command any more.
+        RevokeAuthority = "revoke-authority",
+        /// The version's own hook brings the arm to a stand.
+        SafeAbort = "safe-abort",
+        /// The interrupt that no version can refuse; every joint stands.
+        Hold = "hold",
+        /// The tool rises clear of everything.
+        Retract = "retract",
+        /// The predecessor is read from the store again, true to its digest.
+        LoadPredecessor = "load-predecessor",
+        /// Policy table and context are those of the profile.
+        VerifyPolicy = "verify-policy",
+        /// Beside the standing arm the predecessor gives a command that its guard passes.
+        ReadyPredecessor = "ready-predecessor",
+        /// Binding, pointer and record move together.
+        SwapBinding = "swap-binding",
+        /// The agent plans again, and the first sequences are worked under the predecessor.
+        Resume = "resume",
     }
 }
 
-/// The steps of the ladder, in their order (design rule 3.11).
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum Rung {
-    /// The version gives no command any more.
-    RevokeAuthority,
-    /// The version's own hook brings the arm to a stand.
-    SafeAbort,
-    /// The interrupt that no version can refuse; every joint stands.
-    Hold,
-    /// The tool rises clear of everything.
-    Retract,
-    /// The predecessor is read from the store again, true to its digest.
-    LoadPredecessor,
-    /// Policy table and context are those of the profile.
-    VerifyPolicy,
-    /// Beside the standing arm the predecessor gives a command that its guard passes.
-    ReadyPredecessor,
-    /// Binding, pointer and record move together.
-    SwapBinding,
-    /// The agent plans again, and the first sequences are worked under the predecessor.
-    Resume,
-}
-
-impl Rung {
-    /// Every rung, in order.
-    pub const ALL: [Self; 9] = [
-        Self::RevokeAuthority,
-        Self::SafeAbort,
-        Self::Hold,
-        Self::Retract,
-        Self::LoadPredecessor,
-        Self::VerifyPolicy,
-        Self::ReadyPredecessor,
-        Self::SwapBinding,
-        Self::Resume,
-    ];
-
-    /// The name in events and records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::RevokeAuthority => "revoke-authority",
-            Self::SafeAbort => "safe-abort",
-            Self::Hold => "hold",
-            Self::Retract => "retract",
-            Self::LoadPredecessor => "load-predecessor",
-            Self::VerifyPolicy => "verify-policy",
-            Self::ReadyPredecessor => "ready-predecessor",
-            Self::SwapBinding => "swap-binding",
-            Self::Resume => "resume",
-        }
+crate::words! {
+    /// Why a rung did not hold.
+    RungFailure, "failure of a rung", {
+        /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
+        HookFailed = "hook-failed",
+        /// A joint still moves, or no telemetry shows that it does not.
+        NoStandstill = "no-standstill",
+        /// The tool could not be lifted clear of what is around it.
+        RetreatBlocked = "retreat-blocked",
+        /// There is no predecessor to go back to.
+        PredecessorMissing = "predecessor-missing",
+        /// The predecessor in the store does not load, or is not what was registered.
+        DigestMismatch = "digest-mismatch",
+        /// The policies in force are not those of the profile.
+        PolicyMismatch = "policy-mismatch",
+        /// The store could not be read or written.
+        StoreFailed = "store-failed",
+        /// The predecessor gave no command that its guard passes, or one that no version may give.
+        PredecessorFailed = "predecessor-failed",
+        /// The first sequences under the predecessor had a safety event, or none could be worked.
+        NotRecovered = "not-recovered",
     }
-}
-
-/// Why a rung did not hold.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum RungFailure {
-    /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
-    HookFailed,
-    /// A joint still moves, or no telemetry shows that it does not.
-    NoStandstill,
-    /// The tool could not be lifted clear of what is around it.
-    RetreatBlocked,
-    /// There is no predecessor to go back to.
-    PredecessorMissing,
-    /// The predecessor in the store does not load, or is not what was registered.
-    DigestMismatch,
-    /// The policies in force are not those of the profile.
-    PolicyMismatch,
-    /// The store could not be read or written.
-    StoreFailed,
-    /// The predecessor gave no command that its guard passes, or one that no version may give.
-    PredecessorFailed,
-    /// The first sequences under the predecessor had a safety event, or none could be worked.
-    NotRecovered,
 }
 
 impl RungFailure {
-    /// Every class, in the order of the ladder.
-    pub const ALL: [Self; 9] = [
-        Self::HookFailed,
-        Self::NoStandstill,
-        Self::RetreatBlocked,
-        Self::PredecessorMissing,
-        Self::DigestMismatch,
-        Self::PolicyMismatch,
-        Self::StoreFailed,
-        Self::PredecessorFailed,
-        Self::NotRecovered,
-    ];
-
     /// Whether the family is stopped for it. A hook that fails is no failed ladder, and after the swap the
     /// predecessor is in control: what it does then is said, with an alarm, and is for people to judge.
     #[must_use]
     pub const fn ends_ladder(self) -> bool {
         !matches!(self, Self::HookFailed | Self::NotRecovered)
-    }
-
-    /// The name in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::HookFailed => "hook-failed",
-            Self::NoStandstill => "no-standstill",
-            Self::RetreatBlocked => "retreat-blocked",
-            Self::PredecessorMissing => "predecessor-missing",
-            Self::DigestMismatch => "digest-mismatch",
-            Self::PolicyMismatch => "policy-mismatch",
-            Self::StoreFailed => "store-failed",
-            Self::PredecessorFailed => "predecessor-failed",
-            Self::NotRecovered => "not-recovered",
-        }
     }
 }
 

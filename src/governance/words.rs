@@ -87,22 +87,17 @@ impl<T: fmt::Display> fmt::Display for Word<T> {
     }
 }
 
-/// The schema of a closed set, for [`words!`](crate::words!).
-#[doc(hidden)]
-#[must_use]
-pub fn schema_of(names: &[&'static str]) -> schemars::Schema {
-    schemars::json_schema!({ "type": "string", "enum": names })
-}
-
 /// Makes an enum without data whose members have a name each, in records, on screen and in JSON alike.
 ///
-/// It gets `ALL` (every member in order), `name()`, `Display`, `FromStr` with a [`WordError`] that lists the set, and
-/// serde as the name, and a JSON schema that lists the set.
+/// It gets `ALL` (every member in order), `name()`, `Display`, `FromStr` with a [`WordError`] that lists the set,
+/// serde as the name, and a JSON schema that lists the set with the members' documentation.
 #[macro_export]
 macro_rules! words {
     ($(#[$doc:meta])* $name:ident, $what:literal, { $($(#[$member_doc:meta])* $member:ident = $text:literal),+ $(,)? }) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, ::serde::Serialize, ::serde::Deserialize)]
+        #[derive($crate::words::schemars::JsonSchema)]
+        #[schemars(crate = "holdpoint_governance::words::schemars")]
         pub enum $name { $($(#[$member_doc])* #[serde(rename = $text)] $member),+ }
 
         impl $name {
@@ -113,18 +108,6 @@ macro_rules! words {
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$member => $text),+ }
-            }
-        }
-
-        impl $crate::words::schemars::JsonSchema for $name {
-            fn schema_name() -> ::std::borrow::Cow<'static, str> {
-                stringify!($name).into()
-            }
-
-            fn json_schema(
-                _: &mut $crate::words::schemars::SchemaGenerator,
-            ) -> $crate::words::schemars::Schema {
-                $crate::words::schema_of(&Self::ALL.map(Self::name))
             }
         }
 
