@@ -2,11 +2,15 @@
 //!
 //! Prints what [`holdpoint_lab::bench`] measured; must not measure or round away anything itself (JSON has every digit).
 
+use std::path::{Path, PathBuf};
+
 use clap::{Args, Subcommand};
+use indicatif::ProgressBar;
 
 use super::output::Table;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_lab::bench::peers::{self, PeerError, PeerReport, PeerSettings};
 use holdpoint_lab::bench::stats::{self, Stated};
 use holdpoint_lab::bench::{self, BenchReport};
 use holdpoint_text::Hint;
@@ -17,7 +21,8 @@ use holdpoint_text::Hint;
 Examples:
   holdpoint bench
   holdpoint bench --quick --json
-  holdpoint bench stats --runs 2000")]
+  holdpoint bench stats --runs 2000
+  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers")]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct BenchArgs {
     /// What to measure instead of times.
@@ -29,12 +34,14 @@ pub struct BenchArgs {
 }
 
 /// What `bench` can measure beside times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Subcommand)]
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum BenchStudy {
     /// Simulates how often the rules err, and holds it against what the profiles say.
     ///
     /// Ends with the code of an internal fault where a stated rate is refuted.
     Stats(StatsArgs),
+    /// Times the grasp-and-place episode beside other physics engines, round by round.
+    Peers(PeersArgs),
 }
 
 /// The arguments of `bench stats`.
@@ -49,12 +56,44 @@ pub struct StatsArgs {
     pub runs: u32,
 }
 
+/// The arguments of `bench peers`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The scripts are pybullet_grasp.py and mujoco_grasp.py with their folder models; each prints one JSON line of figures.
+What is missing of them is named and left out.
+
+Examples:
+  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers
+  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers --native .peers/bin/mujoco_grasp_native")]
+pub struct PeersArgs {
+    /// The interpreter that has the peers installed.
+    #[arg(long, value_name = "PROGRAM")]
+    pub python: PathBuf,
+    /// The folder of the peers' scripts.
+    #[arg(long, value_name = "DIR")]
+    pub scripts: PathBuf,
+    /// The peer in C.
+    #[arg(long, value_name = "PROGRAM")]
+    pub native: Option<PathBuf>,
+    /// Rounds; every engine works once in each.
+    #[arg(long, default_value_t = peers::ROUNDS, value_parser = clap::value_parser!(u32).range(1..=i64::from(peers::ROUNDS_MAX)))]
+    pub rounds: u32,
+    /// Episodes of a round in this cell.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub episodes: u64,
+}
+
 /// Measures and prints.
 ///
 /// # Errors
 /// If the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    if let Some(BenchStudy::Stats(args)) = args.what {
+    if let Some(BenchStudy::Peers(args)) = &args.what {
+        let report = compare(args)?;
+        out.answer(&report, |out| show_peers(&report, out))?;
+        return Ok(Exit::Confirmed);
+    }
+    if let Some(BenchStudy::Stats(args)) = &args.what {
         let report = stats::run(args.runs).map_err(|error| CliError::internal(error.sentence()))?;
         out.answer(&report, |out| show_study(&report, out))?;
         return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
@@ -95,6 +134,78 @@ fn show(report: &BenchReport, out: &mut Output<'_>) -> Result<(), CliError> {
         ]);
     }
     out.table(&table)
+}
+
+fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
+    // The peers run in the scripts' folder; what is named here lies where this program was called.
+    let full = |path: &Path| std::path::absolute(path).map_err(CliError::internal);
+    // A bare name is looked for along PATH.
+    let program = |path: &Path| match path.components().count() {
+        1 => Ok(path.to_owned()),
+        _ => full(path),
+    };
+    let settings = PeerSettings {
+        python: program(&args.python)?,
+        scripts: full(&args.scripts)?,
+        native: args.native.as_deref().map(full).transpose()?,
+        rounds: args.rounds,
+        episodes: args.episodes,
+    };
+    let bar = ProgressBar::new_spinner();
+    let rounds = args.rounds;
+    let told = peers::run(&settings, &mut |round, engine| {
+        bar.set_message(format!("round {} of {rounds}: {}", round + 1, engine.name()));
+        bar.tick();
+    });
+    bar.finish_and_clear();
+    told.map_err(|error| match error {
+        PeerError::Own(_) => CliError::internal(error.sentence()),
+        PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => {
+            CliError::usage(error)
+        }
+    })
+}
+
+fn show_peers(report: &PeerReport, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line(&format!(
+        "grasp and place, 960 ticks; {} interleaved rounds, medians; this cell {}, peers f64",
+        report.rounds, report.physics
+    ))?;
+    out.line("")?;
+    let header = [
+        "engine",
+        "per cpu-s",
+        "lowest",
+        "highest",
+        "to PyBullet",
+        "to MuJoCo C",
+        "lift",
+        "place",
+        "n a round",
+    ];
+    let mut table = Table::new(&header);
+    let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), number);
+    for row in &report.rows {
+        let end = |pick: fn(f64, f64) -> f64| {
+            row.rates.iter().copied().reduce(pick).map_or_else(String::new, number)
+        };
+        table.row([
+            row.engine.name().to_owned(),
+            number(row.median),
+            end(f64::min),
+            end(f64::max),
+            ratio(row.to_pybullet),
+            ratio(row.to_mujoco_native),
+            format!("{:.1} %", 100.0 * row.lift_rate),
+            format!("{:.1} %", 100.0 * row.place_rate),
+            row.episodes.to_string(),
+        ]);
+    }
+    out.table(&table)?;
+    for (engine, why) in &report.absent {
+        out.line(&format!("left out: {}: {why}", engine.name()))?;
+    }
+    Ok(())
 }
 
 fn show_study(report: &stats::StudyReport, out: &mut Output<'_>) -> Result<(), CliError> {

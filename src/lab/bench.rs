@@ -5,6 +5,7 @@
 
 mod candidate;
 mod measure;
+pub mod peers;
 mod rules;
 mod simulation;
 pub mod stats;

@@ -176,7 +176,7 @@ pub(super) fn measure_peer(effort: &FigureEffort) -> Result<Vec<PeerEntry>, Benc
     [Fidelity::Adaptive, Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
 }
 
-fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
+pub(super) fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
     let bench = PeerBench::new(mode)?;
     bench.run(n)?; // not counted, as with the peers
     let (mut lifted, mut placed) = (0_u64, 0_u64);
