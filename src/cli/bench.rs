@@ -160,9 +160,7 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     bar.finish_and_clear();
     told.map_err(|error| match error {
         PeerError::Own(_) => CliError::internal(error.sentence()),
-        PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => {
-            CliError::usage(error)
-        }
+        PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
     })
 }
 

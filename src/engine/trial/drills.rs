@@ -54,6 +54,9 @@ const POINT_TICKS: (u64, u64) = (48, 480);
 /// Longest time a rollback hook may take, ticks.
 const HANDOVER_TICKS: u64 = 3 * RATE_HZ as u64;
 
+/// The earliest point that is tried, ticks.
+const POINT_MIN: u64 = 12;
+
 /// Tries to find a point at which the version still works.
 const POINT_TRIES: u32 = 4;
 
@@ -71,16 +74,31 @@ pub fn drill(
     let (from, to) = POINT_TICKS;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     let mut point = stream.uniform(from as f64, to as f64) as u64;
+    // The last tick of the work, once it is known: a later point is not reached, and not tried.
+    let mut worked = u64::MAX;
     for _ in 0..POINT_TRIES {
-        match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
-            Ok(Some(true)) => return DrillResult::Passed,
-            Ok(Some(false)) => return DrillResult::Failed,
-            // The work was over before the point: an earlier one is tried.
-            Ok(None) => point = (point / 2).max(12),
-            Err(_) => return DrillResult::Infeasible,
+        if point <= worked {
+            match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
+                Ok(Attempt::Drilled(true)) => return DrillResult::Passed,
+                Ok(Attempt::Drilled(false)) => return DrillResult::Failed,
+                Ok(Attempt::OverBefore { worked: last }) => worked = last,
+                Err(_) => return DrillResult::Infeasible,
+            }
         }
+        point = (point / 2).max(POINT_MIN);
     }
     DrillResult::Infeasible
+}
+
+/// What became of a drill at one point.
+enum Attempt {
+    /// It was worked, and passed or not.
+    Drilled(bool),
+    /// The work was over before the point.
+    OverBefore {
+        /// Its last tick.
+        worked: u64,
+    },
 }
 
 #[allow(clippy::too_many_arguments, reason = "one call site, all of them needed")]
@@ -93,23 +111,24 @@ fn attempt(
     seed: u64,
     point: u64,
     stream: &mut Stream,
-) -> Result<Option<bool>, SimError> {
+) -> Result<Attempt, SimError> {
     let version = cast.version;
     let task = version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(Conditions::Canonical), seed);
     let arm = worker.arm(cell, &setup)?;
     let mut guard = terms.guard(version.manifest.permissions.authority);
     let mut skill = version.bundle.start(seed);
-    let mut reached = false;
+    let (mut reached, mut worked) = (false, 0);
     let task_terms = terms.task(task, seed, version.abort_secs());
     task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, passed| {
-        reached = passed.tick >= point
-            && !passed.settling
-            && !matches!(passed.command, Command::Done | Command::Fail { .. });
+        if !passed.settling && !matches!(passed.command, Command::Done | Command::Fail { .. }) {
+            worked = passed.tick;
+            reached = passed.tick >= point;
+        }
         if reached { Supervision::Release } else { Supervision::Continue }
     })?;
     if !reached {
-        return Ok(None);
+        return Ok(Attempt::OverBefore { worked });
     }
     let mut rehearsal = Rehearsal { arm, guard, terms, cast, seed };
     match kind {
@@ -118,7 +137,7 @@ fn attempt(
         DrillKind::Fallback => rehearsal.fallback(skill.as_mut()),
         DrillKind::Detect => rehearsal.detect(skill.as_mut(), stream),
     }
-    .map(Some)
+    .map(Attempt::Drilled)
 }
 
 /// A drill from the chosen point on.
@@ -287,5 +306,60 @@ fn choose_fault(held: bool, stream: &mut Stream) -> (InjectedFault, &'static [Wa
         (InjectedFault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
     } else {
         (InjectedFault::ToolDead, &[WatcherSignal::ToolLost, WatcherSignal::GripFault])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded::baselines;
+    use holdpoint_governance::policy::PolicyTable;
+    use holdpoint_governance::profile::{Profile, ProfileName};
+    use std::sync::Arc;
+
+    /// As [`drill`], but every point is tried from the start, as if nothing were known of the work's length.
+    fn every_point(
+        worker: &mut Worker,
+        cell: &Cell,
+        terms: &SkillTerms,
+        cast: &Cast<'_>,
+        kind: DrillKind,
+        seed: u64,
+    ) -> (DrillResult, u32) {
+        let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+        let mut point = stream.uniform(POINT_TICKS.0 as f64, POINT_TICKS.1 as f64) as u64;
+        for over in 0..POINT_TRIES {
+            match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
+                Ok(Attempt::Drilled(true)) => return (DrillResult::Passed, over),
+                Ok(Attempt::Drilled(false)) => return (DrillResult::Failed, over),
+                Ok(Attempt::OverBefore { .. }) => point = (point / 2).max(POINT_MIN),
+                Err(_) => return (DrillResult::Infeasible, over),
+            }
+        }
+        (DrillResult::Infeasible, POINT_TRIES)
+    }
+
+    #[test]
+    fn a_point_that_cannot_be_reached_is_passed_over_without_another_result() {
+        let cell = Cell::builtin().unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let versions = baselines().unwrap();
+        let of =
+            |family: &str| versions.iter().find(|version| version.id().family.as_str() == family).unwrap();
+        let (place, park) = (of("place"), of("park"));
+        let cast = Cast { version: place, predecessor: place, fallback: Some(park) };
+        let mut worker = Worker::new();
+        let mut over = 0;
+        for seed in 1_200_000..1_200_012 {
+            for kind in DrillKind::ALL {
+                let (expected, tries) = every_point(&mut worker, &cell, &terms, &cast, kind, seed);
+                assert_eq!(drill(&mut worker, &cell, &terms, &cast, kind, seed), expected, "{kind:?} {seed}");
+                over += u32::from(tries > 0);
+            }
+        }
+        assert!(over > 0, "no drill had a point behind the work's end: nothing was tried");
     }
 }
