@@ -71,12 +71,16 @@ impl Pipeline {
                 self.simple(&operation, "paused", |version| LifecycleEvent::Pause { version })
             }
             Command::Resume(operation) => {
+                let reply =
+                    self.simple(&operation, "resumed", |version| LifecycleEvent::Resume { version })?;
                 self.dossiers.edit(&operation.version).held = false;
-                self.simple(&operation, "resumed", |version| LifecycleEvent::Resume { version })
+                Ok(reply)
             }
             Command::Repeat { operation, stage } => {
+                let repeat = |version| LifecycleEvent::Repeat { version, stage };
+                let reply = self.simple(&operation, "to be repeated", repeat)?;
                 self.dossiers.edit(&operation.version).held = false;
-                self.simple(&operation, "to be repeated", |version| LifecycleEvent::Repeat { version, stage })
+                Ok(reply)
             }
             Command::Restrict(operation) => {
                 let id = self.checked(&operation)?;
@@ -217,9 +221,8 @@ impl Pipeline {
     fn operator_demote(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
         let id = self.checked(operation)?;
         let (version, standing, _) = self.record.ledger().version(&id)?;
-        let state = standing.state;
-        self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
-        if state == State::Active {
+        if standing.state == State::Active {
+            self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
             // A profile demotion leaves a version active if it is not closed.
             if !profiles.is_empty() && !profiles.contains(&self.context.profile.name) {
                 return accepted(&id, "closed to the profiles named");
@@ -231,6 +234,7 @@ impl Pipeline {
             LifecycleEvent::Demote { version },
             operator_note(operation, "demoted"),
         )?;
+        self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
         self.forget_work(&id);
         accepted(&id, "demoted")
     }

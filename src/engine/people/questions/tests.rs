@@ -6,8 +6,9 @@ use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
-use holdpoint_governance::profile::AlarmPriority;
+use holdpoint_governance::profile::{AlarmPriority, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -72,6 +73,37 @@ fn a_question_is_answered_and_may_come_again() {
         assert!(matches!(pipeline.command(go_on(&id)), Reply::Accepted { .. }));
     }
     assert_eq!(pipeline.record.holding(), None);
+}
+
+#[test]
+fn a_refused_command_changes_no_dossier() {
+    let mut bench = Bench::new();
+    let active = bench.activate("align-improved");
+    let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
+    let pipeline = &mut bench.pipeline;
+    pipeline.dossiers.edit(&active).held = true;
+    let before = pipeline.dossiers.of(&active).cloned();
+    for version in [&unknown, &active] {
+        let (version, by) = (version.clone(), "ada".to_owned());
+        let operation = Operation { version, by, reason: "looked".to_owned() };
+        for command in [
+            Command::Resume(operation.clone()),
+            Command::Repeat { operation: operation.clone(), stage: Stage::Shadow },
+        ] {
+            let reply = pipeline.command(command.clone());
+            assert!(matches!(reply, Reply::Refused { .. }), "{command:?}: {reply:?}");
+        }
+    }
+    assert!(pipeline.dossiers.of(&unknown).is_none(), "an unknown version has no dossier");
+    assert_eq!(pipeline.dossiers.of(&active), before.as_ref());
+    // A superseded version is not demoted, and no profile is closed to it in passing either.
+    let superseded: CapabilityId = "align@1.0.0".parse().unwrap();
+    let (version, by) = (superseded.clone(), "ada".to_owned());
+    let operation = Operation { version, by, reason: "looked".to_owned() };
+    let before = pipeline.dossiers.of(&superseded).cloned();
+    let reply = pipeline.command(Command::Demote { operation, profiles: vec![ProfileName::Real] });
+    assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
+    assert_eq!(pipeline.dossiers.of(&superseded), before.as_ref());
 }
 
 #[test]
