@@ -2,7 +2,8 @@
 
 use crate::monitors::Monitors;
 use crate::record::Record;
-use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, Priority};
+use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, AlarmKey, Priority};
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -11,27 +12,14 @@ use holdpoint_text::Hint;
 
 impl Record {
     /// Raises an alarm and says so.
-    pub(crate) fn raise(
-        &mut self,
-        key: &str,
-        group: &str,
-        priority: AlarmPriority,
-        latching: bool,
-        text: &str,
-    ) {
+    pub(crate) fn raise(&mut self, key: AlarmKey, priority: AlarmPriority, latching: bool, text: &str) {
         let priority = match priority {
             AlarmPriority::Low => Priority::Low,
             AlarmPriority::Medium => Priority::High,
             AlarmPriority::High => Priority::Critical,
         };
-        let event = AlarmEvent::Raise {
-            key: key.to_owned(),
-            group: group.to_owned(),
-            priority,
-            latching,
-            text: holdpoint_text::Untrusted::new(text),
-        };
-        self.alarm_event(&event);
+        let text = holdpoint_text::Untrusted::new(text);
+        self.alarm_event(&AlarmEvent::Raise { key, priority, latching, text });
     }
 
     /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
@@ -58,7 +46,7 @@ impl Record {
             return;
         }
         self.alarms_due_ms = now_ms.saturating_add(ALARMS_EVERY_MS);
-        let over: Vec<String> = self
+        let over: Vec<AlarmKey> = self
             .alarms
             .iter()
             .filter(|alarm| alarm.condition && self.is_over(&alarm.key, monitors, works))
@@ -95,30 +83,31 @@ impl Record {
         }
     }
 
-    /// Whether what an alarm was raised for is over; `works`: the last live sequence was done. What took place and is done with is over at once; it stays
-    /// until somebody resets it.
-    fn is_over(&self, key: &str, monitors: &Monitors, works: bool) -> bool {
-        let Some((kind, about)) = key.split_once(':') else { return false };
-        let version = || about.parse::<holdpoint_governance::ids::CapabilityId>().ok();
-        let family = || holdpoint_governance::ids::Family::new(about.to_owned()).ok();
-        match kind {
-            "rolled-back" => true,
-            "escalated" => version().is_some_and(|id| {
-                monitors.of(&id).is_none_or(|watched| watched.monitor.escalation().is_none())
-            }),
-            "restricted" => version().is_some_and(|id| {
-                let standing =
-                    self.ledger().version(&id).ok().map(|(_, standing, _)| standing.flags.restricted);
-                standing != Some(true)
-            }),
-            "safe-stopped" | "not-recovered" => family().is_some_and(|family| {
-                let entry = self.ledger().family(&family).ok();
-                entry.is_some_and(|entry| {
-                    !entry.state.safe_stopped && entry.active().is_some() && (kind == "safe-stopped" || works)
-                })
-            }),
-            _ => false,
+    /// Whether what an alarm was raised for is seen to be over. What took place and is done with is over at once; it
+    /// stays until somebody resets it. `works`: the last live sequence was done.
+    fn is_over(&self, key: &AlarmKey, monitors: &Monitors, works: bool) -> bool {
+        match key {
+            AlarmKey::RolledBack(_) => true,
+            AlarmKey::Escalated(version) => {
+                monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
+            }
+            AlarmKey::Restricted(version) => !self.is_restricted(version),
+            AlarmKey::SafeStopped(family) => self.is_in_control(family),
+            AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
+            // Whoever ends the question or the rejection clears it.
+            AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
+            // An engine that holds does so until it comes up again.
+            AlarmKey::EngineFault => false,
         }
+    }
+
+    fn is_restricted(&self, version: &CapabilityId) -> bool {
+        self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
+    }
+
+    /// Whether a family has an active version that may work.
+    fn is_in_control(&self, family: &Family) -> bool {
+        self.ledger().family(family).is_ok_and(|entry| !entry.state.safe_stopped && entry.active().is_some())
     }
 
     /// Into the book and the store, and told. The store comes first: what it did not take did not happen.
@@ -130,15 +119,15 @@ impl Record {
                 let state = alarm.state();
                 let priority = alarm.priority;
                 told.push(EventKind::Alarm {
-                    alarm: alarm.key.clone(),
-                    subject: alarm.group.clone(),
+                    alarm: alarm.key.to_string(),
+                    subject: alarm.group.to_string(),
                     state,
                     priority,
                     text: alarm.text.line().into_string(),
                 });
                 stored.push(Change::AlarmChange {
-                    alarm: alarm.key.clone(),
-                    subject: alarm.group.clone(),
+                    alarm: alarm.key.to_string(),
+                    subject: alarm.group.to_string(),
                     state,
                     priority,
                     json: serde_json::to_string(alarm).unwrap_or_else(|_| "{}".to_owned()),
@@ -166,10 +155,14 @@ const ALARMS_EVERY_MS: u64 = 1_000;
 fn reason_of(event: &AlarmEvent) -> Vec<AuditBody> {
     let AlarmEvent::Reset { key, by, reason } = event else { return Vec::new() };
     let body = serde_json::json!({ "alarm": key, "by": by, "reason": reason.raw() }).to_string();
-    vec![AuditBody { kind: holdpoint_governance::record::RecordKind::AlarmReset, subject: key.clone(), body }]
+    vec![AuditBody {
+        kind: holdpoint_governance::record::RecordKind::AlarmReset,
+        subject: key.to_string(),
+        body,
+    }]
 }
 
-fn refused(error: &AlarmError) -> Reply {
+pub(crate) fn refused(error: &AlarmError) -> Reply {
     let code = match error {
         AlarmError::Unknown(_) => Refusal::NotFound,
         AlarmError::Key(_)

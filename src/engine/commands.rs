@@ -3,6 +3,7 @@
 
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
+use crate::alarms;
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::pipeline::{Pipeline, registered_event};
@@ -10,7 +11,7 @@ use crate::stages::closing::rejected;
 use crate::stages::rollback;
 use crate::world::live::LiveFault;
 use crate::world::supervisor::Trip;
-use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::alarms::{AlarmError, AlarmEvent, AlarmKey};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State};
@@ -32,8 +33,14 @@ const REASON_BYTES_MAX: usize = 4096;
 
 impl Pipeline {
     /// A person's event about an alarm.
-    fn alarm_command(&mut self, event: &AlarmEvent, done: &str) -> Reply {
-        self.record.alarm_command(event, done, &self.monitors, self.world.works())
+    fn alarm_command(
+        &mut self,
+        alarm: String,
+        event: impl FnOnce(AlarmKey) -> AlarmEvent,
+        done: &str,
+    ) -> Reply {
+        let Ok(key) = alarm.parse() else { return alarms::refused(&AlarmError::Unknown(alarm.into())) };
+        self.record.alarm_command(&event(key), done, &self.monitors, self.world.works())
     }
 
     /// Carries out a command. What cannot be carried out is refused and changes nothing; a fault of
@@ -96,22 +103,22 @@ impl Pipeline {
             Command::LiveFault { fault } => self.live_fault(fault),
             Command::AcknowledgeAlarm { alarm, by } => {
                 let done = format!("{alarm} is acknowledged");
-                Ok(self.alarm_command(&AlarmEvent::Acknowledge { key: alarm, by }, &done))
+                Ok(self.alarm_command(alarm, |key| AlarmEvent::Acknowledge { key, by }, &done))
             }
             Command::ResetAlarm { alarm, by, reason } => {
                 let done = format!("{alarm} is reset");
-                let event = AlarmEvent::Reset { key: alarm, by, reason: Untrusted::new(reason) };
-                Ok(self.alarm_command(&event, &done))
+                let reason = Untrusted::new(reason);
+                Ok(self.alarm_command(alarm, |key| AlarmEvent::Reset { key, by, reason }, &done))
             }
             Command::ShelveAlarm { alarm, by, for_ms, reason } => {
                 let until_ms = self.record.now_ms().saturating_add(for_ms);
                 let done = format!("{alarm} is shelved");
                 let reason = Untrusted::new(reason);
-                Ok(self.alarm_command(&AlarmEvent::Shelve { key: alarm, by, until_ms, reason }, &done))
+                Ok(self.alarm_command(alarm, |key| AlarmEvent::Shelve { key, by, until_ms, reason }, &done))
             }
             Command::UnshelveAlarm { alarm, by } => {
                 let done = format!("{alarm} is taken from its shelf");
-                Ok(self.alarm_command(&AlarmEvent::Unshelve { key: alarm, by }, &done))
+                Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => self.go_on(&operation),
             Command::Pace { times } => self.set_pace(times),

@@ -2,7 +2,7 @@
 //!
 //! Decides nothing. What cannot be written makes the engine hold.
 
-use holdpoint_governance::alarms::AlarmBook;
+use holdpoint_governance::alarms::{AlarmBook, AlarmKey};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::profile::AlarmPriority;
@@ -99,7 +99,7 @@ impl Record {
     pub fn hold(&mut self, why: &str) {
         self.holding = Some(why.to_owned());
         self.tell(EventKind::Fault { text: why.to_owned() });
-        self.raise("engine-fault", "engine", AlarmPriority::High, true, why);
+        self.raise(AlarmKey::EngineFault, AlarmPriority::High, true, why);
     }
 
     /// As [`Record::hold`] without a word: the alarm that would say so is what could not be written.

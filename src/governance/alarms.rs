@@ -15,6 +15,7 @@
 
 mod apply;
 mod flood;
+mod key;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -25,6 +26,7 @@ use holdpoint_text::{Hint, Untrusted};
 
 pub use apply::apply;
 pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
+pub use key::{AlarmKey, AlarmKeyError, AlarmKind, AlarmTopic};
 
 /// The most alarms a book holds, normal ones included. A further raise takes the place of the oldest normal one, or is refused.
 pub const ALARMS_MAX: usize = 512;
@@ -116,9 +118,9 @@ pub struct Shelving {
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
     /// Its unique name, e.g. `rolled-back:grasp@1.3.0`.
-    pub key: String,
-    /// What it is grouped by in a flood, e.g. `rollback`.
-    pub group: String,
+    pub key: AlarmKey,
+    /// What it is grouped by in a flood: the topic of its kind.
+    pub group: AlarmTopic,
     /// How soon the operator must act.
     pub priority: Priority,
     /// Whether it stays after its condition has ended, until an operator resets it with a reason.
@@ -175,9 +177,7 @@ pub enum AlarmEvent {
     /// A condition appeared (or appeared again, or became more urgent).
     Raise {
         /// Name of the alarm; raising one that is present changes its text and may make it more urgent, never less.
-        key: String,
-        /// Alarms of one group share a row in a flood, e.g. `rollback`.
-        group: String,
+        key: AlarmKey,
         /// How soon the operator must act.
         priority: Priority,
         /// Whether it stays after its condition has ended, until it is reset.
@@ -188,19 +188,19 @@ pub enum AlarmEvent {
     /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset.
     Clear {
         /// Name of the alarm whose condition ended; one that is not in the book is no error.
-        key: String,
+        key: AlarmKey,
     },
     /// An operator has taken note; resumes nothing.
     Acknowledge {
         /// Name of the alarm that stops calling for attention; its condition is untouched.
-        key: String,
+        key: AlarmKey,
         /// Identity of the operator who has taken note.
         by: String,
     },
     /// A latched alarm is closed; acknowledges as well.
     Reset {
         /// Name of a latched alarm whose condition has ended.
-        key: String,
+        key: AlarmKey,
         /// Identity of the operator who answers for the reset.
         by: String,
         /// Why it is safe to close the alarm; a blank reason is refused.
@@ -209,7 +209,7 @@ pub enum AlarmEvent {
     /// Sets an alarm aside for a time.
     Shelve {
         /// Name of the alarm to set aside; refused for critical ones.
-        key: String,
+        key: AlarmKey,
         /// Identity of the operator who sets it aside.
         by: String,
         /// When the shelf ends by itself, in the book's milliseconds; at most [`SHELF_MS_MAX`] from now.
@@ -220,7 +220,7 @@ pub enum AlarmEvent {
     /// Takes an alarm from its shelf before the shelf's end.
     Unshelve {
         /// Name of a shelved alarm; still unacknowledged below its shelf, it calls again.
-        key: String,
+        key: AlarmKey,
         /// Identity of the operator who brings it back.
         by: String,
     },
@@ -246,7 +246,7 @@ pub enum AlarmChange {
     /// An alarm that is normal was dropped from the book.
     Dropped {
         /// Name of the alarm that left; raised again it starts as a new one.
-        key: String,
+        key: AlarmKey,
     },
     /// The rate of alarms crossed [`FLOOD_START`] upwards or [`FLOOD_END`] downwards.
     Flood {
@@ -261,8 +261,8 @@ pub enum AlarmError {
     /// The key names no alarm of the book: never raised, or dropped since.
     #[error("there is no alarm {0:?}")]
     Unknown(Untrusted),
-    /// An empty or overlong key or group.
-    #[error("{0:?} cannot name an alarm; 1 to 200 bytes are allowed")]
+    /// An overlong key.
+    #[error("{0:?} cannot name an alarm; at most 200 bytes are allowed")]
     Key(Untrusted),
     /// The name given for the operator does not have the form of an identity's name.
     #[error("{0:?} is not the name of an identity")]
@@ -316,7 +316,7 @@ impl Hint for AlarmError {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AlarmBook {
-    pub(crate) alarms: BTreeMap<String, Alarm>,
+    pub(crate) alarms: BTreeMap<AlarmKey, Alarm>,
     /// When alarms called for attention, oldest first; only as many as flood detection needs.
     pub(crate) annunciated_ms: Vec<u64>,
     pub(crate) flood: bool,
@@ -349,7 +349,7 @@ impl AlarmBook {
 
     /// The alarm of this name; `None` once it was dropped as long normal.
     #[must_use]
-    pub fn get(&self, key: &str) -> Option<&Alarm> {
+    pub fn get(&self, key: &AlarmKey) -> Option<&Alarm> {
         self.alarms.get(key)
     }
 

@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_approvals::{Identity, SignedApproval};
-use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
     self, Answer, ApprovalOutcome, ApprovalResult, Request, SignatureCheck, Subject, Vote,
 };
@@ -212,13 +212,8 @@ impl Approvals {
             on_drift: asked.on_drift,
         });
         let priority = context.profile.alarms.approval_waiting;
-        record.raise(
-            &format!("approval:{id}"),
-            "approval",
-            priority,
-            false,
-            &format!("{id} waits for approval"),
-        );
+        let text = format!("{id} waits for approval");
+        record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
         Ok(())
     }
 
@@ -337,7 +332,7 @@ pub fn closing_note(
 
 /// Nobody waits any more. Whoever answered has seen that somebody did.
 pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<String>) {
-    let key = format!("approval:{id}");
+    let key = AlarmKey::Approval(id.clone());
     if let Some(by) = answered_by.filter(|_| record.alarms.get(&key).is_some()) {
         record.alarm_event(&AlarmEvent::Acknowledge { key: key.clone(), by });
     }

@@ -5,7 +5,7 @@
 
 use crate::fault::Fault;
 use crate::pipeline::Pipeline;
-use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::monitor::{MonitorAction, normal_rates};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
@@ -43,7 +43,7 @@ impl Pipeline {
             by: Untrusted::new(operation.by.clone()).line().into_string(),
             reason: Untrusted::new(operation.reason.clone()).line().into_string(),
         });
-        self.record.alarm_event(&AlarmEvent::Clear { key: format!("escalated:{id}") });
+        self.record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::Escalated(id.clone()) });
         Ok(Reply::Accepted { text: format!("{id} goes on"), version: Some(id) })
     }
 }

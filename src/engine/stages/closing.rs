@@ -1,6 +1,6 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
-use holdpoint_governance::alarms::AlarmEvent;
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::decision::{Decision, Kappa, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -103,8 +103,8 @@ fn scores(dossier: &Dossier, id: &CapabilityId) -> Change {
 
 /// After a rejection: the alarm and the closed record.
 pub(crate) fn rejected(context: &Context, record: &mut Record, id: &CapabilityId) -> Result<(), Fault> {
-    let (key, priority) = (format!("rejected:{id}"), context.profile.alarms.rejected);
-    record.raise(&key, "rejected", priority, false, &format!("{id} was rejected"));
+    let (key, priority) = (AlarmKey::Rejected(id.clone()), context.profile.alarms.rejected);
+    record.raise(key.clone(), priority, false, &format!("{id} was rejected"));
     record.alarm_event(&AlarmEvent::Clear { key });
     record.close_audit(id, UpgradeEnd::Rejected)
 }

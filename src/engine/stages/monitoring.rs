@@ -1,5 +1,6 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent};
@@ -227,7 +228,7 @@ impl Live<'_> {
         self.tell_monitor(id, decision.action, &decision.reasons)?;
         let priority = self.context.profile.alarms.escalated;
         let text = format!("{id}: people are needed");
-        self.record.raise(&format!("escalated:{id}"), "monitor", priority, true, &text);
+        self.record.raise(AlarmKey::Escalated(id.clone()), priority, true, &text);
         Ok(())
     }
 
@@ -264,7 +265,7 @@ impl Live<'_> {
         self.record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
         let priority = self.context.profile.alarms.restricted;
         let text = format!("{id} is restricted");
-        self.record.raise(&format!("restricted:{id}"), "monitor", priority, true, &text);
+        self.record.raise(AlarmKey::Restricted(id.clone()), priority, true, &text);
         Ok(())
     }
 

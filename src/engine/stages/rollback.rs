@@ -4,6 +4,7 @@
 //! Owns the order of the rungs and their record. What moves the arm is in `world/descent.rs`; which versions
 //! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
 
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::policy::PolicyTable;
@@ -230,7 +231,7 @@ impl Live<'_> {
         if record.recovered == Some(false) {
             let priority = self.context.profile.alarms.safe_stopped;
             let text = format!("{} is back to its predecessor and does not work safely", id.family);
-            self.record.raise(&format!("not-recovered:{}", id.family), "rollback", priority, true, &text);
+            self.record.raise(AlarmKey::NotRecovered(id.family.clone()), priority, true, &text);
         }
         if !self.world.is_paced() {
             self.raise_rolled_back(&record);
@@ -244,7 +245,7 @@ impl Live<'_> {
         let id = &record.candidate;
         let priority = self.context.profile.alarms.rolled_back;
         let text = format!("{id} was taken off: {}", record.trigger.text);
-        self.record.raise(&format!("rolled-back:{id}"), "rollback", priority, true, &text);
+        self.record.raise(AlarmKey::RolledBack(id.clone()), priority, true, &text);
     }
 
     /// A rung failed or there is nothing to go back to.
@@ -271,7 +272,7 @@ impl Live<'_> {
         self.record.transition(&id.family, LifecycleEvent::FailRollback { version }, note)?;
         let priority = self.context.profile.alarms.safe_stopped;
         let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
-        self.record.raise(&format!("safe-stopped:{}", id.family), "rollback", priority, true, &text);
+        self.record.raise(AlarmKey::SafeStopped(id.family.clone()), priority, true, &text);
         self.record.tell(told(record));
         self.record.close_audit(id, PostStatus::SafeStopped.into())
     }

@@ -89,8 +89,8 @@ impl Pipeline {
             .open()
             .into_iter()
             .map(|alarm| AlarmView {
-                alarm: alarm.key.clone(),
-                subject: alarm.group.clone(),
+                alarm: alarm.key.to_string(),
+                subject: alarm.group.to_string(),
                 state: alarm.state(),
                 priority: alarm.priority,
                 text: alarm.text.line().into_string(),

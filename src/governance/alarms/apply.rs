@@ -1,13 +1,13 @@
 //! The transition function.
 
 use super::{
-    ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmState, CHATTER_RAISES, Priority,
-    SHELF_MS_MAX, Shelving, flood,
+    ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, AlarmState, CHATTER_RAISES,
+    Priority, SHELF_MS_MAX, Shelving, flood,
 };
 use crate::ids::is_name;
 use holdpoint_text::Untrusted;
 
-/// The longest key or group, in bytes.
+/// The longest key, in bytes.
 const KEY_BYTES_MAX: usize = 200;
 
 /// Answers what an event changes. The book is not touched; take the changes in with [`AlarmBook::absorb`].
@@ -19,8 +19,8 @@ const KEY_BYTES_MAX: usize = 200;
 /// lacks its reason, or the book is full.
 pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
     let mut changes = match event {
-        AlarmEvent::Raise { key, group, priority, latching, text } => {
-            raise(book, key, group, (*priority, *latching), text, now_ms)?
+        AlarmEvent::Raise { key, priority, latching, text } => {
+            raise(book, key, (*priority, *latching), text, now_ms)?
         }
         AlarmEvent::Clear { key } => match book.get(key) {
             Some(alarm) if alarm.condition => set(alarm, now_ms, |alarm| alarm.condition = false),
@@ -44,7 +44,7 @@ pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Al
             let alarm = find(book, key)?;
             identity(by)?;
             if alarm.shelf.is_none() {
-                return Err(AlarmError::NotShelved(key.as_str().into()));
+                return Err(AlarmError::NotShelved(quoted(key)));
             }
             unshelve(alarm, now_ms)
         }
@@ -56,16 +56,13 @@ pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Al
 
 fn raise(
     book: &AlarmBook,
-    key: &str,
-    group: &str,
+    key: &AlarmKey,
     (priority, latching): (Priority, bool),
     text: &Untrusted,
     now_ms: u64,
 ) -> Result<Vec<AlarmChange>, AlarmError> {
-    for name in [key, group] {
-        if name.is_empty() || name.len() > KEY_BYTES_MAX {
-            return Err(AlarmError::Key(name.into()));
-        }
+    if key.to_string().len() > KEY_BYTES_MAX {
+        return Err(AlarmError::Key(quoted(key)));
     }
     let mut changes = Vec::new();
     let mut alarm = match book.get(key) {
@@ -74,7 +71,7 @@ fn raise(
             if book.alarms.len() >= ALARMS_MAX {
                 let normal = book.iter().filter(|alarm| alarm.state() == AlarmState::Normal);
                 let oldest = normal.min_by_key(|alarm| alarm.raises_ms.last().copied());
-                let oldest = oldest.ok_or_else(|| AlarmError::Full(key.into()))?;
+                let oldest = oldest.ok_or_else(|| AlarmError::Full(quoted(key)))?;
                 changes.push(AlarmChange::Dropped { key: oldest.key.clone() });
             }
             normal(key, now_ms)
@@ -111,7 +108,6 @@ fn raise(
     }
     alarm.condition = true;
     alarm.reset_pending = alarm.latching;
-    group.clone_into(&mut alarm.group);
     alarm.text = text.clone();
     // What has become critical does not stay on a shelf.
     if alarm.priority == Priority::Critical {
@@ -123,7 +119,7 @@ fn raise(
 }
 
 fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
-    let key = || Untrusted::from(alarm.key.as_str());
+    let key = || quoted(&alarm.key);
     if !alarm.reset_pending {
         return Err(AlarmError::NotLatched(key()));
     }
@@ -140,7 +136,7 @@ fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<V
 }
 
 fn shelve(alarm: &Alarm, shelf: Shelving, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
-    let key = || Untrusted::from(alarm.key.as_str());
+    let key = || quoted(&alarm.key);
     if alarm.priority == Priority::Critical {
         return Err(AlarmError::ShelveCritical(key()));
     }
@@ -199,10 +195,10 @@ fn set(alarm: &Alarm, now_ms: u64, change: impl FnOnce(&mut Alarm)) -> Vec<Alarm
 }
 
 /// An alarm that was never raised: acknowledged by nobody in particular, so that its state is normal.
-fn normal(key: &str, now_ms: u64) -> Alarm {
+fn normal(key: &AlarmKey, now_ms: u64) -> Alarm {
     Alarm {
-        key: key.to_owned(),
-        group: String::new(),
+        key: key.clone(),
+        group: key.kind().topic(),
         priority: Priority::Low,
         latching: false,
         text: Untrusted::default(),
@@ -216,8 +212,12 @@ fn normal(key: &str, now_ms: u64) -> Alarm {
     }
 }
 
-fn find<'a>(book: &'a AlarmBook, key: &str) -> Result<&'a Alarm, AlarmError> {
-    book.get(key).ok_or_else(|| AlarmError::Unknown(key.into()))
+fn find<'a>(book: &'a AlarmBook, key: &AlarmKey) -> Result<&'a Alarm, AlarmError> {
+    book.get(key).ok_or_else(|| AlarmError::Unknown(quoted(key)))
+}
+
+fn quoted(key: &AlarmKey) -> Untrusted {
+    Untrusted::new(key.to_string())
 }
 
 fn identity(by: &str) -> Result<String, AlarmError> {

@@ -4,24 +4,24 @@ use proptest::prelude::*;
 
 use super::*;
 
-const KEY: &str = "slip/grasp";
+fn key(family: &str) -> AlarmKey {
+    AlarmKey::NotRecovered(crate::ids::Family::new(family).unwrap())
+}
 
-fn raise_as(key: &str, priority: Priority, latching: bool) -> AlarmEvent {
-    AlarmEvent::Raise {
-        key: key.into(),
-        group: "grasp/monitor".into(),
-        priority,
-        latching,
-        text: "slip".into(),
-    }
+fn grasp() -> AlarmKey {
+    key("grasp")
+}
+
+fn raise_as(key: AlarmKey, priority: Priority, latching: bool) -> AlarmEvent {
+    AlarmEvent::Raise { key, priority, latching, text: "slip".into() }
 }
 
 fn named(event: &str) -> AlarmEvent {
-    let (key, by) = (KEY.to_owned(), "mara".to_owned());
+    let (key, by) = (grasp(), "mara".to_owned());
     match event {
-        "raise" => raise_as(KEY, Priority::High, false),
-        "raise-latching" => raise_as(KEY, Priority::High, true),
-        "raise-critical" => raise_as(KEY, Priority::Critical, false),
+        "raise" => raise_as(key, Priority::High, false),
+        "raise-latching" => raise_as(key, Priority::High, true),
+        "raise-critical" => raise_as(key, Priority::Critical, false),
         "clear" => AlarmEvent::Clear { key },
         "acknowledge" => AlarmEvent::Acknowledge { key, by },
         "reset" => AlarmEvent::Reset { key, by, reason: "looked at it".into() },
@@ -85,7 +85,7 @@ fn transitions() {
             last = step(&mut book, &named(event), 10 * at as u64);
         }
         match expected {
-            Some(state) => assert_eq!(book.get(KEY).map(Alarm::state), Some(state), "{events}"),
+            Some(state) => assert_eq!(book.get(&grasp()).map(Alarm::state), Some(state), "{events}"),
             None => assert!(last.is_err(), "{events}"),
         }
     }
@@ -107,11 +107,11 @@ fn shelves_end_by_themselves_and_call_again() {
 fn three_raises_in_a_minute_chatter() {
     let mut book = AlarmBook::new();
     for at in [0, 20_000, 40_000] {
-        assert!(!book.get(KEY).is_some_and(|alarm| alarm.is_chattering(at)));
+        assert!(!book.get(&grasp()).is_some_and(|alarm| alarm.is_chattering(at)));
         step(&mut book, &named("raise"), at).unwrap();
         step(&mut book, &named("clear"), at + 1).unwrap();
     }
-    let alarm = book.get(KEY).unwrap();
+    let alarm = book.get(&grasp()).unwrap();
     assert!(alarm.is_chattering(60_000) && !alarm.is_chattering(60_001));
     assert_eq!((alarm.raises, book.open().len()), (3, 1));
 }
@@ -121,14 +121,14 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
     let mut book = AlarmBook::new();
     for at in 0..=FLOOD_START as u64 {
         assert!(!book.is_flooded(), "{at}");
-        step(&mut book, &raise_as(&format!("low-{at:02}"), Priority::Low, false), at).unwrap();
+        step(&mut book, &raise_as(key(&format!("low-{at:02}")), Priority::Low, false), at).unwrap();
     }
     assert!(book.is_flooded());
-    step(&mut book, &raise_as("trip", Priority::Critical, true), 50).unwrap();
+    step(&mut book, &raise_as(key("trip"), Priority::Critical, true), 50).unwrap();
     let rows = grouped(&book);
     assert_eq!(
-        rows.iter().map(|row| (row.first.key.as_str(), row.members.len())).collect::<Vec<_>>(),
-        [("trip", 1), ("low-00", 11)]
+        rows.iter().map(|row| (row.first.key.clone(), row.members.len())).collect::<Vec<_>>(),
+        [(key("trip"), 1), (key("low-00"), 11)]
     );
     // It ends when the window holds fewer than five.
     let changes = step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 4).unwrap();
@@ -142,30 +142,31 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
 fn full_books_drop_what_is_normal_and_nothing_else() {
     let mut book = AlarmBook::new();
     for at in 0..ALARMS_MAX {
-        step(&mut book, &raise_as(&format!("a{at}"), Priority::Low, false), at as u64).unwrap();
+        step(&mut book, &raise_as(key(&format!("a{at}")), Priority::Low, false), at as u64).unwrap();
     }
-    let one_more = raise_as("one-more", Priority::Critical, true);
+    let one_more = raise_as(key("one-more"), Priority::Critical, true);
     assert!(matches!(apply(&book, &one_more, 1_000), Err(AlarmError::Full(_))));
-    step(&mut book, &AlarmEvent::Clear { key: "a7".into() }, 1_000).unwrap();
-    step(&mut book, &AlarmEvent::Acknowledge { key: "a7".into(), by: "mara".into() }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Clear { key: key("a7") }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Acknowledge { key: key("a7"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &one_more, 1_000).unwrap();
-    assert!(book.get("a7").is_none() && book.get("one-more").is_some());
+    assert!(book.get(&key("a7")).is_none() && book.get(&key("one-more")).is_some());
     // What was long normal goes by itself.
-    step(&mut book, &AlarmEvent::Clear { key: "a8".into() }, 1_000).unwrap();
-    step(&mut book, &AlarmEvent::Acknowledge { key: "a8".into(), by: "mara".into() }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Clear { key: key("a8") }, 1_000).unwrap();
+    step(&mut book, &AlarmEvent::Acknowledge { key: key("a8"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 8).unwrap();
-    assert!(book.get("a8").is_none());
+    assert!(book.get(&key("a8")).is_none());
 }
 
 #[test]
 fn foreign_names_are_refused() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
-    let forged = AlarmEvent::Acknowledge { key: KEY.into(), by: "mara\u{202e}".into() };
+    let forged = AlarmEvent::Acknowledge { key: grasp(), by: "mara\u{202e}".into() };
     let error = apply(&book, &forged, 0).unwrap_err();
     assert_eq!(error.to_string(), r#""mara\u{202e}" is not the name of an identity"#);
-    assert!(apply(&book, &raise_as("", Priority::Low, false), 0).is_err());
-    assert!(apply(&book, &raise_as(&"k".repeat(201), Priority::Low, false), 0).is_err());
+    let long = format!("grasp@1.0.0-{}", "k".repeat(200)).parse().unwrap();
+    let long = raise_as(AlarmKey::Rejected(long), Priority::Low, false);
+    assert!(matches!(apply(&book, &long, 0), Err(AlarmError::Key(_))));
 }
 
 const NAMES: [&str; 10] = [
@@ -197,13 +198,13 @@ proptest! {
                 Err(_) => prop_assert_eq!(&book, &before),
             }
             prop_assert_eq!(&book, &replayed);
-            let Some(alarm) = book.get(KEY) else { continue };
+            let Some(alarm) = book.get(&grasp()) else { continue };
             // A present condition is never shown as normal, and a critical one never lies on a shelf.
             prop_assert!(!alarm.condition || alarm.state() != AlarmState::Normal);
             prop_assert!(alarm.priority != Priority::Critical || alarm.shelf.is_none());
             prop_assert!(alarm.raises_ms.len() <= CHATTER_RAISES);
             // Only an operator ends the call for attention: it is over only after an acknowledgement or reset.
-            let was_open = before.get(KEY).is_some_and(|old| old.acknowledged_by.is_none());
+            let was_open = before.get(&grasp()).is_some_and(|old| old.acknowledged_by.is_none());
             if was_open && alarm.acknowledged_by.is_some() {
                 prop_assert!(matches!(NAMES[index], "acknowledge" | "reset"));
             }

@@ -4,7 +4,7 @@ use crate::beside::Timing;
 use crate::pipeline::Pipeline;
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
-use holdpoint_governance::alarms::AlarmState;
+use holdpoint_governance::alarms::{AlarmKey, AlarmState};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
@@ -56,7 +56,7 @@ fn a_question_is_answered_and_may_come_again() {
     assert_eq!(records(pipeline, RecordKind::MonitorAnswer), 1);
     let events = pipeline.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
-    let alarm = pipeline.record.alarms.get(&format!("escalated:{id}")).unwrap();
+    let alarm = pipeline.record.alarms.get(&AlarmKey::Escalated(id.clone())).unwrap();
     assert!(!alarm.condition, "what was asked is answered");
     assert_eq!(pipeline.monitors.of(&id).unwrap().told, MonitorAction::Continue);
 
@@ -124,8 +124,9 @@ fn an_alarm_is_closed_once_it_is_over() {
     let id = bench.activate("align-improved");
     bench.by_operator(&id);
     let pipeline = &mut bench.pipeline;
-    let key = format!("rolled-back:{id}");
-    let reset = Command::ResetAlarm { alarm: key.clone(), by: "ada".to_owned(), reason: "looked".to_owned() };
+    let key = AlarmKey::RolledBack(id.clone());
+    let reset =
+        Command::ResetAlarm { alarm: key.to_string(), by: "ada".to_owned(), reason: "looked".to_owned() };
     assert!(matches!(pipeline.command(reset.clone()), Reply::Accepted { .. }));
     let open = |pipeline: &Pipeline| pipeline.record.alarms.open().iter().any(|alarm| alarm.key == key);
     assert!(!open(pipeline));
@@ -138,9 +139,10 @@ fn an_alarm_is_closed_once_it_is_over() {
 fn an_alarm_is_set_aside_for_a_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
-    pipeline.record.raise("test", "test", AlarmPriority::Low, false, "a test");
+    let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
+    pipeline.record.raise(key.clone(), AlarmPriority::Low, false, "a test");
     let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
-        alarm: "test".to_owned(),
+        alarm: key.to_string(),
         by: "ada".to_owned(),
         for_ms,
         reason: reason.to_owned(),
@@ -150,9 +152,9 @@ fn an_alarm_is_set_aside_for_a_time() {
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{bad:?}: {reply:?}");
     }
     assert!(matches!(pipeline.command(shelve(60_000, "known")), Reply::Accepted { .. }));
-    let state = |pipeline: &Pipeline| pipeline.record.alarms.get("test").unwrap().state();
+    let state = |pipeline: &Pipeline| pipeline.record.alarms.get(&key).unwrap().state();
     assert_eq!(state(pipeline), AlarmState::Shelved);
-    let unshelve = Command::UnshelveAlarm { alarm: "test".to_owned(), by: "ada".to_owned() };
+    let unshelve = Command::UnshelveAlarm { alarm: key.to_string(), by: "ada".to_owned() };
     assert!(matches!(pipeline.command(unshelve.clone()), Reply::Accepted { .. }));
     assert_eq!(state(pipeline), AlarmState::Unacknowledged);
     assert!(matches!(pipeline.command(unshelve), Reply::Refused { code: Refusal::NotNow, .. }));

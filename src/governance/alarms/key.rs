@@ -1,0 +1,194 @@
+//! What alarms are raised for: a closed set of kinds, each with what it is about.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::ids::{CapabilityId, Family};
+
+crate::words! {
+    /// What an alarm is raised for.
+    AlarmKind, "kind of alarm", {
+        /// A version was taken off, and its predecessor is in control.
+        RolledBack = "rolled-back",
+        /// The monitor asks people whether a version may work on.
+        Escalated = "escalated",
+        /// The monitor capped a version's speed and force.
+        Restricted = "restricted",
+        /// A family is stopped without an active version.
+        SafeStopped = "safe-stopped",
+        /// A family is back at its predecessor and does not work safely.
+        NotRecovered = "not-recovered",
+        /// A candidate was rejected by a rule or a person.
+        Rejected = "rejected",
+        /// People are asked for an approval.
+        Approval = "approval",
+        /// The engine met a fault and holds.
+        EngineFault = "engine-fault",
+    }
+}
+
+crate::words! {
+    /// What alarms are grouped by in a flood: those of one topic share a row.
+    AlarmTopic, "topic of an alarm", {
+        /// What the monitors of active versions found.
+        Monitor = "monitor",
+        /// Versions that were taken off, and what came of it.
+        Rollback = "rollback",
+        /// Questions to people about an activation.
+        Approval = "approval",
+        /// Candidates that were rejected.
+        Rejected = "rejected",
+        /// The engine itself.
+        Engine = "engine",
+    }
+}
+
+impl AlarmKind {
+    /// The row it shares with others in a flood.
+    #[must_use]
+    pub const fn topic(self) -> AlarmTopic {
+        match self {
+            Self::Escalated | Self::Restricted => AlarmTopic::Monitor,
+            Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
+            Self::Rejected => AlarmTopic::Rejected,
+            Self::Approval => AlarmTopic::Approval,
+            Self::EngineFault => AlarmTopic::Engine,
+        }
+    }
+}
+
+/// The name of an alarm: its kind and what it is about. Written `rolled-back:grasp@1.3.0`, `safe-stopped:grasp` or
+/// `engine-fault`; ordered as it is written.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
+pub enum AlarmKey {
+    /// The version that was taken off.
+    RolledBack(CapabilityId),
+    /// The version a monitor asks about.
+    Escalated(CapabilityId),
+    /// The version whose envelope was tightened.
+    Restricted(CapabilityId),
+    /// The family that is stopped.
+    SafeStopped(Family),
+    /// The family that does not work safely under the predecessor either.
+    NotRecovered(Family),
+    /// The candidate that was rejected.
+    Rejected(CapabilityId),
+    /// The candidate that waits for people.
+    Approval(CapabilityId),
+    /// The one engine there is.
+    EngineFault,
+}
+
+/// A text that names no alarm.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not the name of an alarm; e.g. \"safe-stopped:grasp\" is one")]
+pub struct AlarmKeyError(pub String);
+
+impl AlarmKey {
+    /// What it is raised for, without what it is about.
+    #[must_use]
+    pub const fn kind(&self) -> AlarmKind {
+        match self {
+            Self::RolledBack(_) => AlarmKind::RolledBack,
+            Self::Escalated(_) => AlarmKind::Escalated,
+            Self::Restricted(_) => AlarmKind::Restricted,
+            Self::SafeStopped(_) => AlarmKind::SafeStopped,
+            Self::NotRecovered(_) => AlarmKind::NotRecovered,
+            Self::Rejected(_) => AlarmKind::Rejected,
+            Self::Approval(_) => AlarmKind::Approval,
+            Self::EngineFault => AlarmKind::EngineFault,
+        }
+    }
+}
+
+impl fmt::Display for AlarmKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = self.kind();
+        match self {
+            Self::RolledBack(version)
+            | Self::Escalated(version)
+            | Self::Restricted(version)
+            | Self::Rejected(version)
+            | Self::Approval(version) => write!(f, "{kind}:{version}"),
+            Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
+            Self::EngineFault => write!(f, "{kind}"),
+        }
+    }
+}
+
+impl FromStr for AlarmKey {
+    type Err = AlarmKeyError;
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let bad = || AlarmKeyError(text.to_owned());
+        let (kind, about) = text.split_once(':').map_or((text, None), |(kind, about)| (kind, Some(about)));
+        let version = || about.and_then(|about| about.parse::<CapabilityId>().ok()).ok_or_else(bad);
+        let family = || about.and_then(|about| Family::new(about).ok()).ok_or_else(bad);
+        Ok(match kind.parse::<AlarmKind>().map_err(|_| bad())? {
+            AlarmKind::RolledBack => Self::RolledBack(version()?),
+            AlarmKind::Escalated => Self::Escalated(version()?),
+            AlarmKind::Restricted => Self::Restricted(version()?),
+            AlarmKind::SafeStopped => Self::SafeStopped(family()?),
+            AlarmKind::NotRecovered => Self::NotRecovered(family()?),
+            AlarmKind::Rejected => Self::Rejected(version()?),
+            AlarmKind::Approval => Self::Approval(version()?),
+            AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
+            AlarmKind::EngineFault => return Err(bad()),
+        })
+    }
+}
+
+impl TryFrom<String> for AlarmKey {
+    type Error = AlarmKeyError;
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
+}
+
+impl From<AlarmKey> for String {
+    fn from(key: AlarmKey) -> Self {
+        key.to_string()
+    }
+}
+
+impl Ord for AlarmKey {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.to_string().cmp(&other.to_string())
+    }
+}
+
+impl PartialOrd for AlarmKey {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_back_as_they_are_written() {
+        for kind in AlarmKind::ALL {
+            let about = match kind {
+                AlarmKind::SafeStopped | AlarmKind::NotRecovered => ":grasp",
+                AlarmKind::EngineFault => "",
+                AlarmKind::RolledBack
+                | AlarmKind::Escalated
+                | AlarmKind::Restricted
+                | AlarmKind::Rejected
+                | AlarmKind::Approval => ":grasp@1.3.0",
+            };
+            let text = format!("{kind}{about}");
+            let key: AlarmKey = text.parse().unwrap();
+            assert_eq!((key.kind(), key.to_string()), (kind, text.clone()));
+            assert_eq!(serde_json::to_string(&key).unwrap(), format!("{text:?}"));
+        }
+        for bad in ["", "nothing", "rolled-back", "rolled-back:grasp", "safe-stopped:", "engine-fault:x"] {
+            assert!(bad.parse::<AlarmKey>().is_err(), "{bad}");
+        }
+    }
+}
