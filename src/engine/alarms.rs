@@ -4,7 +4,6 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
@@ -12,12 +11,7 @@ use holdpoint_text::Hint;
 
 impl Record {
     /// Raises an alarm and says so.
-    pub(crate) fn raise(&mut self, key: AlarmKey, priority: AlarmPriority, latching: bool, text: &str) {
-        let priority = match priority {
-            AlarmPriority::Low => Priority::Low,
-            AlarmPriority::Medium => Priority::High,
-            AlarmPriority::High => Priority::Critical,
-        };
+    pub(crate) fn raise(&mut self, key: AlarmKey, priority: Priority, latching: bool, text: &str) {
         let text = holdpoint_text::Untrusted::new(text);
         self.alarm_event(&AlarmEvent::Raise { key, priority, latching, text });
     }

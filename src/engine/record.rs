@@ -2,10 +2,9 @@
 //!
 //! Decides nothing. What cannot be written makes the engine hold.
 
-use holdpoint_governance::alarms::{AlarmBook, AlarmKey};
+use holdpoint_governance::alarms::{AlarmBook, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
-use holdpoint_governance::profile::AlarmPriority;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
@@ -99,7 +98,7 @@ impl Record {
     pub fn hold(&mut self, why: &str) {
         self.holding = Some(why.to_owned());
         self.tell(EventKind::Fault { text: why.to_owned() });
-        self.raise(AlarmKey::EngineFault, AlarmPriority::High, true, why);
+        self.raise(AlarmKey::EngineFault, Priority::Critical, true, why);
     }
 
     /// As [`Record::hold`] without a word: the alarm that would say so is what could not be written.

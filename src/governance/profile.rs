@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::alarms::Priority;
 use super::ids::Digest;
 use super::mode::ZoneName;
 use super::submission::Risk;
@@ -305,15 +306,19 @@ pub struct FreezeWindow {
 }
 
 /// Priority of an alarm (ISA-18.2: three levels).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum AlarmPriority {
+#[derive(Serialize, Deserialize, JsonSchema)]
+#[serde(remote = "Priority")]
+#[schemars(rename = "AlarmPriority")]
+enum PriorityWord {
     /// Act before the shift ends.
+    #[serde(rename = "low")]
     Low,
     /// Act within minutes.
-    Medium,
-    /// Act at once; the alarm cannot be shelved.
+    #[serde(rename = "medium")]
     High,
+    /// Act at once; the alarm cannot be shelved.
+    #[serde(rename = "high")]
+    Critical,
 }
 
 /// How soon an operator has to act on each alarm.
@@ -321,19 +326,26 @@ pub enum AlarmPriority {
 #[serde(deny_unknown_fields)]
 pub struct AlarmPriorities {
     /// A family stopped without an active version.
-    pub safe_stopped: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub safe_stopped: Priority,
     /// A version was rolled back, and the predecessor is in control.
-    pub rolled_back: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub rolled_back: Priority,
     /// The monitor capped a version's speed and force.
-    pub restricted: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub restricted: Priority,
     /// The monitor asks whether a version may work on.
-    pub escalated: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub escalated: Priority,
     /// People are asked for an approval.
-    pub approval_waiting: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub approval_waiting: Priority,
     /// A candidate was rejected by a rule or a person.
-    pub rejected: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub rejected: Priority,
     /// No telemetry came for longer than the monitor allows.
-    pub telemetry_silent: AlarmPriority,
+    #[serde(with = "PriorityWord")]
+    pub telemetry_silent: Priority,
 }
 
 impl Profile {

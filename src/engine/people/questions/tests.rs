@@ -4,11 +4,11 @@ use crate::beside::Timing;
 use crate::pipeline::Pipeline;
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
-use holdpoint_governance::alarms::{AlarmKey, AlarmState};
+use holdpoint_governance::alarms::{AlarmKey, AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
-use holdpoint_governance::profile::{AlarmPriority, ProfileName};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -140,7 +140,7 @@ fn an_alarm_is_set_aside_for_a_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
-    pipeline.record.raise(key.clone(), AlarmPriority::Low, false, "a test");
+    pipeline.record.raise(key.clone(), Priority::Low, false, "a test");
     let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
         alarm: key.to_string(),
         by: "ada".to_owned(),

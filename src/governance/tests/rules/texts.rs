@@ -1,6 +1,7 @@
 //! Texts that people and candidates hand in: manifests, submissions, profiles, policies.
 
 use holdpoint_governance::TextError;
+use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, ZoneName};
 use holdpoint_governance::policy::{ModeRuling, PolicySource, PolicyTable};
@@ -98,6 +99,20 @@ fn the_published_schemas_are_up_to_date() {
         }
         assert_eq!(std::fs::read_to_string(&path).unwrap_or_default(), text, "{}", path.display());
     }
+}
+
+/// A profile's words for priorities are its own, and its digest is over them.
+#[test]
+fn a_profile_writes_its_priorities_as_it_reads_them() {
+    for name in ProfileName::ALL {
+        let alarms = Profile::builtin(name).unwrap().alarms;
+        let written = serde_json::to_value(alarms).unwrap();
+        assert_eq!((alarms.safe_stopped, &written["safe_stopped"]), (Priority::Critical, &"high".into()));
+        assert_eq!((alarms.rejected, &written["rejected"]), (Priority::Low, &"low".into()));
+    }
+    let alarms = Profile::builtin(ProfileName::Sim).unwrap().alarms;
+    let written = serde_json::to_value(alarms).unwrap();
+    assert_eq!((alarms.rolled_back, &written["rolled_back"]), (Priority::High, &"medium".into()));
 }
 
 #[test]
