@@ -208,7 +208,7 @@ impl Model {
                 .modes
                 .iter()
                 .flat_map(|mode| {
-                    let heading = std::iter::once(CandidateItem::Mode(mode.mode.as_str()));
+                    let heading = std::iter::once(CandidateItem::Mode(mode.mode.name()));
                     heading.chain(mode.measures.iter().map(CandidateItem::Measure))
                 })
                 .collect(),

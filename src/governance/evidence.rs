@@ -204,6 +204,20 @@ impl Drills {
     }
 }
 
+crate::words! {
+    /// Under which conditions a version is run in the sandbox.
+    SandboxMode, "mode of the sandbox", {
+        /// The task as it is meant to be, without perturbations.
+        Canonical = "canonical",
+        /// Perturbed, on the same seeds as the active version.
+        Perturbation = "perturbation",
+        /// Perturbed, under a tighter envelope.
+        Adversarial = "adversarial",
+        /// Perturbed, on seeds nobody has seen: what settles a doubt.
+        Confirmation = "confirmation",
+    }
+}
+
 /// The same drills done with the candidate and with the active version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

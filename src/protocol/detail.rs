@@ -8,7 +8,7 @@ use super::event::DimensionResult;
 use super::explained::Explained;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
-use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::evidence::{DrillKind, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::submission::{Provenance, Risk};
@@ -78,8 +78,8 @@ pub struct Measure {
 /// Sandbox results of one mode of perturbation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModeView {
-    /// The mode, e.g. `nominal`.
-    pub mode: String,
+    /// The conditions the versions were run under.
+    pub mode: SandboxMode,
     /// What was measured in it, one row a component.
     pub measures: Vec<Measure>,
 }

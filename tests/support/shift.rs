@@ -5,8 +5,7 @@ use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
-use holdpoint_governance::evidence::DrillKind;
-use holdpoint_governance::evidence::Signature;
+use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
@@ -501,8 +500,8 @@ pub fn detail() -> Detail {
         ],
         behavior: measures(),
         modes: vec![
-            ModeView { mode: "nominal".to_owned(), measures: measures() },
-            ModeView { mode: "slippery".to_owned(), measures: measures() },
+            ModeView { mode: SandboxMode::Canonical, measures: measures() },
+            ModeView { mode: SandboxMode::Perturbation, measures: measures() },
         ],
         drills: vec![
             DrillView { kind: DrillKind::Rollback, candidate: [49, 50], active: [50, 50] },

@@ -6,7 +6,7 @@
 //! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
 //! 3.8).
 
-use holdpoint_governance::evidence::Binding;
+use holdpoint_governance::evidence::{Binding, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -127,7 +127,15 @@ pub fn slice(
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
     if !fresh.is_empty() {
         let now_ms = record.now_ms();
-        keep_trace(store, &context.cell, &id, "confirmation", Conditions::Sandbox, &fresh, now_ms)?;
+        keep_trace(
+            store,
+            &context.cell,
+            &id,
+            SandboxMode::Confirmation,
+            Conditions::Sandbox,
+            &fresh,
+            now_ms,
+        )?;
     }
     let done = (slice.done, Plan::confirmation(&context.profile).budget());
     let what = format!("confirmation, {}", slice.what);

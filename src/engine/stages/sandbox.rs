@@ -3,7 +3,7 @@
 
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::evidence::{Binding, Drills, HardStop};
+use holdpoint_governance::evidence::{Binding, Drills, HardStop, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
@@ -22,7 +22,7 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan, Slice};
-use crate::trial::measures::ModeMetrics;
+use crate::trial::measures::{ModeMetrics, Party};
 use crate::trial::seeds::Purpose;
 use crate::trial::trace::keep_trace;
 
@@ -195,7 +195,7 @@ impl Sandbox<'_> {
         dossier.drills = Some((rehearsed.candidate, rehearsed.active));
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
         if !new.is_empty() {
-            self.keep_trace(id, "perturbation", Conditions::Sandbox, &new)?;
+            self.keep_trace(id, SandboxMode::Perturbation, Conditions::Sandbox, &new)?;
         }
         comparison.records.0.extend(new);
         comparison.records.1.extend(old);
@@ -207,7 +207,7 @@ impl Sandbox<'_> {
     fn keep_trace(
         &self,
         id: &CapabilityId,
-        mode: &str,
+        mode: SandboxMode,
         conditions: Conditions,
         records: &[TaskRecord],
     ) -> Result<(), Fault> {
@@ -219,15 +219,16 @@ impl Sandbox<'_> {
     fn mode_episodes(
         &mut self,
         candidate: &Capability,
-        mode: Alone,
+        alone: Alone,
         records: &mut Vec<TaskRecord>,
     ) -> Result<bool, Fault> {
         let id = candidate.id();
         let terms = terms_of(self.context, self.dossiers, self.monitors, candidate);
-        let (name, terms, conditions, purpose) = match mode {
-            Alone::Canonical => ("canonical", terms, Conditions::Canonical, Purpose::Canonical),
+        let (mode, terms, conditions, purpose) = match alone {
+            Alone::Canonical => (SandboxMode::Canonical, terms, Conditions::Canonical, Purpose::Canonical),
             Alone::Adversarial => {
-                ("adversarial", terms.tightened(ADVERSARIAL_SHARE), Conditions::Sandbox, Purpose::Adversarial)
+                let terms = terms.tightened(ADVERSARIAL_SHARE);
+                (SandboxMode::Adversarial, terms, Conditions::Sandbox, Purpose::Adversarial)
             }
         };
         let from = records.len() as u64;
@@ -237,12 +238,12 @@ impl Sandbox<'_> {
         if to < MODE_EPISODES {
             return Ok(false);
         }
-        self.keep_trace(&id, name, conditions, records)?;
+        self.keep_trace(&id, mode, conditions, records)?;
         let dossier = self.dossiers.edit(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
-        dossier.modes.extend(ModeMetrics::of(name, &*records));
-        let done = if mode == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
-        progress(self.record, self.dossiers, &id, Stage::Sandbox, name, (done, budget(self.context)));
+        dossier.modes.extend(ModeMetrics::of(mode, Party::Candidate, &*records));
+        let done = if alone == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
+        progress(self.record, self.dossiers, &id, Stage::Sandbox, mode.name(), (done, budget(self.context)));
         Ok(true)
     }
 
@@ -253,8 +254,9 @@ impl Sandbox<'_> {
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
         let (measured, rehearsed) = evaluation.assess(profile);
         let dossier = self.dossiers.edit(id);
-        dossier.modes.extend(ModeMetrics::of("perturbation", &records.0));
-        dossier.modes.extend(ModeMetrics::of("perturbation, active version", &records.1));
+        let mode = SandboxMode::Perturbation;
+        dossier.modes.extend(ModeMetrics::of(mode, Party::Candidate, &records.0));
+        dossier.modes.extend(ModeMetrics::of(mode, Party::Active, &records.1));
         let Some(before) = dossier.kappas.take() else {
             return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };

@@ -6,8 +6,9 @@
 use serde::{Deserialize, Serialize};
 
 use holdpoint_governance::behavior::signature;
-use holdpoint_governance::evidence::{EpisodeValues, Signature};
+use holdpoint_governance::evidence::{EpisodeValues, SandboxMode, Signature};
 use holdpoint_governance::stats::{self, Interval};
+use holdpoint_governance::words::WordError;
 use holdpoint_runtime::task::TaskRecord;
 
 /// Level of the intervals.
@@ -43,24 +44,66 @@ pub struct UpperTail {
     pub largest: f64,
 }
 
+/// Which of the two versions that are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Party {
+    Candidate,
+    Active,
+}
+
+/// A mode of the sandbox as one of the two versions worked it; written `perturbation` or
+/// `perturbation, active version`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct WorkedMode {
+    pub mode: SandboxMode,
+    pub party: Party,
+}
+
+/// What is written after the mode for the version compared with.
+const ACTIVE_SUFFIX: &str = ", active version";
+
+impl TryFrom<String> for WorkedMode {
+    type Error = WordError;
+    fn try_from(text: String) -> Result<Self, WordError> {
+        let (mode, party) = match text.strip_suffix(ACTIVE_SUFFIX) {
+            Some(mode) => (mode, Party::Active),
+            None => (text.as_str(), Party::Candidate),
+        };
+        Ok(Self { mode: mode.parse()?, party })
+    }
+}
+
+impl From<WorkedMode> for String {
+    fn from(WorkedMode { mode, party }: WorkedMode) -> Self {
+        match party {
+            Party::Candidate => mode.name().to_owned(),
+            Party::Active => format!("{mode}{ACTIVE_SUFFIX}"),
+        }
+    }
+}
+
 /// What one mode of the sandbox gave for one version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeMetrics {
-    /// `canonical`, `perturbation` or `adversarial`; `perturbation, active version` for the one compared with.
-    pub mode: String,
+    pub mode: WorkedMode,
     pub episodes: u32,
     pub means: Signature,
-    /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`.
+    /// `success`, `violation`, `anomaly`, `retry` and `recovery`.
     pub metrics: Vec<Metric>,
     /// Duration, contact force, tool speed, retries and unsafe continuation at their worst.
     pub tails: Vec<UpperTail>,
 }
 
 impl ModeMetrics {
-    /// Of the valid episodes among `records`; absent if there is none.
+    /// The metrics of the valid episodes among `records`; absent if there is none.
     #[must_use]
-    pub fn of<'a>(mode: &str, records: impl IntoIterator<Item = &'a TaskRecord>) -> Option<Self> {
+    pub fn of<'a>(
+        mode: SandboxMode,
+        party: Party,
+        records: impl IntoIterator<Item = &'a TaskRecord>,
+    ) -> Option<Self> {
         let records: Vec<&TaskRecord> = records.into_iter().filter(|record| !record.invalid).collect();
         let values: Vec<EpisodeValues> = records.iter().filter_map(|record| record.values()).collect();
         let means = signature(values.iter())?;
@@ -99,7 +142,7 @@ impl ModeMetrics {
             ("unsafe_continuation_ms", column(|record| record.unsafe_continuation_ms as f64)),
         ];
         Some(Self {
-            mode: mode.to_owned(),
+            mode: WorkedMode { mode, party },
             episodes: u32::try_from(values.len()).unwrap_or(u32::MAX),
             means,
             metrics,
@@ -150,7 +193,7 @@ mod tests {
     fn metrics_and_tails_of_a_known_sample() {
         let mut records: Vec<TaskRecord> = (1..=40).rev().map(record).collect();
         records.push(TaskRecord::invalid(TaskKind::Grasp, 99));
-        let mode = ModeMetrics::of("canonical", &records).unwrap();
+        let mode = ModeMetrics::of(SandboxMode::Canonical, Party::Candidate, &records).unwrap();
         assert_eq!(mode.episodes, 40);
         let success = &mode.metrics[0];
         assert!((success.value - 0.5).abs() < 1e-12);
@@ -164,9 +207,30 @@ mod tests {
     }
 
     #[test]
+    fn a_worked_mode_is_read_back_as_it_is_written() {
+        for mode in SandboxMode::ALL {
+            for (party, text) in
+                [(Party::Candidate, format!("{mode}")), (Party::Active, format!("{mode}, active version"))]
+            {
+                let worked = WorkedMode { mode, party };
+                assert_eq!(String::from(worked), text);
+                assert_eq!(WorkedMode::try_from(text), Ok(worked));
+            }
+        }
+        assert!(WorkedMode::try_from("nominal".to_owned()).is_err());
+    }
+
+    #[test]
     fn nothing_is_said_of_nothing() {
-        assert!(ModeMetrics::of("canonical", &[]).is_none());
-        assert!(ModeMetrics::of("canonical", &[TaskRecord::invalid(TaskKind::Place, 1)]).is_none());
+        assert!(ModeMetrics::of(SandboxMode::Canonical, Party::Candidate, &[]).is_none());
+        assert!(
+            ModeMetrics::of(
+                SandboxMode::Canonical,
+                Party::Candidate,
+                &[TaskRecord::invalid(TaskKind::Place, 1)]
+            )
+            .is_none()
+        );
         assert!(tail("x", vec![f64::NAN]).is_none());
         let one = tail("x", vec![3.0]).unwrap();
         assert_eq!((one.median, one.p95, one.worst_mean, one.largest), (3.0, 3.0, 3.0, 3.0));

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
+use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_registry::{Batch, Store};
@@ -20,9 +21,8 @@ use holdpoint_runtime::task::TaskRecord;
 pub struct TraceBatch {
     /// The version that ran.
     pub version: CapabilityId,
-    /// `canonical`, `perturbation`, `adversarial` or `confirmation`.
-    pub mode: String,
-    /// Digest of robot, scene, distributions and episode semantics.
+    pub mode: SandboxMode,
+    /// Digest of robot, scene, distributions and [`COMPUTED_BY`].
     pub environment: Digest,
     /// The engine that ran it.
     pub engine_build: String,
@@ -44,7 +44,7 @@ impl TraceBatch {
     #[must_use]
     pub fn new(
         version: CapabilityId,
-        mode: &str,
+        mode: SandboxMode,
         cell: &Cell,
         conditions: Conditions,
         records: &[TaskRecord],
@@ -60,7 +60,7 @@ impl TraceBatch {
         };
         Self {
             version,
-            mode: mode.to_owned(),
+            mode,
             environment: cell.digest(),
             engine_build: COMPUTED_BY.to_owned(),
             runs: records.iter().map(run).collect(),
@@ -91,7 +91,7 @@ pub fn keep_trace(
     store: &Store,
     cell: &Cell,
     id: &CapabilityId,
-    mode: &str,
+    mode: SandboxMode,
     conditions: Conditions,
     records: &[TaskRecord],
     now_ms: u64,
@@ -111,7 +111,7 @@ mod tests {
         let cell = Cell::builtin().unwrap();
         let record = TaskRecord { success: true, ..TaskRecord::invalid(TaskKind::Align, 1_000_007) };
         let id = "align@1.1.0".parse::<CapabilityId>().unwrap();
-        let batch = TraceBatch::new(id, "perturbation", &cell, Conditions::Sandbox, &[record]);
+        let batch = TraceBatch::new(id, SandboxMode::Perturbation, &cell, Conditions::Sandbox, &[record]);
         assert_eq!(batch.runs[0].inputs.seed, 1_000_007);
         assert_eq!(batch.runs[0].inputs.distribution, "sandbox");
         let kept = batch.batch(Stage::Sandbox, 5).unwrap();

@@ -3,7 +3,7 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::dossier::Dossier;
-use crate::trial::measures::{Metric, ModeMetrics};
+use crate::trial::measures::{Metric, ModeMetrics, Party, WorkedMode};
 use holdpoint_governance::behavior::{self, ComponentName};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::profile::Evaluation;
@@ -13,9 +13,6 @@ use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
 
 /// The most disagreements that are told.
 const DISAGREEMENTS_MAX: usize = 50;
-
-/// How a mode of the version compared with is named after the mode.
-const ACTIVE_SUFFIX: &str = ", active version";
 
 /// The components of the behavioural comparison: worsening against what is tolerated.
 pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
@@ -48,11 +45,12 @@ const fn mean(means: &Signature, name: ComponentName) -> f64 {
 
 /// The sandbox, mode by mode, with the active version's values where it worked the same mode.
 pub(super) fn modes(dossier: &Dossier) -> Vec<ModeView> {
-    let own = dossier.modes.iter().filter(|mode| !mode.mode.ends_with(ACTIVE_SUFFIX));
-    own.map(|mode| {
-        let name = format!("{}{ACTIVE_SUFFIX}", mode.mode);
-        let active = dossier.modes.iter().find(|other| other.mode == name);
-        ModeView { mode: mode.mode.clone(), measures: measures(mode, active) }
+    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == Party::Candidate);
+    own.map(|metrics| {
+        let mode = metrics.mode.mode;
+        let worked = WorkedMode { mode, party: Party::Active };
+        let active = dossier.modes.iter().find(|other| other.mode == worked);
+        ModeView { mode, measures: measures(metrics, active) }
     })
     .collect()
 }
