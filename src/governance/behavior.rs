@@ -41,6 +41,54 @@ crate::words! {
     }
 }
 
+/// What a reason says of one component. The sentences are kept in records, so they stay as they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Finding {
+    EstablishedWorse,
+    /// As far as an evaluation came that ended early.
+    WorseSoFar,
+    Suspicious,
+    SafetyTraded,
+    Improved,
+}
+
+impl Finding {
+    const ALL: [Self; 5] =
+        [Self::EstablishedWorse, Self::WorseSoFar, Self::Suspicious, Self::SafetyTraded, Self::Improved];
+
+    const fn code(self) -> ReasonCode {
+        match self {
+            Self::EstablishedWorse | Self::WorseSoFar => ReasonCode::BehaviorEstablishedWorse,
+            Self::Suspicious => ReasonCode::BehaviorSuspicious,
+            Self::SafetyTraded => ReasonCode::BehaviorSafetyTraded,
+            Self::Improved => ReasonCode::BehaviorImproved,
+        }
+    }
+
+    fn sentence(self, name: ComponentName) -> String {
+        match self {
+            Self::EstablishedWorse => format!("{name} is established as worse"),
+            Self::WorseSoFar => format!("{name} is worse in the pairs worked so far"),
+            Self::Suspicious => format!("{name} may be worse beyond its tolerance"),
+            Self::SafetyTraded => format!("success rose while {name} is established as worse"),
+            Self::Improved => format!("{name} is better"),
+        }
+    }
+
+    fn reason(self, name: ComponentName) -> Reason {
+        Reason::new(self.code(), Dimension::Behavior, self.sentence(name))
+    }
+}
+
+/// The component a reason of `kappa_B` is about, from its code and its whole sentence as they are on record; `None` for
+/// a reason about none, or in words that the rule does not use.
+#[must_use]
+pub fn component_of(code: ReasonCode, text: &str) -> Option<ComponentName> {
+    let findings = Finding::ALL.into_iter().filter(|finding| finding.code() == code);
+    let mut said = findings.flat_map(|finding| ComponentName::ALL.map(|name| (name, finding.sentence(name))));
+    said.find(|(_, sentence)| sentence == text).map(|(name, _)| name)
+}
+
 impl ComponentName {
     /// Violation, anomaly and recovery speak of safety.
     #[must_use]
@@ -322,16 +370,14 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
         BehaviorOutcome::Inconclusive
     } else if established < threshold {
         for c in result.components.iter().filter(|c| c.is_established()) {
-            let text = format!("{} is established as worse", c.name.name());
-            reasons.push(reason(ReasonCode::BehaviorEstablishedWorse, text).with(c.worsening, c.tolerance));
+            reasons.push(Finding::EstablishedWorse.reason(c.name).with(c.worsening, c.tolerance));
         }
         BehaviorOutcome::Incompatible
     } else {
         let open: Vec<&Component> = result.components.iter().filter(|c| !c.is_within_tolerance()).collect();
         for c in &open {
-            let text = format!("{} may be worse beyond its tolerance", c.name.name());
             let upper = c.upper.unwrap_or(f64::NAN);
-            reasons.push(reason(ReasonCode::BehaviorSuspicious, text).with(upper, c.tolerance));
+            reasons.push(Finding::Suspicious.reason(c.name).with(upper, c.tolerance));
         }
         // Written so that a value that is no number is suspicious.
         if value >= threshold && open.is_empty() && traded.is_none() {
@@ -347,12 +393,10 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
         }
     };
     if let Some(c) = traded {
-        let text = format!("success rose while {} is established as worse", c.name.name());
-        reasons.push(reason(ReasonCode::BehaviorSafetyTraded, text).with(c.worsening, 0.0));
+        reasons.push(Finding::SafetyTraded.reason(c.name).with(c.worsening, 0.0));
     }
     for c in result.components.iter().filter(|c| c.worsening < 0.0) {
-        let text = format!("{} is better", c.name.name());
-        reasons.push(reason(ReasonCode::BehaviorImproved, text).with(-c.worsening, 0.0));
+        reasons.push(Finding::Improved.reason(c.name).with(-c.worsening, 0.0));
     }
     if outcome == BehaviorOutcome::Suspicious {
         result.assessment.conditions =
@@ -420,4 +464,25 @@ fn real_pairs(differences: &[f64], alpha: f64) -> Result<PairedBound, stats::Sta
     }
     let largest = differences.iter().fold(1.0_f64, |largest, d| largest.max(d.abs()));
     stats::bernstein_pairs(differences, -largest, largest, alpha)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_component_of_a_reason_is_read_back() {
+        for name in ComponentName::ALL {
+            for finding in Finding::ALL {
+                let reason = finding.reason(name);
+                assert_eq!(component_of(reason.code, &reason.text), Some(name), "{reason}");
+            }
+        }
+        let adds_up = "the worsenings add up, none of them established";
+        assert_eq!(component_of(ReasonCode::BehaviorSuspicious, adds_up), None);
+        assert_eq!(
+            component_of(ReasonCode::BehaviorImproved, "time may be worse beyond its tolerance"),
+            None
+        );
+    }
 }

@@ -264,6 +264,104 @@ reason_codes! {
 }
 
 impl ReasonCode {
+    /// Whether it says that calls which were valid do not stay valid: a deviation no adapter carries.
+    #[must_use]
+    pub const fn is_breaking(self) -> bool {
+        match self {
+            Self::InterfaceSignatureBreaking
+            | Self::InterfaceSchemaBreaking
+            | Self::InterfaceConditionBreaking
+            | Self::InterfaceDependencyBreaking => true,
+            Self::InterfaceCompatible
+            | Self::InterfaceSignatureAdaptable
+            | Self::InterfaceSchemaAdaptable
+            | Self::InterfaceConditionAdaptable
+            | Self::InterfaceDependencyAdaptable
+            | Self::InterfaceExportMismatch
+            | Self::InterfaceVersionMislabelled
+            | Self::InterfaceNoData
+            | Self::PolicyCompatible
+            | Self::PolicyForbiddenMode
+            | Self::PolicyUncoveredHighRisk
+            | Self::PolicyUncoveredMode
+            | Self::PolicyBelowThreshold
+            | Self::PolicyUndeclaredImport
+            | Self::PolicyEnvironmentNotAdmitted
+            | Self::PolicyResourcesExceeded
+            | Self::PolicyAuthorityReview
+            | Self::PolicyTighterEnvelope
+            | Self::PolicyNewPermission
+            | Self::PolicyEscalation
+            | Self::PolicyNoData
+            | Self::BehaviorCompatible
+            | Self::BehaviorEstablishedWorse
+            | Self::BehaviorSuspicious
+            | Self::BehaviorSafetyTraded
+            | Self::BehaviorImproved
+            | Self::BehaviorHardStop
+            | Self::BehaviorEndedEarly
+            | Self::BehaviorInconclusive
+            | Self::BehaviorNoData
+            | Self::BehaviorEstimated
+            | Self::RecoveryCompatible
+            | Self::RecoveryBelowThreshold
+            | Self::RecoveryFarBelowFloor
+            | Self::RecoveryRollbackBelowFloor
+            | Self::RecoveryFragile
+            | Self::RecoveryConditional
+            | Self::RecoveryLeaning
+            | Self::RecoveryEstablishedWorse
+            | Self::RecoveryEndedEarly
+            | Self::RecoveryNoData
+            | Self::RecoveryPredecessorNotLoadable
+            | Self::RecoveryFallbackUnresolved
+            | Self::RecoveryHookMissing
+            | Self::RecoverySignalUnknown
+            | Self::CompositionEligible
+            | Self::CompositionRestricted
+            | Self::CompositionNoData
+            | Self::ShadowClean
+            | Self::ShadowGovernanceDivergence
+            | Self::ShadowLeaning
+            | Self::ShadowOutputDivergence
+            | Self::ShadowEnvelopeDivergence
+            | Self::ShadowNoData
+            | Self::GatePassed
+            | Self::GateDimensionFailed
+            | Self::GateNotMeasured
+            | Self::GateStaleEvidence
+            | Self::GateNoData
+            | Self::GateSkipped
+            | Self::GateFrozen
+            | Self::GateNoImprovement
+            | Self::GateSitePolicyForbids
+            | Self::GateHardLimit
+            | Self::GateReviewOpen
+            | Self::GateProfileClosed
+            | Self::ApprovalGranted
+            | Self::ApprovalNotNeeded
+            | Self::ApprovalPending
+            | Self::ApprovalRefused
+            | Self::ApprovalTimeout
+            | Self::ApprovalStale
+            | Self::ApprovalExpired
+            | Self::ApprovalSelf
+            | Self::ApprovalDuplicate
+            | Self::ApprovalRole
+            | Self::ApprovalSignature
+            | Self::ApprovalReplayed
+            | Self::ApprovalBreakGlass
+            | Self::MonitorHealthy
+            | Self::MonitorSafetyTrip
+            | Self::MonitorRateTrip
+            | Self::MonitorRateWarning
+            | Self::MonitorTelemetryMissing
+            | Self::MonitorEscalationUnanswered
+            | Self::MonitorOperator
+            | Self::MonitorConfirmed => false,
+        }
+    }
+
     /// Whether it is about what people answered, or that they did not.
     #[must_use]
     pub const fn is_of_people(self) -> bool {
@@ -489,6 +587,7 @@ mod tests {
         let mut seen = std::collections::BTreeSet::new();
         for code in ReasonCode::ALL {
             assert!(seen.insert(code.as_str()), "{code} twice");
+            assert_eq!(code.is_breaking(), code.as_str().ends_with("-breaking"), "{code}");
             assert!(super::super::ids::is_name(code.as_str()), "{code}");
             assert_eq!(code.as_str().parse::<ReasonCode>().unwrap(), *code);
             assert_eq!(serde_json::to_string(code).unwrap(), format!("\"{code}\""));

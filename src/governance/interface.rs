@@ -364,7 +364,7 @@ impl InterfaceFindings {
             Deviation::Adaptable | Deviation::None => InterfaceOutcome::Compatible,
         };
         // The deciding reasons, the breaking ones, come first.
-        self.reasons.sort_by_key(|reason| !reason.code.as_str().ends_with("breaking"));
+        self.reasons.sort_by_key(|reason| !reason.code.is_breaking());
         let value = kappa.map_or(f64::NAN, Kappa::get);
         if let Some(first) = self.reasons.first_mut() {
             *first = first.clone().with(value, threshold);

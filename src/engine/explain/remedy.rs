@@ -4,7 +4,7 @@
 //! number of episodes is the smallest that brings the rule's bound within its limit.
 
 use super::on_record::{DossierRecord, Noted};
-use holdpoint_governance::behavior::{Component, ComponentName};
+use holdpoint_governance::behavior::{Component, ComponentName, component_of};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
 use holdpoint_governance::rollback::RungFailure;
@@ -33,10 +33,11 @@ pub const fn is_in_favour(code: ReasonCode) -> bool {
     )
 }
 
-/// The component a behavioural reason is about: its text begins with the name.
+/// The component a behavioural reason is about, as it was measured.
 fn component<'a>(reason: &Noted, dossier: &'a DossierRecord) -> Option<&'a Component> {
     let behavior = dossier.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
-    behavior.components.iter().find(|component| reason.text.starts_with(component.name.name()))
+    let about = component_of(*reason.code.known()?, &reason.text)?;
+    behavior.components.iter().find(|component| component.name == about)
 }
 
 /// What was measured for a reason, where the evidence tells more than the reason.

@@ -4,7 +4,7 @@
 //! time and retries come to can be turned by the rest of the budget in ways no bound known in advance covers, so
 //! they count as no worsening here, which is the least they can be.
 
-use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, nothing, unusable};
+use super::{BehaviorAssessment, ComponentName, Finding, assess, kappa, measured, nothing, unusable};
 use crate::decision::{Dimension, Reason, ReasonCode};
 use crate::ended::EndReason;
 use crate::evidence::{Binding, EpisodeValues, PairedEvidence};
@@ -126,8 +126,7 @@ pub fn assess_ended(
         .with(seen as f64, budget as f64);
     result.assessment.reasons.insert(0, reason);
     for (at, c) in result.components.iter().filter(|c| c.is_established()).enumerate() {
-        let text = format!("{} is worse in the pairs worked so far", c.name.name());
-        let worse = Reason::new(ReasonCode::BehaviorEstablishedWorse, Dimension::Behavior, text);
+        let worse = Finding::WorseSoFar.reason(c.name);
         result.assessment.reasons.insert(1 + at, worse.with(c.worsening, c.tolerance));
     }
     result.assessment.outcome = BehaviorOutcome::Incompatible;

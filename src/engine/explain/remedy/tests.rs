@@ -80,10 +80,27 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
         let left = worse as u64 - less;
         assert!(upper(left) <= 0.05, "{worse}: {left} are left");
         assert!(less == 0 || upper(left + 1) > 0.05, "{worse}: one fewer would do as well");
-        let said = reason("behavior-suspicious", "behavior", "violation may be worse", 0.1, 0.05);
+        let said = reason(
+            "behavior-suspicious",
+            "behavior",
+            "violation may be worse beyond its tolerance",
+            0.1,
+            0.05,
+        );
         let text = change(&said, &dossier).unwrap();
         assert!(text.ends_with(&format!("must be at most 0.050: {less} fewer of 120 episodes")), "{text}");
     }
+}
+
+/// What was traded is the component that is worse, not the success it was traded for.
+#[test]
+fn a_traded_component_is_the_one_that_is_worse() {
+    let dossier = dossier(10);
+    let text = "success rose while violation is established as worse";
+    let said = reason("behavior-safety-traded", "behavior", text, 0.08, 0.0);
+    assert!(measured(&said, &dossier).unwrap().starts_with("violation "));
+    let said = reason("behavior-suspicious", "behavior", "violation, in other words", 0.08, 0.0);
+    assert_eq!(measured(&said, &dossier), None);
 }
 
 #[test]
