@@ -53,6 +53,14 @@ crate::words! {
     }
 }
 
+crate::words! {
+    /// What people answer to a monitor that asks. Whoever wants the version off rolls it back instead.
+    MonitorAnswer, "answer to a monitor", {
+        /// The version works on; its charts begin anew.
+        GoOn = "go-on",
+    }
+}
+
 same_words! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
 
 crate::words! {

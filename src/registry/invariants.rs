@@ -5,6 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use super::columns::parsed;
 use super::fold::{ChainFault, Fold, FoldError};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::ActivationCause;
 
 /// The invariants of the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -133,14 +134,14 @@ pub(crate) fn check_family(connection: &Connection, family: &str) -> rusqlite::R
 
 /// Whether the family's last activation is a gate that replaced a version which stays the way back.
 fn came_through_gate(connection: &Connection, family: &str, active: &str) -> rusqlite::Result<bool> {
-    let last: Option<(Option<String>, String, Option<String>)> = connection
+    let last: Option<(Option<String>, ActivationCause, Option<String>)> = connection
         .prepare_cached(
             "SELECT active, cause, pinned FROM activation WHERE family = ?1 ORDER BY seq DESC LIMIT 1",
         )?
-        .query_row([family], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))
+        .query_row([family], |row| Ok((row.get(0)?, parsed(row, 1)?, row.get(2)?)))
         .optional()?;
     Ok(last.is_some_and(|(name, cause, pinned)| {
-        name.as_deref() == Some(active) && cause == "gate" && pinned.is_some()
+        name.as_deref() == Some(active) && cause == ActivationCause::Gate && pinned.is_some()
     }))
 }
 

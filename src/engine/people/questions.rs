@@ -6,7 +6,7 @@
 use crate::fault::Fault;
 use crate::pipeline::Pipeline;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::monitor::{MonitorAction, normal_rates};
+use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer, normal_rates};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -36,7 +36,8 @@ impl Pipeline {
         watched.told = MonitorAction::Continue;
         watched.asked = None;
         watched.question.clear();
-        let body = serde_json::json!({ "answer": "go-on", "by": operation.by, "reason": operation.reason });
+        let answer = MonitorAnswer::GoOn;
+        let body = serde_json::json!({ "answer": answer, "by": operation.by, "reason": operation.reason });
         self.record.note(RecordKind::MonitorAnswer, id.to_string(), body.to_string())?;
         self.record.tell(EventKind::Continued {
             version: id.clone(),
