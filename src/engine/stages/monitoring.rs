@@ -226,7 +226,10 @@ impl Live<'_> {
 
     fn escalated(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
         self.tell_monitor(id, decision.action, &decision.reasons)?;
-        let priority = self.context.profile.alarms.escalated;
+        let alarms = &self.context.profile.alarms;
+        let cause = decision.reasons.first().map(|reason| reason.code);
+        let silent = cause == Some(ReasonCode::MonitorTelemetryMissing);
+        let priority = if silent { alarms.telemetry_silent } else { alarms.escalated };
         let text = format!("{id}: people are needed");
         self.record.raise(AlarmKey::Escalated(id.clone()), priority, true, &text);
         Ok(())

@@ -1,5 +1,7 @@
 //! A question is answered and asked again; an alarm is closed once what it was raised for is over.
 
+use std::sync::Arc;
+
 use crate::beside::Timing;
 use crate::pipeline::Pipeline;
 use crate::stages::rollback::tests::Bench;
@@ -73,6 +75,18 @@ fn a_question_is_answered_and_may_come_again() {
         assert!(matches!(pipeline.command(go_on(&id)), Reply::Accepted { .. }));
     }
     assert_eq!(pipeline.record.holding(), None);
+}
+
+#[test]
+fn silence_has_a_priority_of_its_own() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let pipeline = &mut bench.pipeline;
+    Arc::make_mut(&mut pipeline.context.profile).alarms.telemetry_silent = Priority::Low;
+    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    wait_for_a_question(pipeline);
+    let alarm = pipeline.record.alarms.get(&AlarmKey::Escalated(id)).unwrap();
+    assert_eq!(alarm.priority, Priority::Low);
 }
 
 #[test]
@@ -169,7 +183,7 @@ fn a_question_is_told_while_its_sequence_still_runs() {
     pipeline.record.set_clock(Clock::real(0));
     pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
     // A watch that was never read is silent from the start, so its first task raises the question.
-    pipeline.pace_live_world(Some(1.0), std::sync::Arc::new(|_| {}));
+    pipeline.pace_live_world(Some(1.0), Arc::new(|_| {}));
     let until = std::time::Instant::now() + std::time::Duration::from_mins(1);
     while pipeline.monitors.questions().is_empty() && pipeline.monitors.iter().next().is_some() {
         assert!(std::time::Instant::now() < until, "nobody asks");
