@@ -3,6 +3,7 @@
 //! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against the versions a cell is commissioned
 //! with. Only reads; what follows from the assessments is not decided here.
 
+use holdpoint_governance::composition::admits;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
@@ -37,11 +38,10 @@ pub struct StaticFindings {
 }
 
 impl StaticFindings {
-    /// Whether neither of both keeps the version out.
+    /// Whether neither keeps the version out.
     #[must_use]
     pub fn admits(&self) -> bool {
-        self.interface.outcome != InterfaceOutcome::Incompatible
-            && self.policy.outcome != PolicyOutcome::Incompatible
+        admits(self.interface.outcome, self.policy.outcome)
     }
 
     /// What was found, of the interface first.

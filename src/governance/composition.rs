@@ -147,9 +147,22 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decis
     Decision::new(outcome, reasons, answers, made_under)
 }
 
+/// Whether interface and policy let a version into the sandbox, which is all that can be said without running it:
+/// whatever `Psi` is given besides, it does not reject then.
+#[must_use]
+pub fn admits(interface: InterfaceOutcome, policy: PolicyOutcome) -> bool {
+    !blocked(interface.into()) && !blocked(policy.into())
+}
+
+const fn blocked(check: Check) -> bool {
+    match check {
+        Check::Fail | Check::NoData | Check::Inconclusive | Check::Skipped => true,
+        Check::Pass | Check::PassRestricted(_) | Check::Review => false,
+    }
+}
+
 fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Dimension>) {
     let [(_, interface), (_, policy), (_, behavior), (_, recovery)] = kappas.checks();
-    let blocked = |check| matches!(check, Check::Fail | Check::NoData | Check::Inconclusive | Check::Skipped);
     if blocked(interface) {
         return (Recommendation::Reject, Some(Dimension::Interface));
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
-use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::evidence::{Binding, HardStop};
@@ -50,6 +50,8 @@ fn psi_in_procedure_2s_order() {
         change(&mut kappas);
         for (has_approver, expected) in [(false, alone), (true, with_approver)] {
             let decision = psi(&kappas, PsiContext { has_approver }, made_under());
+            let rejected = *decision.outcome() == Recommendation::Reject;
+            assert_eq!(admits(kappas.interface.outcome, kappas.policy.outcome), !rejected, "{kappas:?}");
             assert_eq!(*decision.outcome(), expected, "{name}, approver {has_approver}");
             assert_eq!(decision.answers().admitted, expected != Reject, "{name}");
         }
