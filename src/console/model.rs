@@ -151,6 +151,40 @@ pub struct ConsoleSettings {
     pub theme: String,
 }
 
+/// What a request of this console is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AskedFor {
+    /// A page of the registry.
+    Registry,
+    /// Everything about one version.
+    Detail,
+    /// A page of the audit log.
+    Audit,
+    /// A check of the whole audit chain.
+    Verification,
+    /// A candidate's submission.
+    Registration,
+    /// An operation that a person confirmed.
+    Operation,
+    /// A signed decision.
+    Decision,
+    /// A change of one alarm that needs no reason.
+    Alarm,
+    /// The pace of the simulated cell.
+    Pace,
+    /// A drift of the simulated cell.
+    Drift,
+}
+
+/// A request that the engine has not answered yet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PendingRequest {
+    /// What kind of answer is awaited.
+    pub about: AskedFor,
+    /// What a person asked for, as a refusal repeats it; empty for what the console asks by itself.
+    pub what: String,
+}
+
 /// The registry as the console last asked for it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Listing {
@@ -208,14 +242,14 @@ pub struct Model {
     pub operator: Option<Operator>,
     pub identities: Vec<Operator>,
     pub notice: Option<Notice>,
-    /// Requests without an answer yet: what was asked, by id.
-    pub pending: BTreeMap<String, String>,
+    /// Requests without an answer yet, by id.
+    pub pending: BTreeMap<String, PendingRequest>,
     /// Number of the next request.
     pub next_request: u64,
     /// Counts what happened that answers of the engine may depend on.
     pub changes: u64,
-    /// The count at which each kind of answer was last asked for, by the first word of its ids.
-    pub asked: BTreeMap<&'static str, u64>,
+    /// The count at which each kind of answer was last asked for.
+    pub asked: BTreeMap<AskedFor, u64>,
     pub settings: ConsoleSettings,
     pub keymap: Arc<Keymap>,
     /// Names of themes there are.

@@ -17,7 +17,7 @@ pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
     let mut effects = vec![Effect::ReadIdentities];
     let everything = Question::Registry { group: VersionGroup::All, text: String::new() };
-    effects.extend(asking::ask(model, "registry", String::new(), everything));
+    effects.extend(asking::ask(model, String::new(), everything));
     effects
 }
 
@@ -53,7 +53,7 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
 }
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
-    let asked = model.pending.remove(id).unwrap_or_default();
+    let asked = model.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);

@@ -139,10 +139,10 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             tell(model, format!("there is no theme {name:?}; there are {known}"), true);
             Vec::new()
         }
-        Asked::Pace(times) => asking::ask(model, "pace", "change the pace".to_owned(), Question::Pace(times)),
+        Asked::Pace(times) => asking::ask(model, "change the pace".to_owned(), Question::Pace(times)),
         Asked::Drift(drift) => {
             let question = Question::Drift(drift);
-            asking::ask(model, "drift", "let a drift set in".to_owned(), question)
+            asking::ask(model, "let a drift set in".to_owned(), question)
         }
         Asked::Candidate(version) => {
             model.chosen = Some(version);
