@@ -14,7 +14,7 @@ use crate::model::{ConsoleSettings, EngineState, Model, Overlay, Typing, View};
 use crate::msg::{Msg, MsgKind};
 use crate::operator::Operator;
 use crate::prompt::{GUARD_MS, Obstacle};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -83,7 +83,7 @@ impl Desk {
     }
 
     fn sit(&mut self, name: &str) {
-        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: "engineer".to_owned() }));
+        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: Role::Engineer }));
     }
 
     fn tell(&mut self, what: MsgKind) -> Vec<Effect> {
