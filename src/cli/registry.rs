@@ -170,7 +170,7 @@ fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
             table.row([
                 entry.seq.to_string(),
                 entry.kind.to_string(),
-                entry.profile.clone(),
+                entry.profile.to_string(),
                 entry.digest.short(),
                 seconds(entry.at_ms),
                 if entry.current { "yes".to_owned() } else { "no: voided since".to_owned() },

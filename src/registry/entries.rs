@@ -5,6 +5,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
 #[cfg(doc)]
@@ -35,7 +36,7 @@ pub struct EvidenceEntry {
     /// Row version it was made at.
     pub row_version: u64,
     /// Profile it was made under.
-    pub profile: String,
+    pub profile: ProfileName,
     /// Policy it was made under.
     pub policy_digest: Digest,
     pub digest: Digest,
