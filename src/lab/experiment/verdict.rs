@@ -304,6 +304,7 @@ fn monotone(summaries: &[Summary]) -> Claim {
 mod tests {
     use super::*;
     use crate::experiment::candidate::Effort;
+    use holdpoint_protocol::standing::Stands;
 
     fn judged(class: Class, profile: ProfileName, fate: Fate, sandbox: u64) -> Judged {
         let end = CandidateEnd {
@@ -314,7 +315,7 @@ mod tests {
             dimensions: Vec::new(),
             composite: None,
             stages: Vec::new(),
-            state: "x".to_owned(),
+            state: Stands::Confirmed,
             fate,
             effort: Effort { sandbox, sandbox_budget: 480, shadow: 0, live: 0 },
         };
