@@ -69,7 +69,7 @@ impl ReplayModel {
     #[must_use]
     pub fn charts_by_stage(&self) -> usize {
         let wanted = self.timeline.standing(self.cursor).charts();
-        self.timeline.groups().iter().position(|group| group.name == wanted).unwrap_or(0)
+        self.timeline.groups().iter().position(|group| group.about == wanted).unwrap_or(0)
     }
 
     /// The group of charts that is shown, and its place; absent if nothing was charted.

@@ -12,7 +12,7 @@ use unicode_width::UnicodeWidthStr as _;
 
 use super::plot;
 use crate::look::{Glyph, ThemeRole};
-use crate::replay::charts::{LimitedSeries, heading};
+use crate::replay::charts::LimitedSeries;
 use crate::replay::model::ReplayModel;
 use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
@@ -34,10 +34,10 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     };
     let count = model.timeline.groups().len();
     let chosen = if model.charts.is_none() { ", by stage" } else { "" };
-    let heading = heading(&group.name);
+    let heading = group.about.heading();
     let right = format!("{} of {count}{chosen}", place + 1);
     let fits = heading.len() + right.len() + ROOM_ROUND_HEADING <= usize::from(area.width);
-    let inside = pen.pane(area, &heading, false, if fits { &right } else { "" });
+    let inside = pen.pane(area, heading, false, if fits { &right } else { "" });
     let drawn = drawn(inside.height, group.charts.len());
     let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
     let mut rest = above(inside, inside.height - lines);
