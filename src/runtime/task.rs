@@ -85,7 +85,7 @@ pub struct TaskRecord {
     pub hard_stop: Option<HardStop>,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
-    /// Where the tool went.
+    /// Where the tool went until the skill's last word.
     pub path: Vec<PathPoint>,
 }
 
@@ -273,15 +273,8 @@ pub fn run<B: Body>(
         handle.step(&checked.command)?;
         seen = handle.telemetry();
         tick += 1;
-        let raised = watcher.observe(&seen);
-        let measured = guard.measure(&seen);
-        if let Some(hit) = measured {
-            note_hit(&mut record, tick, hit);
-            wants_recovery = true;
-        }
-        record.near |= guard.is_near(&seen);
-        record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
-        record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
+        let (raised, measured) = measure_tick(&mut record, &mut watcher, guard, &seen, tick);
+        wants_recovery |= measured.is_some();
         note_path(&mut record, &seen, tick);
         let passed = Tick {
             tick,
@@ -351,11 +344,7 @@ fn settle<B: Body>(
     for tick in from_tick + 1..=from_tick + INSPECT_AFTER_TICKS {
         handle.step(&Command::Hold)?;
         let seen = handle.telemetry();
-        let raised = watcher.observe(&seen);
-        let measured = guard.measure(&seen);
-        if let Some(hit) = measured {
-            note_hit(record, tick, hit);
-        }
+        let (raised, measured) = measure_tick(record, watcher, guard, &seen, tick);
         let passed = Tick {
             tick,
             observation: &observation,
@@ -372,6 +361,26 @@ fn settle<B: Body>(
         }
     }
     Ok(false)
+}
+
+/// Puts what the sensors tell after a tick into the record: in the task itself and while it settles. Tells what the
+/// watcher established and what the guard measured past a limit.
+fn measure_tick(
+    record: &mut TaskRecord,
+    watcher: &mut Watcher,
+    guard: &mut Guard,
+    seen: &Telemetry,
+    tick: u64,
+) -> (Vec<WatcherSignal>, Option<PolicyHit>) {
+    let raised = watcher.observe(seen);
+    let measured = guard.measure(seen);
+    if let Some(hit) = measured {
+        note_hit(record, tick, hit);
+    }
+    record.near |= guard.is_near(seen);
+    record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
+    record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
+    (raised, measured)
 }
 
 fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, tick: u64) {

@@ -77,6 +77,12 @@ fn a_blow_after_the_last_word_is_a_violation() {
 }
 
 #[test]
+fn what_is_measured_while_it_settles_is_in_the_record() {
+    let record = work(4, &mut |_, _| Supervision::Continue);
+    assert_eq!((record.peak_force_n, record.near), (400.0, true));
+}
+
+#[test]
 fn whoever_supervises_sees_and_stops_the_settling_arm() {
     let mut settling = 0;
     work(u64::MAX, &mut |_, passed| {
