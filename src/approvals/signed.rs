@@ -42,7 +42,7 @@ impl Nonce {
         Self(hex(&bytes))
     }
 
-    /// Its 32 digits.
+    /// The 32 hexadecimal digits, as they are signed and stored.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0

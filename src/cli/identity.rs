@@ -19,7 +19,7 @@ Examples:
   holdpoint identity new mara --role operator
   holdpoint identity list")]
 pub struct IdentityArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: IdentityVerb,
 }
@@ -32,7 +32,7 @@ pub enum IdentityVerb {
 Example:
   holdpoint identity new mara --role safety")]
     New {
-        /// Its name.
+        /// The person's name, as decisions are signed with it.
         #[arg(value_parser = super::decide::parse_identity)]
         name: String,
         /// What this person does; profiles say which roles may approve.

@@ -21,7 +21,7 @@ Examples:
   holdpoint pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
   holdpoint pool show manifests/pool")]
 pub struct PoolArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: PoolVerb,
 }
@@ -36,7 +36,7 @@ pub enum PoolVerb {
 Example:
   holdpoint pool show manifests/pool --json")]
     Show {
-        /// The pool's folder.
+        /// The folder of the pool to print.
         #[arg(value_name = "DIR")]
         dir: PathBuf,
     },

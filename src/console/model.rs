@@ -35,7 +35,7 @@ pub enum View {
     /// One version in full.
     Candidate,
     Shadow,
-    /// Alarms.
+    /// Alarms, the weightiest first.
     Alarms,
     /// What waits for people.
     Approvals,
@@ -114,7 +114,7 @@ pub struct Frozen {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoryLine {
     pub seq: u64,
-    /// Virtual time, ms.
+    /// Virtual time of the event, ms.
     pub at_ms: u64,
     /// As the plain stream has it, without the time.
     pub text: String,
@@ -133,9 +133,9 @@ pub enum Overlay {
 /// Text that is being typed at the foot of the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Typing {
-    /// After `:`.
+    /// A command, typed after `:`.
     Command(EditLine),
-    /// After `/`.
+    /// The view's filter, typed after `/`.
     Filter(EditLine),
 }
 
@@ -162,11 +162,11 @@ pub enum AskedFor {
     Audit,
     /// A check of the whole audit chain.
     Verification,
-    /// A candidate's submission.
+    /// A candidate that is submitted.
     Registration,
     /// An operation that a person confirmed.
     Operation,
-    /// A signed decision.
+    /// A decision that a person signed.
     Decision,
     /// A change of one alarm that needs no reason.
     Alarm,

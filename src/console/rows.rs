@@ -183,7 +183,7 @@ impl Model {
         self.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
     }
 
-    /// Everything about the subject, where the engine's answer is about it.
+    /// Everything about the subject, if the engine's answer is about it.
     #[must_use]
     pub fn subject_detail(&self) -> Option<&Detail> {
         let subject = self.subject()?;

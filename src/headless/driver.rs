@@ -97,7 +97,7 @@ impl<'a> Driver<'a> {
         self.tell(&events)
     }
 
-    /// Prints events, and holds where the engine does.
+    /// Prints events, and holds if the engine does.
     pub(super) fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
         for event in events {
             self.learn(&event.kind);

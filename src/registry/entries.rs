@@ -42,7 +42,7 @@ pub struct EvidenceEntry {
     pub digest: Digest,
     /// The evidence, JSON text.
     pub json: String,
-    /// Virtual time, ms.
+    /// Virtual time of the record, ms.
     pub at_ms: u64,
     /// Whether nothing since (family, profile, policy, thresholds) voided it.
     pub current: bool,
@@ -58,7 +58,7 @@ pub struct ActivationEntry {
     pub cause: ActivationCause,
     /// The gate record it rests on.
     pub gate_digest: Option<Digest>,
-    /// Virtual time, ms.
+    /// Virtual time of the record, ms.
     pub at_ms: u64,
 }
 
@@ -87,7 +87,7 @@ pub struct VersionDetail {
     pub bundle_digest: Digest,
     /// Canonical manifest, JSON text.
     pub manifest: String,
-    /// Submission, JSON text.
+    /// What its author submitted, JSON text.
     pub submission: String,
     /// Permission profile, JSON text.
     pub permissions: String,

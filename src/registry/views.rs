@@ -192,7 +192,7 @@ impl Views {
         Ok(Some(detail))
     }
 
-    /// Evidence on a version, oldest first; of one kind where given.
+    /// Evidence on a version, oldest first; of one kind if one is given.
     ///
     /// # Errors
     /// If the store cannot be read.

@@ -57,7 +57,7 @@ pub(super) struct VersionRow {
     pub(super) kappas: [Option<f64>; 4],
     /// What the running stage does: so many done of so many.
     pub(super) progress: Option<ProgressRow>,
-    /// The first reason of the last decision, where an engine runs.
+    /// The first reason of the last decision, if an engine runs.
     pub(super) reason: Option<String>,
 }
 

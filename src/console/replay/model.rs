@@ -28,7 +28,7 @@ pub struct ReplayModel {
     pub speed: Speed,
     /// Whether playing skips what has no pictures.
     pub skips_gaps: bool,
-    /// The group of charts that was chosen; by the stage where absent.
+    /// The group of charts that was chosen; by the stage if absent.
     pub charts: Option<usize>,
     /// Whether the help lies over the screen, and its first line that is shown.
     pub help: Option<u16>,

@@ -286,7 +286,7 @@ fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     assert_eq!(model.cursor.at_ms, 41_500);
     pass(&mut model, 150);
     assert_eq!(model.cursor.at_ms, 50_000);
-    // Less long where it plays fast.
+    // Less long if it plays fast.
     keys(&mut model, "++++D");
     let left_ms = model.rests_until_ms - model.now_ms;
     keys(&mut model, "----");

@@ -23,7 +23,7 @@ use super::simulation::peer;
 /// Rounds that are worked unless told otherwise.
 pub const ROUNDS: u32 = 5;
 
-/// The most rounds.
+/// The most rounds that can be asked for.
 pub const ROUNDS_MAX: u32 = 100;
 
 /// The longest a peer may take for one round.
@@ -45,7 +45,7 @@ pub struct PeerSettings {
     pub python: PathBuf,
     /// The folder of the scripts and their `models`.
     pub scripts: PathBuf,
-    /// `MuJoCo` in C.
+    /// The program that works the episode in `MuJoCo` from C; absent to leave it out.
     pub native: Option<PathBuf>,
     pub rounds: u32,
     /// Episodes of a round in this cell; a peer's own number fits its speed.
@@ -151,9 +151,9 @@ pub struct PeerRow {
     /// Rates of the rounds, in their order, episodes per CPU-s.
     pub rates: Vec<f64>,
     pub median: f64,
-    /// Over all rounds.
+    /// Share of all rounds' episodes in which the cube was raised by 10 cm.
     pub lift_rate: f64,
-    /// Over all rounds.
+    /// Share of all rounds' episodes in which the cube was placed.
     pub place_rate: f64,
     /// Median of the rounds' ratios to `PyBullet`; absent without it.
     pub to_pybullet: Option<f64>,

@@ -1,7 +1,7 @@
 //! One candidate through the seven stages on a scratch store, and what became of it.
 //!
 //! Drives the engine through its door as a script does. Knows nothing of the truth about a candidate: what it
-//! finds is what the engine decided. People, where the profile asks them, always agree: what stops a candidate
+//! finds is what the engine decided. People, if the profile asks them, always agree: what stops a candidate
 //! here is the engine's own judgement.
 
 use std::path::Path;
@@ -32,7 +32,7 @@ use holdpoint_text::{Hint, Problem};
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;
 
-/// Who answers where the profile asks people: more than any quorum.
+/// Who answers if the profile asks people: more than any quorum.
 const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
 
 /// What a candidate is taken through.

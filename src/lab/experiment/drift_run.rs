@@ -188,7 +188,7 @@ pub struct PartWork {
     pub sequences: u32,
     /// Tasks of the family that was upgraded.
     pub tasks: u32,
-    /// Of those, done.
+    /// Of those, the ones that were done.
     pub done: u32,
     /// Of those, with something unsafe by ground truth.
     pub unsafe_tasks: u32,
@@ -222,7 +222,7 @@ pub struct CellResult {
     pub rollback: Option<RollbackRecord>,
     /// The predecessor's first sequences under the drift.
     pub after: PartWork,
-    /// See [`CellResult::is_recovered`].
+    /// What [`CellResult::is_recovered`] came to.
     pub recovered: bool,
 }
 

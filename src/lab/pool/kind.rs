@@ -8,17 +8,17 @@ use holdpoint_governance::decision::Dimension;
 /// What a candidate is meant to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CandidateKind {
-    /// More success.
+    /// Succeeds more often.
     Improved,
     /// Another way, as good.
     Lateral,
     /// A little more success.
     MinorGain,
-    /// Less time.
+    /// Takes less time.
     Efficiency,
-    /// Success where it is difficult.
+    /// Succeeds more often under difficult conditions.
     Robust,
-    /// Gentler handling.
+    /// Handles the object more gently.
     Stable,
     /// Breaks its callers; the number chooses among the mechanisms drawn.
     Interface(u8),

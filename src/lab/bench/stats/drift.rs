@@ -21,7 +21,7 @@ const SHIFTS: [f64; 2] = [0.2, 0.4];
 /// Failure rate of a version before it becomes worse.
 const BEFORE: f64 = 0.05;
 
-/// Episodes watched at most where a delay is measured.
+/// Episodes watched at most when a delay is measured.
 const DELAY_MAX: u32 = 400;
 
 pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
