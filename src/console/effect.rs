@@ -76,7 +76,7 @@ pub enum Question {
         alarm: String,
         by: String,
     },
-    /// Take an alarm from its shelf.
+    /// End the shelving of an alarm.
     Unshelve {
         alarm: String,
         by: String,

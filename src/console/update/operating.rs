@@ -196,7 +196,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
         }
         Action::Unshelve => {
             if alarm.shelf.is_none() {
-                return refuse(model, "it lies on no shelf");
+                return refuse(model, "it is not shelved");
             }
             let what = format!("unshelve {}", alarm.alarm);
             asking::ask(model, what, Question::Unshelve { alarm: alarm.alarm, by })
@@ -207,7 +207,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             }
             let lines = vec![
                 alarm.text.clone(),
-                "It comes back by itself; the shelf is counted on every screen".to_owned(),
+                "It comes back by itself; shelved alarms are counted on every screen".to_owned(),
             ];
             open(model, Intent::Shelve(alarm.alarm), lines)
         }
