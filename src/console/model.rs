@@ -209,7 +209,7 @@ pub struct Model {
     /// The newest moment of the live cell.
     pub picture: Option<Arc<Picture>>,
     /// What the engine told, oldest first; at most [`LOG_MAX`].
-    pub told: VecDeque<StoryLine>,
+    pub story: VecDeque<StoryLine>,
     /// Events that were missed because the console was slow.
     pub missed: u64,
     pub registry: Listing,
@@ -267,7 +267,7 @@ impl Model {
             snapshot: None,
             snapshot_ms: 0,
             picture: None,
-            told: VecDeque::new(),
+            story: VecDeque::new(),
             missed: 0,
             registry: Listing::default(),
             chosen: None,

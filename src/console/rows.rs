@@ -233,7 +233,7 @@ impl Model {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.view, self.pane()) {
-            (View::Overview, 2) => self.told.len(),
+            (View::Overview, 2) => self.story.len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),

@@ -42,7 +42,7 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.told.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+        model.story.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
     }
     model
 }

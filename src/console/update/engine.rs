@@ -31,9 +31,9 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             model.changes += 1;
         }
         let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
-        model.told.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
-        if model.told.len() > LOG_MAX {
-            model.told.pop_front();
+        model.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
+        if model.story.len() > LOG_MAX {
+            model.story.pop_front();
         }
     }
     Vec::new()
