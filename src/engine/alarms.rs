@@ -95,9 +95,8 @@ impl Record {
         }
     }
 
-    /// Whether what an alarm was raised for is over. `works` says whether the last live sequence was done.
-    ///
-    /// What happened once and does not last is over at once; its alarm stays until somebody resets it.
+    /// Whether what an alarm was raised for is over; `works`: the last live sequence was done. What took place and is done with is over at once; it stays
+    /// until somebody resets it.
     fn is_over(&self, key: &str, monitors: &Monitors, works: bool) -> bool {
         let Some((kind, about)) = key.split_once(':') else { return false };
         let version = || about.parse::<holdpoint_governance::ids::CapabilityId>().ok();
@@ -122,7 +121,7 @@ impl Record {
         }
     }
 
-    /// Writes changes to the store and then to the book, and tells them. What the store did not take did not happen.
+    /// Into the book and the store, and told. The store comes first: what it did not take did not happen.
     fn take_in(&mut self, changes: &[AlarmChange], records: Vec<AuditBody>) -> Result<(), StoreError> {
         let mut stored = Vec::new();
         let mut told = Vec::new();

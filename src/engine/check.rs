@@ -37,7 +37,7 @@ pub struct StaticFindings {
 }
 
 impl StaticFindings {
-    /// Whether neither of the two keeps the version out.
+    /// Whether neither of both keeps the version out.
     #[must_use]
     pub fn admits(&self) -> bool {
         self.interface.outcome != InterfaceOutcome::Incompatible

@@ -51,14 +51,14 @@ pub struct ModeMetrics {
     pub mode: String,
     pub episodes: u32,
     pub means: Signature,
-    /// The paper's `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`, as [`Metric::name`] calls them.
+    /// `m_succ`, `m_viol`, `m_anom`, `m_retry`, `m_recover`.
     pub metrics: Vec<Metric>,
     /// Duration, contact force, tool speed, retries and unsafe continuation at their worst.
     pub tails: Vec<UpperTail>,
 }
 
 impl ModeMetrics {
-    /// The metrics of the valid episodes among `records`; absent if there is none.
+    /// Of the valid episodes among `records`; absent if there is none.
     #[must_use]
     pub fn of<'a>(mode: &str, records: impl IntoIterator<Item = &'a TaskRecord>) -> Option<Self> {
         let records: Vec<&TaskRecord> = records.into_iter().filter(|record| !record.invalid).collect();
@@ -108,7 +108,7 @@ impl ModeMetrics {
     }
 }
 
-/// The tail of a sample; absent for an empty one and if a value is no number.
+/// The tail of a sample; absent for an empty one and where a value is no number.
 fn tail(name: &str, mut values: Vec<f64>) -> Option<UpperTail> {
     if values.iter().any(|value| !value.is_finite()) {
         return None;

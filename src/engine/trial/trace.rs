@@ -22,7 +22,7 @@ pub struct TraceBatch {
     pub version: CapabilityId,
     /// `canonical`, `perturbation`, `adversarial` or `confirmation`.
     pub mode: String,
-    /// Digest of robot, scene, distributions and the sources that compute an episode.
+    /// Digest of robot, scene, distributions and episode semantics.
     pub environment: Digest,
     /// The engine that ran it.
     pub engine_build: String,

@@ -27,7 +27,7 @@ pub const ROUNDS: u32 = 5;
 pub const ROUNDS_MAX: u32 = 100;
 
 /// The longest a peer may take for one round.
-const PEER_MAX: Duration = Duration::from_secs(900);
+const PEER_MAX: Duration = Duration::from_mins(15);
 
 /// How often a running peer is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -208,9 +208,8 @@ impl Hint for PeerError {
 /// # Errors
 /// [`PeerError`]; no partial report is given, because only whole rounds compare.
 pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> Result<PeerReport, PeerError> {
-    let there = |what, path: &Path| match path.exists() {
-        true => Ok(()),
-        false => Err(PeerError::Missing { what, path: path.to_owned() }),
+    let there = |what, path: &Path| {
+        if path.exists() { Ok(()) } else { Err(PeerError::Missing { what, path: path.to_owned() }) }
     };
     there("the folder of the peers' scripts", &settings.scripts)?;
     if let Some(native) = &settings.native {
