@@ -160,7 +160,7 @@ impl LiveCell {
         self.sequences = sequence;
     }
 
-    /// Starts a drift, or ends it, from the next sequence on.
+    /// Sets in a drift, or ends it, from the next sequence on.
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
