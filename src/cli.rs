@@ -63,7 +63,7 @@ pub struct Cli {
     /// Prints JSON, one document a line.
     #[arg(long, global = true)]
     pub json: bool,
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: Option<Verb>,
 }

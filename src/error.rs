@@ -17,7 +17,7 @@ pub enum Exit {
     Usage,
     /// 3: held, or timed out.
     Held,
-    /// 4: rolled back.
+    /// 4: the version was rolled back.
     RolledBack,
     /// 70: a fault of this program.
     Internal,

@@ -9,6 +9,7 @@ use super::identity::IdentityInfo;
 use super::keyfile::{hex, parse_public, unhex};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_text::Hint;
 
 /// Separates these bytes from everything else that is ever signed.
@@ -41,7 +42,7 @@ impl Nonce {
         Self(hex(&bytes))
     }
 
-    /// Its 32 digits.
+    /// The 32 hexadecimal digits, as they are signed and stored.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -89,8 +90,8 @@ pub struct Approval {
     pub evidence_digest: Digest,
     /// Digest of profile, policies and thresholds.
     pub policy_digest: Digest,
-    /// Name of the profile.
-    pub profile: String,
+    /// The profile it was made under.
+    pub profile: ProfileName,
     /// The store it was made for.
     pub store_id: String,
     pub nonce: Nonce,
@@ -125,7 +126,7 @@ impl Approval {
             &self.row_version.to_le_bytes(),
             self.evidence_digest.bytes(),
             self.policy_digest.bytes(),
-            profile.as_bytes(),
+            profile.name().as_bytes(),
             nonce.as_str().as_bytes(),
             &self.not_after_ms.to_le_bytes(),
         ];
@@ -262,7 +263,7 @@ mod tests {
             row_version: 4,
             evidence_digest: Digest::of_parts("t", &[b"e"]),
             policy_digest: Digest::of_parts("t", &[b"p"]),
-            profile: "human".into(),
+            profile: ProfileName::Human,
             store_id: "s".into(),
             nonce: Nonce::from_bytes([7; 16]),
             not_after_ms: 1000,
@@ -287,7 +288,7 @@ mod tests {
             ("row", |a, _| a.row_version += 1),
             ("evidence", |a, d| a.evidence_digest = d),
             ("policy", |a, d| a.policy_digest = d),
-            ("profile", |a, _| a.profile = "sim".into()),
+            ("profile", |a, _| a.profile = ProfileName::Sim),
             ("store", |a, _| a.store_id = "t".into()),
             ("nonce", |a, _| a.nonce = Nonce::from_bytes([8; 16])),
             ("expiry", |a, _| a.not_after_ms += 1),

@@ -24,7 +24,7 @@ Examples:
   holdpoint audit verify
   holdpoint audit export --out audit.jsonl")]
 pub struct AuditArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: AuditVerb,
 }

@@ -38,7 +38,7 @@ pub struct BenchArgs {
 pub enum BenchStudy {
     /// Simulates how often the rules err, and holds it against what the profiles say.
     ///
-    /// Ends with the code of an internal fault where a stated rate is refuted.
+    /// Ends with the code of an internal fault if a stated rate is refuted.
     Stats(StatsArgs),
     /// Times the grasp-and-place episode beside other physics engines, round by round.
     Peers(PeersArgs),
@@ -235,7 +235,7 @@ fn show_study(report: &stats::StudyReport, out: &mut Output<'_>) -> Result<(), C
     out.line(&format!("{stated} stated rates, {refuted} refuted"))
 }
 
-/// Three significant digits, or more where the whole part has them.
+/// Three significant digits, or more if the whole part has them.
 fn number(value: f64) -> String {
     let decimals = match value.abs() {
         size if size >= 100.0 => 0,

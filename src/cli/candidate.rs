@@ -28,7 +28,7 @@ Examples:
   holdpoint candidate check manifests/candidates/grasp-improved
   holdpoint candidate diff manifests/grasp/1.0.0 manifests/candidates/grasp-improved")]
 pub struct CandidateArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: CandidateVerb,
 }

@@ -25,9 +25,9 @@ Examples:
   holdpoint completions fish > ~/.config/fish/completions/holdpoint.fish
 
 In bash, zsh and fish the versions and families of the store are completed too, of the one named with --data DIR
-where it stands on the line.")]
+if it stands on the line.")]
 pub struct CompletionsArgs {
-    /// The shell.
+    /// The shell to write the script for.
     #[arg(value_enum, required_unless_present = "list")]
     pub shell: Option<Shell>,
     /// What a script asks for at a tab: names in the store, one a line; none if there is no store.
@@ -38,11 +38,11 @@ pub struct CompletionsArgs {
 /// Names in the store that a script can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Names {
-    /// `align@1.1.0`.
+    /// Every version, as in `align@1.1.0`.
     Versions,
-    /// `align`.
+    /// Every family, as in `align`.
     Families,
-    /// Both.
+    /// Families and versions together.
     Subjects,
 }
 

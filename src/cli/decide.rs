@@ -27,17 +27,17 @@ pub const REASON_BYTES_MAX: usize = 1_000;
 /// One decision that was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AskedDecision {
-    /// `approve`.
+    /// To approve a candidate that waits for approval.
     Approve(ApproveArgs),
-    /// `reject`.
+    /// To reject a candidate for good.
     Reject(VersionArgs),
-    /// `rollback`.
+    /// To take a family's active version off.
     Rollback(FamilyArgs),
-    /// `demote`.
+    /// To send a version back to evaluation.
     Demote(VersionArgs),
-    /// `pause`.
+    /// To take up no further stage.
     Pause(PauseArgs),
-    /// `resume`.
+    /// To take up stages again.
     Resume(PauseArgs),
 }
 
@@ -67,7 +67,7 @@ pub struct ApproveArgs {
     /// The first eight digits of the evidence digest that was read.
     #[arg(long, value_name = "DIGITS", value_parser = parse_short_digest)]
     pub digest: Option<String>,
-    /// Who and why.
+    /// Who signs, and the reason that is kept.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -82,7 +82,7 @@ pub struct VersionArgs {
     /// The version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// Who and why.
+    /// Who signs, and the reason that is kept.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -96,7 +96,7 @@ pub struct FamilyArgs {
     /// The family, e.g. grasp.
     #[arg(value_parser = parse_family)]
     pub family: Family,
-    /// Who and why.
+    /// Who signs, and the reason that is kept.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -111,7 +111,7 @@ pub struct PauseArgs {
     /// One family; all if none is named. What is registered later is not paused.
     #[arg(value_parser = parse_family)]
     pub family: Option<Family>,
-    /// Who and why.
+    /// Who signs, and the reason that is kept.
     #[command(flatten)]
     pub signature: SigningArgs,
 }

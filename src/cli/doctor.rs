@@ -46,7 +46,7 @@ pub enum FindingStatus {
     Ok,
     /// Works, but less than all.
     Limited,
-    /// Does not work.
+    /// Does not work at all.
     Missing,
 }
 
@@ -63,9 +63,9 @@ impl FindingStatus {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What.
+    /// What was looked at.
     pub item: String,
-    /// How it stands.
+    /// Whether it works.
     pub standing: FindingStatus,
     /// What was found, and what to do.
     pub detail: String,

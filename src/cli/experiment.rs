@@ -25,12 +25,12 @@ Examples:
   holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --json
   holdpoint experiment per-candidate --pool pool-7")]
 pub struct ExperimentArgs {
-    /// Which experiment.
+    /// The experiment that was chosen, with its arguments.
     #[command(subcommand)]
     pub which: Which,
 }
 
-/// The experiments.
+/// The experiments that can be run.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum Which {
     /// Rollback under drift: four drifts in three magnitudes set in after an activation.

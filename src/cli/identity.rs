@@ -19,7 +19,7 @@ Examples:
   holdpoint identity new mara --role operator
   holdpoint identity list")]
 pub struct IdentityArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: IdentityVerb,
 }
@@ -32,7 +32,7 @@ pub enum IdentityVerb {
 Example:
   holdpoint identity new mara --role safety")]
     New {
-        /// Its name.
+        /// The person's name, as decisions are signed with it.
         #[arg(value_parser = super::decide::parse_identity)]
         name: String,
         /// What this person does; profiles say which roles may approve.
@@ -49,17 +49,13 @@ Example:
 #[derive(Serialize)]
 struct IdentityRow<'a> {
     name: &'a str,
-    role: &'a str,
+    role: Role,
     public_key: String,
 }
 
 impl<'a> IdentityRow<'a> {
     fn of(info: &'a IdentityInfo) -> Self {
-        Self {
-            name: &info.name,
-            role: info.role.name(),
-            public_key: keyfile::hex(info.public_key.as_bytes()),
-        }
+        Self { name: &info.name, role: info.role, public_key: keyfile::hex(info.public_key.as_bytes()) }
     }
 }
 
@@ -98,7 +94,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
                 }
                 let mut table = Table::new(&["name", "role", "public key"]);
                 for identity in &shown {
-                    table.row([identity.name, identity.role, &identity.public_key]);
+                    table.row([identity.name, identity.role.name(), &identity.public_key]);
                 }
                 out.table(&table)
             })?;

@@ -4,6 +4,7 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 use super::output::Table;
@@ -20,7 +21,7 @@ Examples:
   holdpoint pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
   holdpoint pool show manifests/pool")]
 pub struct PoolArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: PoolVerb,
 }
@@ -35,7 +36,7 @@ pub enum PoolVerb {
 Example:
   holdpoint pool show manifests/pool --json")]
     Show {
-        /// The pool's folder.
+        /// The folder of the pool to print.
         #[arg(value_name = "DIR")]
         dir: PathBuf,
     },
@@ -57,8 +58,21 @@ pub struct GenerateArgs {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(SETS_MAX)))]
     pub sets: u32,
     /// Which kinds: all sixteen, or the paper's eight faulty ones.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, default_value_t = Preset::Full10, value_parser = presets())]
     pub preset: Preset,
+}
+
+/// The presets there are, each with what it holds.
+fn presets() -> impl TypedValueParser<Value = Preset> {
+    let described = |preset: Preset| {
+        PossibleValue::new(preset.name()).help(match preset {
+            Preset::Full10 => {
+                "Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family"
+            }
+            Preset::Paper8 => "The paper's eight faulty ones alone: I I P P B B M1 M2",
+        })
+    };
+    PossibleValuesParser::new(Preset::ALL.map(described)).try_map(|name| name.parse::<Preset>())
 }
 
 /// Does what was asked for.

@@ -21,7 +21,7 @@ Examples:
   holdpoint profile show human
   holdpoint profile check profiles/real.toml")]
 pub struct ProfileArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: ProfileVerb,
 }
@@ -34,7 +34,7 @@ pub enum ProfileVerb {
 Example:
   holdpoint profile show human --json")]
     Show {
-        /// Which.
+        /// The profile to print.
         #[arg(value_enum)]
         profile: ProfileArg,
     },
@@ -43,7 +43,7 @@ Example:
 Example:
   holdpoint profile check profiles/real.toml")]
     Check {
-        /// The file.
+        /// The profile file to check.
         file: PathBuf,
     },
 }

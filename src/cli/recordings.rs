@@ -28,7 +28,7 @@ Examples:
   holdpoint recordings verify
   holdpoint recordings prune --keep 50 --dry-run")]
 pub struct RecordingsArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: RecordingsVerb,
 }

@@ -89,7 +89,7 @@ impl From<FamilyArg> for TaskKind {
 /// Searches, tells how far it is, and prints what came of it.
 ///
 /// # Errors
-/// [`CliError`]: 2 for what is wrong with arguments or files, 3 where it was interrupted or found nothing better.
+/// [`CliError`]: 2 for what is wrong with arguments or files, 3 if it was interrupted or found nothing better.
 pub fn run(args: &RefineArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let settings = Settings {

@@ -22,7 +22,7 @@ Examples:
   holdpoint registry show grasp@1.3.0
   holdpoint registry history grasp --json")]
 pub struct RegistryArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: RegistryVerb,
 }
@@ -38,7 +38,7 @@ Example:
         /// Of one family only.
         #[arg(long, value_parser = super::decide::parse_family)]
         family: Option<Family>,
-        /// Which versions.
+        /// Which versions to list.
         #[arg(long, value_enum, default_value_t = ViewArg::All)]
         view: ViewArg,
         /// How many at most.
@@ -60,7 +60,7 @@ Example:
 Example:
   holdpoint registry history grasp")]
     History {
-        /// The family.
+        /// The family whose history is shown, e.g. grasp.
         #[arg(value_parser = super::decide::parse_family)]
         family: Family,
     },
@@ -71,9 +71,9 @@ Example:
 pub enum ViewArg {
     /// Every version.
     All,
-    /// In control.
+    /// The version in control of each family.
     Active,
-    /// On the way.
+    /// Versions on their way to activation.
     Candidates,
     /// Superseded, rolled back, rejected.
     History,
@@ -170,7 +170,7 @@ fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
             table.row([
                 entry.seq.to_string(),
                 entry.kind.to_string(),
-                entry.profile.clone(),
+                entry.profile.to_string(),
                 entry.digest.short(),
                 seconds(entry.at_ms),
                 if entry.current { "yes".to_owned() } else { "no: voided since".to_owned() },

@@ -84,7 +84,7 @@ pub struct ReplayArgs {
 pub enum Wanted {
     /// All recordings of a version in the store.
     Version(CapabilityId),
-    /// One file.
+    /// One recording file, wherever it lies.
     File(PathBuf),
 }
 

@@ -141,9 +141,9 @@ impl ConsoleArgs {
 pub enum ColorArg {
     /// As `NO_COLOR` and the terminal say.
     Auto,
-    /// Always.
+    /// Colours, whatever the terminal says.
     Always,
-    /// Never.
+    /// No colours at all.
     Never,
 }
 
@@ -217,11 +217,11 @@ impl RunArgs {
 /// A profile's name on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProfileArg {
-    /// Simulation only.
+    /// Simulation only: nobody is asked.
     Sim,
     /// A real cell, no people inside.
     Real,
-    /// People nearby.
+    /// People work beside the robot: the tightest limits.
     Human,
 }
 

@@ -108,9 +108,7 @@ fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
         return Ok(ProfileName::Sim);
     }
     let last = audit::open(&context.data)?.context().map_err(CliError::usage)?;
-    let Some((name, _, _)) = last else { return Ok(ProfileName::Sim) };
-    let known = ProfileName::ALL.into_iter().find(|profile| profile.name() == name);
-    known.ok_or_else(|| CliError::usage(format!("the store was last used with the unknown profile {name:?}")))
+    Ok(last.map_or(ProfileName::Sim, |(profile, _, _)| profile))
 }
 
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.

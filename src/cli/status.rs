@@ -62,20 +62,20 @@ pub struct StatusArgs {
 pub enum StatusSubject {
     /// All of a family.
     Family(Family),
-    /// One version.
+    /// One version of a family.
     Version(CapabilityId),
 }
 
 /// A state to wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Until {
-    /// Passed stage 2.
+    /// Passed stage 2, the static checks.
     Validated,
-    /// Passed stage 3.
+    /// Passed stage 3, the sandbox.
     Sandboxed,
-    /// Passed stage 4.
+    /// Passed stage 4, shadow.
     Shadowed,
-    /// Waits for people.
+    /// Waits for people's approval.
     AwaitingApproval,
     /// In control, still provisional or not.
     Active,

@@ -1,6 +1,6 @@
 //! `holdpoint theme list | preview`: the themes there are, role by role and state by state.
 //!
-//! Needs no terminal. Styles are written where colours are asked for or the answer goes to a terminal; without
+//! Needs no terminal. Styles are written if colours are asked for or the answer goes to a terminal; without
 //! them every state still has its sign and its word.
 
 use std::fmt::Write as _;
@@ -23,7 +23,7 @@ Examples:
   holdpoint theme preview deuteranopia
   holdpoint theme preview --all --color always")]
 pub struct ThemeArgs {
-    /// What to do.
+    /// The verb that was given, with its arguments.
     #[command(subcommand)]
     pub verb: ThemeVerb,
 }
@@ -44,7 +44,7 @@ Examples:
     Preview {
         /// Which theme [default: the one that fits this terminal].
         name: Option<String>,
-        /// Every theme.
+        /// Shows every theme, one after another.
         #[arg(long, conflicts_with = "name")]
         all: bool,
         /// Whether to use colours.
@@ -61,9 +61,9 @@ Examples:
 pub enum Color {
     /// As the terminal and `NO_COLOR` say.
     Auto,
-    /// In any case.
+    /// Colours, whatever the terminal says.
     Always,
-    /// Not at all.
+    /// No colours at all.
     Never,
 }
 

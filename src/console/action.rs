@@ -172,7 +172,7 @@ actions! {
     Acknowledge = "acknowledge", Alarms, ["space"];
     /// Shelve this alarm for a time, reason required
     Shelve = "shelve", Alarms, ["z"];
-    /// Take this alarm from its shelf
+    /// End the shelving of this alarm
     Unshelve = "unshelve", Alarms, ["Z"];
     /// Close a latched alarm, reason required
     ResetAlarm = "reset-alarm", Alarms, ["R"];

@@ -4,7 +4,7 @@
 //! [`Confirmed`], which only an open prompt and a filled form can make.
 
 use super::form::Confirmed;
-use super::model::View;
+use super::model::{AskedFor, View};
 use super::prompt::PromptAnswer;
 use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
@@ -76,14 +76,14 @@ pub enum Question {
         alarm: String,
         by: String,
     },
-    /// Take an alarm from its shelf.
+    /// End the shelving of an alarm.
     Unshelve {
         alarm: String,
         by: String,
     },
     /// How fast the simulated cell works.
     Pace(Option<f64>),
-    /// Let a drift set in in the simulated cell, or end it.
+    /// Start a drift of the simulated cell, or end it.
     Drift(Option<Drift>),
 }
 
@@ -94,6 +94,20 @@ const PAGE_ROWS: u64 = 10_000;
 const AUDIT_ROWS: u64 = 1_000;
 
 impl Question {
+    /// What kind of answer it awaits.
+    #[must_use]
+    pub const fn about(&self) -> AskedFor {
+        match self {
+            Self::Detail(_) => AskedFor::Detail,
+            Self::Registry { .. } => AskedFor::Registry,
+            Self::Audit { .. } => AskedFor::Audit,
+            Self::Verify => AskedFor::Verification,
+            Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
+            Self::Pace(_) => AskedFor::Pace,
+            Self::Drift(_) => AskedFor::Drift,
+        }
+    }
+
     /// The engine's command for it.
     #[must_use]
     pub fn into_command(self) -> Command {

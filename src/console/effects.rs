@@ -171,7 +171,7 @@ impl Hands {
     }
 }
 
-/// The versions the console knows of, history included where the registry was read.
+/// The versions the console knows of, history included if the registry was read.
 fn known(model: &Model) -> Vec<CapabilityId> {
     let candidates = model.snapshot.iter().flat_map(|snapshot| &snapshot.candidates);
     let listed = model.registry.page.rows.iter().map(|row| &row.version);

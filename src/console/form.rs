@@ -9,7 +9,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_text::{Hint, Problem};
 
-/// The longest shelf a form offers, minutes: one shift.
+/// The longest shelving a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
 
 /// What is asked for.

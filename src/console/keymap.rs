@@ -138,7 +138,7 @@ impl Keymap {
         }
     }
 
-    /// What a key means; `in_prompt` where a prompt is open.
+    /// What a key means; `in_prompt` says whether a prompt is open.
     #[must_use]
     pub fn action(&self, key: KeyEvent, in_prompt: bool) -> Option<Action> {
         let key = normal(key);

@@ -87,7 +87,7 @@ pub enum ColorChoice {
     /// As the terminal and `NO_COLOR` say.
     #[default]
     Auto,
-    /// Whatever `NO_COLOR` says.
+    /// Colours, whatever `NO_COLOR` says.
     Always,
     Never,
 }
@@ -103,9 +103,9 @@ pub struct LookOptions {
     pub ascii: bool,
     /// Whether `NO_COLOR` is set and not empty.
     pub no_color: bool,
-    /// `TERM`.
+    /// The environment's `TERM`.
     pub term: Option<String>,
-    /// `COLORTERM`.
+    /// The environment's `COLORTERM`.
     pub colorterm: Option<String>,
     /// Whether the background is light; absent if the terminal does not tell.
     pub light_background: Option<bool>,

@@ -35,7 +35,7 @@ pub enum View {
     /// One version in full.
     Candidate,
     Shadow,
-    /// Alarms.
+    /// Alarms, the weightiest first.
     Alarms,
     /// What waits for people.
     Approvals,
@@ -114,7 +114,7 @@ pub struct Frozen {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoryLine {
     pub seq: u64,
-    /// Virtual time, ms.
+    /// Virtual time of the event, ms.
     pub at_ms: u64,
     /// As the plain stream has it, without the time.
     pub text: String,
@@ -133,9 +133,9 @@ pub enum Overlay {
 /// Text that is being typed at the foot of the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Typing {
-    /// After `:`.
+    /// A command, typed after `:`.
     Command(EditLine),
-    /// After `/`.
+    /// The view's filter, typed after `/`.
     Filter(EditLine),
 }
 
@@ -149,6 +149,40 @@ pub struct ConsoleSettings {
     /// Step of the tour; absent if dismissed.
     pub tour: Option<usize>,
     pub theme: String,
+}
+
+/// What a request of this console is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AskedFor {
+    /// A page of the registry.
+    Registry,
+    /// Everything about one version.
+    Detail,
+    /// A page of the audit log.
+    Audit,
+    /// A check of the whole audit chain.
+    Verification,
+    /// A candidate that is submitted.
+    Registration,
+    /// An operation that a person confirmed.
+    Operation,
+    /// A decision that a person signed.
+    Decision,
+    /// A change of one alarm that needs no reason.
+    Alarm,
+    /// The pace of the simulated cell.
+    Pace,
+    /// A drift of the simulated cell.
+    Drift,
+}
+
+/// A request that the engine has not answered yet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PendingRequest {
+    /// What kind of answer is awaited.
+    pub about: AskedFor,
+    /// What a person asked for, as a refusal repeats it; empty for what the console asks by itself.
+    pub what: String,
 }
 
 /// The registry as the console last asked for it.
@@ -175,7 +209,7 @@ pub struct Model {
     /// The newest moment of the live cell.
     pub picture: Option<Arc<Picture>>,
     /// What the engine told, oldest first; at most [`LOG_MAX`].
-    pub told: VecDeque<StoryLine>,
+    pub story: VecDeque<StoryLine>,
     /// Events that were missed because the console was slow.
     pub missed: u64,
     pub registry: Listing,
@@ -208,14 +242,14 @@ pub struct Model {
     pub operator: Option<Operator>,
     pub identities: Vec<Operator>,
     pub notice: Option<Notice>,
-    /// Requests without an answer yet: what was asked, by id.
-    pub pending: BTreeMap<String, String>,
+    /// Requests without an answer yet, by id.
+    pub pending: BTreeMap<String, PendingRequest>,
     /// Number of the next request.
     pub next_request: u64,
     /// Counts what happened that answers of the engine may depend on.
     pub changes: u64,
-    /// The count at which each kind of answer was last asked for, by the first word of its ids.
-    pub asked: BTreeMap<&'static str, u64>,
+    /// The count at which each kind of answer was last asked for.
+    pub asked: BTreeMap<AskedFor, u64>,
     pub settings: ConsoleSettings,
     pub keymap: Arc<Keymap>,
     /// Names of themes there are.
@@ -233,7 +267,7 @@ impl Model {
             snapshot: None,
             snapshot_ms: 0,
             picture: None,
-            told: VecDeque::new(),
+            story: VecDeque::new(),
             missed: 0,
             registry: Listing::default(),
             chosen: None,

@@ -45,9 +45,9 @@ pub struct SettingsFile {
 pub struct Options {
     /// Nothing can be changed from this console.
     pub read_only: bool,
-    /// Who sits here; asked for in the console where absent.
+    /// Who sits here; asked for in the console if absent.
     pub operator: Option<String>,
-    /// The theme; by the terminal's background where absent.
+    /// The theme; by the terminal's background if absent.
     pub theme: Option<String>,
     /// Colours. Absent if neither flag nor file said, so that `NO_COLOR` counts.
     pub color: Option<ColorChoice>,

@@ -192,7 +192,7 @@ impl Prompt {
         self.stale = what.map(|what| Stale { at_ms: snapshot.at_ms, what });
     }
 
-    /// Reads the question again: guard time, fields and focus start anew. False where it is closed.
+    /// Reads the question again: guard time, fields and focus start anew. False if it is closed.
     pub fn reread(&mut self, snapshot: &Snapshot, now_ms: u64) -> bool {
         let question = snapshot.prompts.iter().find(|question| question.version == self.seen.version);
         let fresh = question.and_then(|question| Self::open(question, snapshot, now_ms));

@@ -183,7 +183,7 @@ impl Model {
         self.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
     }
 
-    /// Everything about the subject, where the engine's answer is about it.
+    /// Everything about the subject, if the engine's answer is about it.
     #[must_use]
     pub fn subject_detail(&self) -> Option<&Detail> {
         let subject = self.subject()?;
@@ -233,7 +233,7 @@ impl Model {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.view, self.pane()) {
-            (View::Overview, 2) => self.told.len(),
+            (View::Overview, 2) => self.story.len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),

@@ -23,7 +23,7 @@ pub struct TerminalGuard {
 
 impl TerminalGuard {
     /// Takes the terminal: fd 2 goes to the log, then raw mode, alternate screen, hidden cursor, bracketed paste,
-    /// focus reports and, where wanted, the mouse. Without a log file fd 2 stays, and nothing is written to it.
+    /// focus reports and, if wanted, the mouse. Without a log file fd 2 stays, and nothing is written to it.
     ///
     /// # Errors
     /// If the terminal takes no settings; it is as it was then.

@@ -25,7 +25,7 @@ pub enum Depth {
     Mono,
     /// The sixteen of every terminal.
     Ansi16,
-    /// 256.
+    /// The 256 of an indexed palette.
     Indexed256,
     True,
 }

@@ -16,7 +16,7 @@ use crate::ledger::Ledger;
 use crate::monitors::Monitors;
 use crate::trial::lab::Party;
 
-/// What a version runs under: the profile, capped by its own declaration and its conditions, tighter where its
+/// What a version runs under: the profile, capped by its own declaration and its conditions, tighter if its
 /// monitor asked for that.
 #[must_use]
 pub fn terms_of(

@@ -6,6 +6,7 @@
 
 #![allow(clippy::print_stdout, reason = "a build script tells cargo what it found by printing it")]
 
+use std::fmt::Write as _;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,10 @@ fn main() -> io::Result<()> {
     }
     part(&mut digest, env("TARGET").as_bytes());
     part(&mut digest, &Command::new(env("RUSTC")).arg("--version").output()?.stdout);
-    let digits: String = digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let mut digits = String::new();
+    for byte in digest.finalize() {
+        write!(digits, "{byte:02x}").map_err(io::Error::other)?;
+    }
     println!("cargo::rustc-env=HOLDPOINT_COMPUTED_BY={digits}");
     Ok(())
 }

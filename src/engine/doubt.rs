@@ -17,9 +17,9 @@ use serde::{Deserialize, Serialize};
 pub struct Confirmation {
     pub pairs: PairedEvidence,
     pub drills: RecoveryEvidence,
-    /// `kappa_B` of them.
+    /// What the pairs say of `kappa_B`.
     pub behavior: BehaviorAssessment,
-    /// `kappa_R` of them.
+    /// What the drills say of `kappa_R`.
     pub recovery: RecoveryAssessment,
 }
 

@@ -70,7 +70,7 @@ impl Hint for LedgerError {
 /// What goes into the transaction of an event beside what the event itself changes.
 #[derive(Default)]
 pub struct Note {
-    /// Why, one sentence.
+    /// Why it happens, in one sentence.
     pub reason: String,
     /// Why the active pointer moves, if it does.
     pub cause: Option<ActiveCause>,

@@ -271,7 +271,7 @@ impl Engine {
         self.pipeline.record().clock().is_scripted()
     }
 
-    /// Virtual time, ms.
+    /// The present virtual time, ms.
     #[must_use]
     pub fn now_ms(&self) -> u64 {
         self.pipeline.record().now_ms()

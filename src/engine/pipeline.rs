@@ -491,7 +491,7 @@ impl Pipeline {
 
 /// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
 fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(), Fault> {
-    let name = context.profile.name.name();
+    let name = context.profile.name;
     let known = ledger.store().views()?.context()?;
     let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
     if same {
@@ -499,7 +499,7 @@ fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(),
     }
     let json =
         serde_json::json!({ "profile": context.profile_digest, "policy": context.table.digest, "computed_by": COMPUTED_BY }).to_string();
-    let change = Change::SetContext { profile: name.to_owned(), policy_digest: context.digest, json };
+    let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
     ledger.write(vec![change], Vec::new(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in families {

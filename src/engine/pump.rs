@@ -86,7 +86,7 @@ impl Pump {
         (progress, self.tell())
     }
 
-    /// Waits until something came in at the door, or for `at_most`. Returns at once where the door is closed.
+    /// Waits until something came in at the door, or for `at_most`. Returns at once if the door is closed.
     pub fn wait(&mut self, at_most: Duration) {
         if let Some(door) = &mut self.door {
             door.wait(at_most);

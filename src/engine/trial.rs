@@ -1,4 +1,4 @@
-//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached where they can be.
+//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached if they can be.
 //!
 //! Runs what it is told and judges nothing; the stages ask and the rules in governance judge.
 

@@ -186,7 +186,7 @@ pub struct GateInput<'a> {
     pub current: &'a Binding,
     /// Whether better success is established (see [`super::behavior::BehaviorAssessment::improved`]).
     pub improved: bool,
-    /// What asking people came to; absent if nobody was asked yet.
+    /// What people answered, taken together; absent if nobody was asked yet.
     pub approval: Option<&'a ApprovalResult>,
     /// Risk tier of the candidate; high needs a safety officer among the approvals.
     pub risk: Risk,

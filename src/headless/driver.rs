@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use super::printer::Printer;
-use super::script::{Decider, DriftStep, Expect, Say, Stands, Step, Wait};
+use super::script::{DriftStep, Expect, Say, Step, Wait};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
@@ -19,6 +19,7 @@ use holdpoint_lab::approver;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_protocol::standing::{Decider, Stands};
 use holdpoint_text::Problem;
 
 /// How a step ended.
@@ -96,7 +97,7 @@ impl<'a> Driver<'a> {
         self.tell(&events)
     }
 
-    /// Prints events, and holds where the engine does.
+    /// Prints events, and holds if the engine does.
     pub(super) fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
         for event in events {
             self.learn(&event.kind);

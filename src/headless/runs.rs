@@ -61,7 +61,7 @@ const IDLE_PAUSE: std::time::Duration = std::time::Duration::from_millis(200);
 /// The pause while the live cell works at a pace of its own: what it did is taken in soon.
 const PACED_PAUSE: std::time::Duration = std::time::Duration::from_millis(15);
 
-/// The seed where neither script nor command line name one.
+/// The seed if neither script nor command line name one.
 const DEFAULT_SEED: u64 = 1;
 
 /// Runs a scenario to its end.

@@ -19,10 +19,10 @@ use serde::Deserialize;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::words::WordError;
+use holdpoint_protocol::standing::{Decider, Stands};
 
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
@@ -146,61 +146,6 @@ impl TryFrom<String> for AwaitedPrompt {
         let wrong =
             |_| WordError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
         text.parse().map(Self::For).map_err(wrong)
-    }
-}
-
-/// Where a version is to stand: a state of its lifecycle, or what a scenario calls one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
-pub enum Stands {
-    In(State),
-    /// Active, and its provisional window is over.
-    Confirmed,
-    /// Nothing more happens to it by itself.
-    Settled,
-}
-
-impl Stands {
-    /// The name in scenarios.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::In(state) => state.name(),
-            Self::Confirmed => "confirmed",
-            Self::Settled => "settled",
-        }
-    }
-}
-
-impl TryFrom<String> for Stands {
-    type Error = WordError;
-    fn try_from(text: String) -> Result<Self, WordError> {
-        let all = || State::ALL.map(Self::In).into_iter().chain([Self::Confirmed, Self::Settled]);
-        let known = all().find(|stands| stands.name() == text);
-        known.ok_or_else(|| WordError::new("state to wait for", &text, all().map(Self::name)))
-    }
-}
-
-holdpoint_governance::words! {
-    /// Who decides about a version by itself: a stage, or the monitor.
-    Decider, "stage", {
-        Validation = "validation",
-        /// Sandbox evaluation with drills.
-        Sandbox = "sandbox",
-        Shadow = "shadow",
-        Activation = "activation",
-        Monitor = "monitor",
-    }
-}
-
-impl From<Stage> for Decider {
-    fn from(stage: Stage) -> Self {
-        match stage {
-            Stage::Validation => Self::Validation,
-            Stage::Sandbox => Self::Sandbox,
-            Stage::Shadow => Self::Shadow,
-            Stage::Activation => Self::Activation,
-        }
     }
 }
 

@@ -39,7 +39,7 @@ pub const INDEX_FILE: &str = "pool.json";
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoolIndex {
-    /// [`FORMAT`].
+    /// The form of the file: [`FORMAT`].
     pub format: u32,
     /// Version of the program that made it.
     pub generator: String,

@@ -64,7 +64,7 @@ pub struct RefineReport {
     pub changes: Vec<ParameterChange>,
 }
 
-/// Searches, writes the candidate's folder and tells what came of it. `told` hears of every evaluation.
+/// Searches, writes the candidate's folder and tells what came of it. `on_progress` hears of every evaluation.
 ///
 /// Equal settings give an equal folder, byte for byte, for any number of workers and however often it was
 /// interrupted through `cancel`.
@@ -74,7 +74,7 @@ pub struct RefineReport {
 pub fn refine(
     settings: &Settings<'_>,
     cancel: &AtomicBool,
-    told: &mut dyn FnMut(&SearchProgress),
+    on_progress: &mut dyn FnMut(&SearchProgress),
 ) -> Result<RefineReport, RefineError> {
     check(settings)?;
     let family = Family::from(settings.task);
@@ -92,7 +92,7 @@ pub fn refine(
     let draft = PackageDraft::new(&baseline, &space, version);
     let objective = Objective::new(settings.seed, settings.jobs, cancel)?;
     let journal = Journal::open(&kept)?;
-    let evaluator = Evaluator::new(&objective, &draft, journal, settings, told);
+    let evaluator = Evaluator::new(&objective, &draft, journal, settings, on_progress);
     let found = evaluator.search().map_err(|error| evaluator.interrupted(error, &kept))?;
     let after = evaluator.candidate(&found.values, "")?;
     let fresh = ObjectivePair {

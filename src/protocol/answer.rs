@@ -28,7 +28,7 @@ impl PromptView {
             row_version: self.row_version,
             evidence_digest: self.evidence,
             policy_digest: self.policy,
-            profile: self.profile.name().to_owned(),
+            profile: self.profile,
             store_id: self.store_id.clone(),
             nonce: Nonce::random()?,
             not_after_ms: self.valid_until_ms,

@@ -23,5 +23,6 @@ pub mod picture;
 pub mod schema;
 pub mod sink;
 pub mod snapshot;
+pub mod standing;
 pub mod wire;
 pub mod words;

@@ -44,7 +44,7 @@ pub struct Recording {
     /// Moments of the live cell. A decimated recording has fewer of them; nothing between two is made up.
     pub pictures: Vec<Picture>,
     pub events: Vec<Event>,
-    /// Charts, by name.
+    /// What was charted, by name.
     pub series: Vec<Series>,
     /// Pictures and events that were dropped on the way because the queue was full.
     pub dropped: (u64, u64),

@@ -21,6 +21,7 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 
 /// The most alarms a store holds.
@@ -308,7 +309,7 @@ impl Applier<'_> {
                 self.consume_approval(nonce, *evidence_digest)
             }
             Change::SetContext { profile, policy_digest, json } => {
-                self.set_context(profile, *policy_digest, json)
+                self.set_context(*profile, *policy_digest, json)
             }
             Change::SealTelemetry { version, batch, rows, .. } => {
                 check_int("batch", *batch)?;
@@ -354,7 +355,7 @@ impl Applier<'_> {
                 version.to_string(),
                 kind.name(),
                 row_version,
-                profile,
+                profile.name(),
                 policy_digest,
                 digest.to_string(),
                 json,
@@ -365,29 +366,28 @@ impl Applier<'_> {
     }
 
     /// Profile, policy digest and since which record; must have been set.
-    pub(super) fn context(&self) -> Result<(String, String, u64), StoreError> {
+    pub(super) fn context(&self) -> Result<(ProfileName, String, u64), StoreError> {
         self.find(
             "read the context",
             "SELECT profile, policy_digest, seq FROM context WHERE id = 1",
             [],
-            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+            |row| Ok((parsed(row, 0)?, row.get(1)?, row.get(2)?)),
         )?
         .ok_or(StoreError::NotFound { what: "context (profile and policy)", name: "set it first".to_owned() })
     }
 
     fn set_context(
         &mut self,
-        profile: &str,
+        profile: ProfileName,
         policy_digest: Digest,
         json: &str,
     ) -> Result<Touched, StoreError> {
-        check_name("profile", profile)?;
         check_json("context", json)?;
         self.execute(
             "set the context",
             "INSERT INTO context (id, profile, policy_digest, json, seq) VALUES (1, ?1, ?2, ?3, ?4)
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
-            params![profile, policy_digest.to_string(), json, self.next_seq()],
+            params![profile.name(), policy_digest.to_string(), json, self.next_seq()],
         )?;
         Ok(Touched::new(RecordKind::ContextSet, "", vec![(ChainedTable::Context, "1".to_owned())]))
     }
@@ -436,7 +436,7 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
         row_version: u64,
         evidence_digest: Digest,
         policy_digest: Digest,
-        profile: &'a str,
+        profile: ProfileName,
         not_after_ms: u64,
         nonce: &'a str,
     }
@@ -451,7 +451,7 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
             row_version: approval.row_version,
             evidence_digest: approval.evidence_digest,
             policy_digest: approval.policy_digest,
-            profile: &approval.profile,
+            profile: approval.profile,
             not_after_ms: approval.not_after_ms,
             nonce: approval.nonce.as_str(),
         })

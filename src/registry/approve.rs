@@ -32,7 +32,7 @@ impl Applier<'_> {
                 request.row_version,
                 request.evidence_digest.to_string(),
                 request.policy_digest.to_string(),
-                request.profile,
+                request.profile.name(),
                 request.needed,
                 self.at_ms,
                 request.deadline_ms,

@@ -12,6 +12,7 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind};
 use holdpoint_governance::submission::{Provenance, Risk};
 
@@ -209,8 +210,7 @@ pub enum Change {
     },
     /// The profile, policy or thresholds change; voids everything made under the old ones.
     SetContext {
-        /// Name of the profile.
-        profile: String,
+        profile: ProfileName,
         /// Digest of profile, policy set and thresholds together.
         policy_digest: Digest,
         /// What it consists of, JSON text.
@@ -248,7 +248,7 @@ pub struct ApprovalRequest {
     pub row_version: u64,
     pub evidence_digest: Digest,
     pub policy_digest: Digest,
-    pub profile: String,
+    pub profile: ProfileName,
     /// How many distinct people.
     pub needed: u32,
     /// Virtual time it lapses, ms.

@@ -5,6 +5,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
 #[cfg(doc)]
@@ -35,13 +36,13 @@ pub struct EvidenceEntry {
     /// Row version it was made at.
     pub row_version: u64,
     /// Profile it was made under.
-    pub profile: String,
+    pub profile: ProfileName,
     /// Policy it was made under.
     pub policy_digest: Digest,
     pub digest: Digest,
     /// The evidence, JSON text.
     pub json: String,
-    /// Virtual time, ms.
+    /// Virtual time of the record, ms.
     pub at_ms: u64,
     /// Whether nothing since (family, profile, policy, thresholds) voided it.
     pub current: bool,
@@ -57,7 +58,7 @@ pub struct ActivationEntry {
     pub cause: ActivationCause,
     /// The gate record it rests on.
     pub gate_digest: Option<Digest>,
-    /// Virtual time, ms.
+    /// Virtual time of the record, ms.
     pub at_ms: u64,
 }
 
@@ -86,7 +87,7 @@ pub struct VersionDetail {
     pub bundle_digest: Digest,
     /// Canonical manifest, JSON text.
     pub manifest: String,
-    /// Submission, JSON text.
+    /// What its author submitted, JSON text.
     pub submission: String,
     /// Permission profile, JSON text.
     pub permissions: String,

@@ -7,7 +7,7 @@ use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::Hint;
 
-/// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed where one is returned,
+/// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed if one is returned,
 /// except that of [`StoreError::Unknown`] the outcome is not known and the command may be retried with the same id.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {

@@ -32,7 +32,7 @@ pub const ENABLED: bool = cfg!(feature = "failpoints");
 /// Visits one place.
 ///
 /// # Errors
-/// [`StoreError::Failpoint`](super::StoreError::Failpoint) where the environment asks for an error here.
+/// [`StoreError::Failpoint`](super::StoreError::Failpoint) if the environment asks for an error here.
 #[cfg(feature = "failpoints")]
 pub fn hit(name: &'static str) -> Result<(), super::StoreError> {
     use std::collections::BTreeMap;

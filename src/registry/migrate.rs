@@ -6,17 +6,17 @@ use super::error::StoreError;
 
 /// What makes a database ours: its application id and its schemas, oldest first.
 pub(crate) struct Schema {
-    /// `PRAGMA application_id`.
+    /// What `PRAGMA application_id` has to tell.
     pub(crate) application_id: i32,
     /// One SQL text per schema version.
     pub(crate) steps: &'static [&'static str],
 }
 
-/// `holdpoint.db`: "HPT1".
+/// The store, `holdpoint.db`: "HPT1".
 pub(crate) const STORE: Schema =
     Schema { application_id: 0x4850_5431, steps: &[include_str!("schema/store-1.sql")] };
 
-/// `telemetry.db`: "HPT2".
+/// The telemetry, `telemetry.db`: "HPT2".
 pub(crate) const TELEMETRY: Schema =
     Schema { application_id: 0x4850_5432, steps: &[include_str!("schema/telemetry-1.sql")] };
 

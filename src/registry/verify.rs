@@ -1,7 +1,7 @@
 //! The verifier: says whether a store's history can be trusted, and names the first record that cannot.
 //!
 //! Needs the database file and, to judge checkpoints, the store's public key. Looks at `checkpoints/` and
-//! `telemetry.db` beside the file where they are there. Never writes.
+//! `telemetry.db` beside the file if they are there. Never writes.
 
 use std::borrow::Cow;
 use std::fs;

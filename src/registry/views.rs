@@ -22,6 +22,7 @@ use super::names::EvidenceKind;
 use super::open::open_reader;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 
 /// The most rows one call returns.
@@ -191,7 +192,7 @@ impl Views {
         Ok(Some(detail))
     }
 
-    /// Evidence on a version, oldest first; of one kind where given.
+    /// Evidence on a version, oldest first; of one kind if one is given.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -211,7 +212,7 @@ impl Views {
                 seq: row.get(0)?,
                 kind: parsed(row, 1)?,
                 row_version: row.get(2)?,
-                profile: row.get(3)?,
+                profile: parsed(row, 3)?,
                 policy_digest: parsed(row, 4)?,
                 digest: parsed(row, 5)?,
                 json: row.get(6)?,
@@ -250,7 +251,7 @@ impl Views {
                 row_version: row.get(2)?,
                 evidence_digest: parsed(row, 3)?,
                 policy_digest: parsed(row, 4)?,
-                profile: row.get(5)?,
+                profile: parsed(row, 5)?,
                 needed: row.get(6)?,
                 deadline_ms: row.get(7)?,
                 state: parsed(row, 8)?,
@@ -287,13 +288,13 @@ impl Views {
         })
     }
 
-    /// Profile name, policy digest and content of the present context; `None` before the first.
+    /// Profile, policy digest and content of the present context; `None` before the first.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn context(&self) -> Result<Option<(String, Digest, String)>, StoreError> {
+    pub fn context(&self) -> Result<Option<(ProfileName, Digest, String)>, StoreError> {
         let sql = "SELECT profile, policy_digest, json FROM context WHERE id = 1";
-        one(&self.connection, sql, [], |row| Ok((row.get(0)?, parsed(row, 1)?, row.get(2)?)))
+        one(&self.connection, sql, [], |row| Ok((parsed(row, 0)?, parsed(row, 1)?, row.get(2)?)))
     }
 
     /// Alarms as they stand, the last changed first.

@@ -44,11 +44,11 @@ pub struct ActuatorHandle<'arm, B> {
 }
 
 impl<B: Body> ActuatorHandle<'_, B> {
-    /// See [`Body::observe`].
+    /// The body's [`Body::observe`].
     pub fn observe(&mut self, last: GuardVerdict) -> Observation {
         self.body.observe(last)
     }
-    /// See [`Body::telemetry`].
+    /// The body's [`Body::telemetry`].
     #[must_use]
     pub fn telemetry(&self) -> Telemetry {
         self.body.telemetry()
@@ -60,7 +60,7 @@ impl<B: Body> ActuatorHandle<'_, B> {
     pub fn step(&mut self, command: &Command) -> Result<(), BodyError> {
         self.body.step(command)
     }
-    /// See [`Body::interrupt`].
+    /// The body's [`Body::interrupt`].
     pub fn interrupt(&mut self, interrupt: Interrupt) {
         self.body.interrupt(interrupt);
     }
@@ -69,7 +69,7 @@ impl<B: Body> ActuatorHandle<'_, B> {
     pub const fn body(&self) -> &B {
         self.body
     }
-    /// See [`Body::inspect`].
+    /// The body's [`Body::inspect`].
     #[must_use]
     pub fn inspect(&self) -> bool {
         self.body.inspect()

@@ -150,7 +150,7 @@ impl Parsed {
     }
 
     /// The parameters as they stand in their file, whatever its fields are; only the controller knows those. Null
-    /// where the manifest names no file.
+    /// if the manifest names no file.
     ///
     /// # Errors
     /// If the file is not TOML, or holds a number that is not finite.

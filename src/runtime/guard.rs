@@ -4,7 +4,7 @@
 //! loaded; a mode that no policy determines is denied. It limits speed, force and reach by
 //! clamping, and refuses what would leave the workspace, enter the keep-out zone, or is predicted
 //! to strike the table or the arm itself. What a sensor tells past a limit is a violation even
-//! where every command was within it.
+//! if every command was within it.
 
 use std::sync::Arc;
 

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 /// What the guard enforces at every tick, outside the skill. SI units, world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
-    /// Tool speed, m/s.
+    /// The tool's highest speed, m/s.
     pub tool_speed_max_m_s: f64,
-    /// Fastest joint, rad/s.
+    /// The fastest joint's highest speed, rad/s.
     pub joint_speed_max_rad_s: f64,
     /// Force per finger, N.
     pub grip_force_max_n: f64,
@@ -64,7 +64,7 @@ pub struct WatchLimits {
     pub picture_age_max_ticks: u32,
     /// How long a commanded gripper may do nothing, ticks.
     pub grip_fault_ticks: u32,
-    /// Longest task, ticks.
+    /// Duration from which a task counts as overrun, ticks.
     pub overrun_ticks: u64,
 }
 

@@ -36,11 +36,11 @@ const HITS_KEPT: usize = 32;
 pub struct PathPoint {
     /// Ticks since the task started.
     pub tick: u32,
-    /// Tool position, m.
+    /// Tool position in the world frame, m.
     pub tool: [f32; 3],
     /// Distance between the pads, m.
     pub width: f32,
-    /// Grip force, N.
+    /// Grip force at the pads, N.
     pub force: f32,
 }
 
@@ -184,7 +184,7 @@ pub struct TaskTerms {
     pub watch: WatchLimits,
     /// The stop time the version declares for its safe-abort hook, s.
     pub abort_secs: f64,
-    /// Longest run, ticks.
+    /// After how many ticks the task has timed out.
     pub limit_ticks: u64,
 }
 

@@ -171,7 +171,7 @@ pub enum StartFindings {
     Open,
 }
 
-/// Looks at a file of an earlier life and mends it where a kill left it without an end.
+/// Looks at a file of an earlier life and mends it if a kill left it without an end.
 ///
 /// # Errors
 /// If it cannot be read or written.

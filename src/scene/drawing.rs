@@ -45,7 +45,7 @@ pub struct Drawing {
     /// Episodes of the monitor that are drawn.
     monitored: u32,
     /// What is drawn of the upgrade's document.
-    told: tell::UpgradeFacts,
+    upgrade: tell::UpgradeFacts,
 }
 
 /// The way of one tool in the running sequence.
@@ -74,7 +74,7 @@ impl Drawing {
             shadow_drawn: 0,
             pairs_drawn: 0,
             monitored: 0,
-            told: tell::UpgradeFacts::default(),
+            upgrade: tell::UpgradeFacts::default(),
         }
     }
 
@@ -115,7 +115,7 @@ impl Drawing {
             self.shadow_drawn = 0;
             self.pairs_drawn = 0;
             self.monitored = 0;
-            self.told = tell::UpgradeFacts::default();
+            self.upgrade = tell::UpgradeFacts::default();
         }
     }
 

@@ -19,7 +19,7 @@ pub const PICTURES_WAITING_MAX: usize = 6_144;
 pub enum Item {
     /// A moment of the live cell.
     Picture(Box<Picture>),
-    /// Things that happened, in order, and how things stood after them where one of them changes a chart.
+    /// Things that happened, in order, and how things stood after them if one of them changes a chart.
     Events(Vec<Event>, Option<Box<Snapshot>>),
     /// Serve a live viewer at this address from now on.
     Serve(std::net::SocketAddr),
@@ -69,7 +69,7 @@ pub fn queue() -> (Feed, Drain) {
 }
 
 impl Feed {
-    /// A picture; dropped where too many wait, or where the sink has ended.
+    /// A picture; dropped if too many wait, or if the sink has ended.
     pub fn picture(&self, picture: Picture) {
         let take = |count: usize| (count < PICTURES_WAITING_MAX).then_some(count + 1);
         let room = self.waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_ok();
@@ -82,7 +82,7 @@ impl Feed {
         self.dropped.pictures.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Events, with how things stand where one of them changes a chart. `snapshot` is called at most once.
+    /// Events, with how things stand if one of them changes a chart. `snapshot` is called at most once.
     pub fn events(&self, events: &[Event], snapshot: impl FnOnce() -> Snapshot) {
         if events.is_empty() {
             return;

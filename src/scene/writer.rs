@@ -203,7 +203,7 @@ impl Writer {
     /// If they cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         let mut chunks = self.drawing.rows().take().0;
-        // A picture's frame comes last: where a kill tears the block, no frame stands for a picture that is not there.
+        // A picture's frame comes last: if a kill tears the block, no frame stands for a picture that is not there.
         let frames = EntityPath::parse_forgiving(drawing::paths::FRAME);
         chunks.sort_by_key(|chunk| *chunk.entity_path() == frames);
         for chunk in chunks {

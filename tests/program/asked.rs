@@ -152,7 +152,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
             row_version: candidate.row_version,
             evidence_digest: candidate.digest,
             policy_digest: snapshot.policy,
-            profile: snapshot.profile.to_string(),
+            profile: snapshot.profile,
             store_id: text("another"),
             nonce: Nonce::random().unwrap(),
             not_after_ms: u64::MAX,

@@ -13,6 +13,7 @@ use holdpoint::console::palette::Palette;
 use holdpoint::console::prompt::{Prompt, Stale};
 use holdpoint::console::theme;
 use holdpoint::governance::alarms::AlarmSummary;
+use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::words::Word;
 use holdpoint::protocol::detail::Verified;
@@ -92,7 +93,7 @@ fn occasions() -> Vec<(&'static str, Model)> {
     first.settings.tour = Some(0);
     first.picture = None;
     first.operator = None;
-    first.told.clear();
+    first.story.clear();
     first.snapshot = Some(Arc::new(Snapshot {
         candidates: Vec::new(),
         prompts: Vec::new(),
@@ -258,8 +259,8 @@ fn poisoned(text: &str, view: View) -> Model {
     let mut registry = (*model.registry.page).clone();
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
     model.registry.page = Arc::new(registry);
-    model.told.iter_mut().for_each(|told| text.clone_into(&mut told.text));
-    model.operator = Some(Operator { name: text.to_owned(), role: text.to_owned() });
+    model.story.iter_mut().for_each(|told| text.clone_into(&mut told.text));
+    model.operator = Some(Operator { name: text.to_owned(), role: Role::Operator });
     model.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
     model.notice = Some(Notice { text: text.to_owned(), bad: true, until_ms: 99_000 });
     model

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, StoryLine, View};
 use holdpoint::console::operator::Operator;
+use holdpoint::governance::approval::Role;
 use holdpoint::protocol::detail::{AuditPage, Verified};
 
 pub use crate::shift::*;
@@ -25,7 +26,7 @@ pub fn model() -> Model {
     model.engine = EngineState::Running;
     model.snapshot = Some(Arc::new(snapshot()));
     model.picture = Some(Arc::new(picture()));
-    model.operator = Some(Operator { name: "linus".to_owned(), role: "operator".to_owned() });
+    model.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
     model.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
     model.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
     model.verified = Some(Verified {
@@ -41,7 +42,7 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.told.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+        model.story.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
     }
     model
 }

@@ -13,6 +13,7 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
@@ -24,7 +25,7 @@ pub(super) struct StatusReport {
     /// Why it holds, if it does.
     pub(super) holding: Option<String>,
     /// The profile the store was last used with.
-    pub(super) profile: Option<String>,
+    pub(super) profile: Option<ProfileName>,
     pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
     pub(super) waiting: Vec<WaitingRow>,
@@ -56,7 +57,7 @@ pub(super) struct VersionRow {
     pub(super) kappas: [Option<f64>; 4],
     /// What the running stage does: so many done of so many.
     pub(super) progress: Option<ProgressRow>,
-    /// The first reason of the last decision, where an engine runs.
+    /// The first reason of the last decision, if an engine runs.
     pub(super) reason: Option<String>,
 }
 
@@ -149,7 +150,7 @@ impl StatusReport {
     /// One line a row, for people. A line says all of its row, so that lines can be compared.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
-        let profile = self.profile.as_deref().unwrap_or("none");
+        let profile = self.profile.map_or("none", ProfileName::name);
         lines.push(match (self.engine_running, &self.holding) {
             (true, None) => format!("engine   running, profile {profile}"),
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),

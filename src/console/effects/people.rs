@@ -35,7 +35,7 @@ pub fn sign(folder: &Path, decision: &PromptAnswer) -> Result<Command, Problem> 
 }
 
 fn operator(info: &IdentityInfo) -> Operator {
-    Operator { name: info.name.clone(), role: info.role.name().to_owned() }
+    Operator { name: info.name.clone(), role: info.role }
 }
 
 #[cfg(test)]
@@ -55,7 +55,7 @@ mod tests {
         }
         let names: Vec<String> = list(&keys).unwrap().into_iter().map(|known| known.name).collect();
         assert_eq!(names, ["alice", "mara"]);
-        assert_eq!(find(&keys, "mara").unwrap().role, "engineer");
+        assert_eq!(find(&keys, "mara").unwrap().role, Role::Engineer);
         let stranger = find(&keys, "bob").unwrap_err().sentence();
         assert!(stranger.ends_with("Hint: `holdpoint identity new bob` makes one"), "{stranger}");
     }

@@ -76,7 +76,7 @@ actions! {
     Leave = "leave", "q esc ctrl-c";
 }
 
-/// What a key asks for; absent where it asks for nothing.
+/// What a key asks for; absent if it asks for nothing.
 #[must_use]
 pub const fn of(key: KeyEvent) -> Option<ReplayAction> {
     let shift = key.modifiers.contains(KeyModifiers::SHIFT);

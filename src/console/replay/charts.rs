@@ -9,14 +9,58 @@ use holdpoint_recordings::recording::{Recording, Series};
 /// Last parts of names that make a series the limit of another.
 const LIMITS: [&str; 2] = ["limit", "threshold"];
 
-/// Groups in the order in which they are gone through; others come after them, by name.
-const ORDER: [&str; 4] = ["tool", "shadow", "kappa", "monitor"];
+/// What charts are about, in the order in which they are gone through.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ChartGroup {
+    /// The tool's speed and forces.
+    Tool,
+    /// How far a candidate in shadow is from the active version.
+    Shadow,
+    /// The four compatibility values.
+    Kappa,
+    /// What the monitor charts of an active version.
+    Monitor,
+    /// The live cell; what has no group in its name is about it.
+    Cell,
+    /// Candidate and active version on the same episodes.
+    Pairs,
+    /// A group that another build wrote, by its name.
+    Other(String),
+}
+
+impl ChartGroup {
+    /// The group of a series: the first part of its name.
+    fn of(series: &str) -> Self {
+        match series.split_once('/').map(|(group, _)| group) {
+            Some("tool") => Self::Tool,
+            Some("shadow") => Self::Shadow,
+            Some("kappa") => Self::Kappa,
+            Some("monitor") => Self::Monitor,
+            Some("pairs") => Self::Pairs,
+            Some("cell") | None => Self::Cell,
+            Some(other) => Self::Other(other.to_owned()),
+        }
+    }
+
+    /// Its name as a heading.
+    #[must_use]
+    pub fn heading(&self) -> &str {
+        match self {
+            Self::Tool => "Tool",
+            Self::Shadow => "Shadow",
+            Self::Kappa => "Kappas",
+            Self::Monitor => "Monitor",
+            Self::Cell => "Live cell",
+            Self::Pairs => "Paired episodes",
+            Self::Other(name) => name,
+        }
+    }
+}
 
 /// Charts of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
-    /// The first part of their names, `shadow`.
-    pub name: String,
+    pub about: ChartGroup,
     /// The charts, at least one.
     pub charts: Vec<LimitedSeries>,
 }
@@ -71,28 +115,27 @@ fn in_force(points: &[(u64, f64)], at_ms: u64) -> Option<f64> {
 #[must_use]
 pub fn groups(recording: &Recording) -> Vec<Group> {
     let mut all: Vec<Series> = recording.series.clone();
-    if !all.iter().any(|series| group_of(&series.name) == "tool") {
+    if !all.iter().any(|series| ChartGroup::of(&series.name) == ChartGroup::Tool) {
         all.extend(of_pictures(&recording.pictures));
     }
     let mut groups: Vec<Group> = Vec::new();
     for series in all.iter().filter(|series| limit_of(&series.name).is_none() && !series.points.is_empty()) {
         let limits = all.iter().find(|other| limit_of(&other.name) == Some(series.name.as_str()));
-        let name = group_of(&series.name);
+        let about = ChartGroup::of(&series.name);
         let chart = LimitedSeries {
             title: title(&series.name),
             values: series.points.clone(),
             limits: limits.map(|limits| limits.points.clone()).unwrap_or_default(),
-            at_least: name == "kappa",
-            moving: name == "tool",
-            limits_mean: name == "shadow",
+            at_least: about == ChartGroup::Kappa,
+            moving: about == ChartGroup::Tool,
+            limits_mean: about == ChartGroup::Shadow,
         };
-        match groups.iter_mut().find(|group| group.name == name) {
+        match groups.iter_mut().find(|group| group.about == about) {
             Some(group) => group.charts.push(chart),
-            None => groups.push(Group { name: name.to_owned(), charts: vec![chart] }),
+            None => groups.push(Group { about, charts: vec![chart] }),
         }
     }
-    let place = |name: &str| ORDER.iter().position(|known| *known == name).unwrap_or(ORDER.len());
-    groups.sort_by(|a, b| (place(&a.name), &a.name).cmp(&(place(&b.name), &b.name)));
+    groups.sort_by(|a, b| a.about.cmp(&b.about));
     groups
 }
 
@@ -100,25 +143,6 @@ pub fn groups(recording: &Recording) -> Vec<Group> {
 fn limit_of(name: &str) -> Option<&str> {
     let (of, last) = name.rsplit_once('/')?;
     LIMITS.contains(&last).then_some(of)
-}
-
-/// The first part of a name; what has one part alone is about the live cell.
-fn group_of(name: &str) -> &str {
-    name.split_once('/').map_or("cell", |(group, _)| group)
-}
-
-/// A group's name as a heading.
-#[must_use]
-pub fn heading(group: &str) -> String {
-    match group {
-        "tool" => "Tool".to_owned(),
-        "shadow" => "Shadow".to_owned(),
-        "kappa" => "Kappas".to_owned(),
-        "monitor" => "Monitor".to_owned(),
-        "pairs" => "Paired episodes".to_owned(),
-        "cell" => "Live cell".to_owned(),
-        other => other.to_owned(),
-    }
 }
 
 fn title(name: &str) -> String {
@@ -168,13 +192,14 @@ mod tests {
     #[test]
     fn names_tell_group_and_limit() {
         for (name, group, limit) in [
-            ("tool/speed", "tool", None),
-            ("tool/speed/limit", "tool", Some("tool/speed")),
-            ("kappa/B/threshold", "kappa", Some("kappa/B")),
-            ("success", "cell", None),
-            ("limit", "cell", None),
+            ("tool/speed", ChartGroup::Tool, None),
+            ("tool/speed/limit", ChartGroup::Tool, Some("tool/speed")),
+            ("kappa/B/threshold", ChartGroup::Kappa, Some("kappa/B")),
+            ("success", ChartGroup::Cell, None),
+            ("weather/rain", ChartGroup::Other("weather".to_owned()), None),
+            ("limit", ChartGroup::Cell, None),
         ] {
-            assert_eq!((group_of(name), limit_of(name)), (group, limit), "{name}");
+            assert_eq!((ChartGroup::of(name), limit_of(name)), (group, limit), "{name}");
         }
     }
 

@@ -2,7 +2,7 @@
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// Virtual time, ms.
+    /// This virtual time, ms.
     At(u64),
     /// So many ms on.
     On(u64),

@@ -28,7 +28,7 @@ pub struct ReplayModel {
     pub speed: Speed,
     /// Whether playing skips what has no pictures.
     pub skips_gaps: bool,
-    /// The group of charts that was chosen; by the stage where absent.
+    /// The group of charts that was chosen; by the stage if absent.
     pub charts: Option<usize>,
     /// Whether the help lies over the screen, and its first line that is shown.
     pub help: Option<u16>,
@@ -69,7 +69,7 @@ impl ReplayModel {
     #[must_use]
     pub fn charts_by_stage(&self) -> usize {
         let wanted = self.timeline.standing(self.cursor).charts();
-        self.timeline.groups().iter().position(|group| group.name == wanted).unwrap_or(0)
+        self.timeline.groups().iter().position(|group| group.about == wanted).unwrap_or(0)
     }
 
     /// The group of charts that is shown, and its place; absent if nothing was charted.

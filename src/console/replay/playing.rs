@@ -6,14 +6,14 @@ use super::model::ReplayModel;
 use super::timeline::GAP_MS;
 use crate::words::duration;
 
-/// How long playing stands on an event that it has jumped to, ms: long enough to read it, and less where somebody
+/// How long playing stands on an event that it has jumped to, ms: long enough to read it, and less if somebody
 /// wants to get on.
 const REST_MS: (u64, u64) = (150, 900);
 
 /// The longest step, ms: a terminal that was stopped does not make the replay leap.
 const STEP_MS_MAX: u64 = 1_000;
 
-/// Times between two frames while playing, ms: at most twenty a second, and four where only the clock moves.
+/// Times between two frames while playing, ms: at most twenty a second, and four while only the clock moves.
 const FRAME_MS: (u64, u64) = (50, 250);
 
 /// The clock moved on to `now_ms`. Tells whether what is shown changed.
@@ -48,7 +48,7 @@ pub fn pass(model: &mut ReplayModel, now_ms: u64) -> bool {
     over || target_ms != at_ms
 }
 
-/// Jumps over a gap where the cursor stands before one.
+/// Jumps over a gap if the cursor stands before one.
 fn skip(model: &mut ReplayModel) -> bool {
     let at_ms = model.cursor.at_ms;
     let Some(next_ms) = model.timeline.next_moment_ms(at_ms).filter(|next_ms| next_ms - at_ms > GAP_MS)

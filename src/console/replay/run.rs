@@ -35,7 +35,7 @@ const BATCH_MAX: usize = 64;
 /// How a replay is shown.
 #[derive(Clone, Debug)]
 pub struct ReplayOptions {
-    /// Where it begins; at the first moment where absent.
+    /// Where it begins; at the first moment if absent.
     pub start_tick: Option<u64>,
     /// How fast it plays.
     pub speed: Speed,

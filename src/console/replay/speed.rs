@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Speed(u16);
 
-/// The fastest, quarters.
+/// The fastest speed there is, in quarters.
 const MAX: u16 = 256;
 
 impl Default for Speed {

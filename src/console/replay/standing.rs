@@ -2,6 +2,7 @@
 //!
 //! Must not guess: before the first word about it a state is not known.
 
+use super::charts::ChartGroup;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -16,14 +17,14 @@ pub struct VersionStanding {
 }
 
 impl VersionStanding {
-    /// The name of the charts that matter most then.
+    /// The charts that matter most then.
     #[must_use]
-    pub const fn charts(&self) -> &'static str {
+    pub const fn charts(&self) -> ChartGroup {
         match (self.flags.running, self.state) {
-            (Some(Stage::Shadow), _) => "shadow",
-            (Some(Stage::Validation | Stage::Sandbox | Stage::Activation), _) => "kappa",
-            (None, Some(State::Active | State::RolledBack)) => "monitor",
-            (None, Some(State::Shadowed)) => "shadow",
+            (Some(Stage::Shadow), _) => ChartGroup::Shadow,
+            (Some(Stage::Validation | Stage::Sandbox | Stage::Activation), _) => ChartGroup::Kappa,
+            (None, Some(State::Active | State::RolledBack)) => ChartGroup::Monitor,
+            (None, Some(State::Shadowed)) => ChartGroup::Shadow,
             (
                 None,
                 Some(
@@ -35,7 +36,7 @@ impl VersionStanding {
                     | State::Superseded,
                 )
                 | None,
-            ) => "kappa",
+            ) => ChartGroup::Kappa,
         }
     }
 

@@ -2,6 +2,7 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
+use super::super::charts::ChartGroup;
 use super::super::model::{NOTICE_MS, ReplayModel};
 use super::super::playing::wakes_in_ms;
 use super::super::speed::Speed;
@@ -285,7 +286,7 @@ fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     assert_eq!(model.cursor.at_ms, 41_500);
     pass(&mut model, 150);
     assert_eq!(model.cursor.at_ms, 50_000);
-    // Less long where it plays fast.
+    // Less long if it plays fast.
     keys(&mut model, "++++D");
     let left_ms = model.rests_until_ms - model.now_ms;
     keys(&mut model, "----");
@@ -325,18 +326,17 @@ fn charts_follow_the_stage_until_others_are_chosen() {
     };
     recording.series = ["monitor/time", "kappa/B", "shadow/output"].map(series).to_vec();
     let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
-    let shown =
-        |model: &ReplayModel| model.shown_charts().map(|(_, group)| group.name.clone()).unwrap_or_default();
-    assert_eq!(shown(&model), "kappa");
+    let shown = |model: &ReplayModel| model.shown_charts().map(|(_, group)| group.about.clone()).unwrap();
+    assert_eq!(shown(&model), ChartGroup::Kappa);
     let mut seen = Vec::new();
     for _ in 0..4 {
         press(&mut model, KeyCode::Tab);
         seen.push(shown(&model));
     }
-    assert_eq!(seen, ["monitor", "tool", "shadow", "kappa"]);
+    assert_eq!(seen, [ChartGroup::Monitor, ChartGroup::Tool, ChartGroup::Shadow, ChartGroup::Kappa]);
     assert_eq!(model.charts, None);
     press(&mut model, KeyCode::BackTab);
-    assert_eq!(shown(&model), "shadow");
+    assert_eq!(shown(&model), ChartGroup::Shadow);
 }
 
 #[test]

@@ -29,7 +29,7 @@ pub struct Timeline {
 /// A moment of a recording. Several pictures and events may share one millisecond, so each has its own place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cursor {
-    /// Virtual time, ms.
+    /// Virtual time of the moment, ms.
     pub at_ms: u64,
     /// The picture that was the last one then.
     pub picture: Option<usize>,

@@ -10,7 +10,7 @@ use super::timeline::Cursor;
 use crate::line::EditLine;
 use crate::update::into_line;
 
-/// One second, ms.
+/// One second of recorded time, ms.
 const SECOND_MS: u64 = 1_000;
 
 /// Something happened, at a moment of the screen's own clock.

@@ -9,7 +9,7 @@ const KEY_INTERVAL_MS: u64 = 10;
 /// Frames for what the engine tells: at most 15 a second.
 const STORY_INTERVAL_MS: u64 = 67;
 
-/// Frames while a moving picture is shown: at most 18 a second. Thirty cost 2.9 % of a core where the budget is 2 %.
+/// Frames while a moving picture is shown: at most 18 a second. Thirty cost 2.9 % of a core; the budget is 2 %.
 const PICTURE_INTERVAL_MS: u64 = 55;
 
 /// Why a frame is wanted.

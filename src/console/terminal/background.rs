@@ -1,4 +1,4 @@
-//! Whether the terminal's background is dark or light, where it can be known at little cost.
+//! Whether the terminal's background is dark or light, if it can be known at little cost.
 //!
 //! Asked before keys are read, and never at the expense of what somebody has typed already. Must not be needed:
 //! without an answer the default theme uses the terminal's own colours.

@@ -1,4 +1,4 @@
-//! The guard: a thread of its own that hears signals and notices a lost terminal, and ends the program where the
+//! The guard: a thread of its own that hears signals and notices a lost terminal, and ends the program if the
 //! run loop does not.
 //!
 //! The loop may hang in a write to a terminal that takes no more bytes; this thread never writes before it has
@@ -147,7 +147,7 @@ async fn closed(terminal: &AsyncFd<OwnedFd>) {
     }
 }
 
-/// Ends the process. The terminal gets its sequences where it takes them in time.
+/// Ends the process. The terminal gets its sequences if it takes them in time.
 fn leave(gone: bool) {
     if !gone {
         let (sender, written) = std::sync::mpsc::sync_channel(1);

@@ -38,7 +38,7 @@ const END_FRAME: &[u8] = b"\x1b[?2026l\x1b[0m";
 /// What is on now.
 static ON: AtomicU8 = AtomicU8::new(0);
 
-/// Turns everything on, the mouse where wanted.
+/// Turns everything on, the mouse if it is wanted.
 ///
 /// # Errors
 /// If the terminal does not take it. What was turned on so far is noted.

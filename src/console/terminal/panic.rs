@@ -17,7 +17,7 @@ pub fn install() {
         }
         // fd 2 is the log while the screen is up. Where it cannot be written to nobody is left to tell.
         let mut stderr = std::io::stderr().lock();
-        drop(writeln!(stderr, "{}", said(info)));
+        drop(writeln!(stderr, "{}", line_of(info)));
         let trace = std::backtrace::Backtrace::capture();
         if trace.status() == std::backtrace::BacktraceStatus::Captured {
             drop(writeln!(stderr, "{trace}"));
@@ -31,7 +31,7 @@ pub fn uninstall() {
 }
 
 /// One line: which thread, what, where. What a panic says may hold foreign text.
-fn said(info: &PanicHookInfo<'_>) -> String {
+fn line_of(info: &PanicHookInfo<'_>) -> String {
     let what = info.payload_as_str().unwrap_or("no words");
     let place = info.location().map_or_else(String::new, |at| format!(" at {}:{}", at.file(), at.line()));
     let thread = std::thread::current().name().unwrap_or("unnamed").to_owned();

@@ -9,9 +9,9 @@ use super::Depth;
 pub enum Colour {
     /// One of the sixteen that every terminal has, by number.
     Named(u8),
-    /// One of 256.
+    /// One of the 256 of an indexed palette.
     Indexed(u8),
-    /// Red, green, blue.
+    /// Parts of red, green and blue.
     Rgb(u8, u8, u8),
 }
 

@@ -2,27 +2,27 @@
 
 use super::tell;
 use crate::effect::{Effect, Question};
-use crate::model::{EngineState, Model, View};
+use crate::model::{AskedFor, EngineState, Model, PendingRequest, View};
 use holdpoint_governance::record::VersionGroup;
 
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
 
-/// A new request's id. `kind` is its first word and says what kind of answer is awaited.
-pub(super) fn request(model: &mut Model, kind: &str, what: String) -> Option<String> {
+/// A new request's id; absent if too many wait already.
+pub(super) fn request(model: &mut Model, about: AskedFor, what: String) -> Option<String> {
     if model.pending.len() >= PENDING_MAX {
         tell(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
         return None;
     }
-    let id = format!("{kind}-{}", model.next_request);
+    let id = format!("console-{}", model.next_request);
     model.next_request += 1;
-    model.pending.insert(id.clone(), what);
+    model.pending.insert(id.clone(), PendingRequest { about, what });
     Some(id)
 }
 
 /// Asks something that decides nothing.
-pub(super) fn ask(model: &mut Model, kind: &str, what: String, question: Question) -> Vec<Effect> {
-    request(model, kind, what).map(|id| Effect::Ask { id, question }).into_iter().collect()
+pub(super) fn ask(model: &mut Model, what: String, question: Question) -> Vec<Effect> {
+    request(model, question.about(), what).map(|id| Effect::Ask { id, question }).into_iter().collect()
 }
 
 /// Asks for what the view shows, whether or not something changed.
@@ -30,25 +30,25 @@ pub(super) fn refresh_now(model: &mut Model) -> Vec<Effect> {
     if model.engine != EngineState::Running {
         return Vec::new();
     }
-    let Some((kind, question)) = wanted(model) else { return Vec::new() };
-    model.asked.insert(kind, model.changes);
-    ask(model, kind, String::new(), question)
+    let Some(question) = wanted(model) else { return Vec::new() };
+    model.asked.insert(question.about(), model.changes);
+    ask(model, String::new(), question)
 }
 
 /// Asks again if something changed since, one question of a kind at a time.
 pub(super) fn refresh(model: &mut Model) -> Vec<Effect> {
-    let Some((kind, _)) = wanted(model) else { return Vec::new() };
-    let fresh = model.asked.get(kind) == Some(&model.changes);
-    let waits = model.pending.keys().any(|id| id.split('-').next() == Some(kind));
+    let Some(about) = wanted(model).as_ref().map(Question::about) else { return Vec::new() };
+    let fresh = model.asked.get(&about) == Some(&model.changes);
+    let waits = model.pending.values().any(|pending| pending.about == about);
     if fresh || waits { Vec::new() } else { refresh_now(model) }
 }
 
-fn wanted(model: &Model) -> Option<(&'static str, Question)> {
+fn wanted(model: &Model) -> Option<Question> {
     match model.view {
         View::Overview | View::Alarms | View::Approvals => None,
-        View::Registry => Some(("registry", Question::Registry { group: group(model), text: String::new() })),
-        View::Candidate | View::Shadow => Some(("detail", Question::Detail(model.subject()?))),
-        View::Audit => Some(("audit", Question::Audit { subject: String::new() })),
+        View::Registry => Some(Question::Registry { group: group(model), text: String::new() }),
+        View::Candidate | View::Shadow => Some(Question::Detail(model.subject()?)),
+        View::Audit => Some(Question::Audit { subject: String::new() }),
     }
 }
 
@@ -64,7 +64,7 @@ fn group(model: &Model) -> VersionGroup {
 /// Asks for a check of the whole chain.
 pub(super) fn verify(model: &mut Model) -> Vec<Effect> {
     tell(model, "checking the audit chain", false);
-    ask(model, "verify", "check the audit chain".to_owned(), Question::Verify)
+    ask(model, "check the audit chain".to_owned(), Question::Verify)
 }
 
 /// Submits a candidate: a folder, or the next demonstration candidate.
@@ -73,5 +73,8 @@ pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect>
         || "submit the next demonstration candidate".to_owned(),
         |folder| format!("submit {folder:?}"),
     );
-    request(model, "register", what).map(|id| Effect::Register { id, folder }).into_iter().collect()
+    request(model, AskedFor::Registration, what)
+        .map(|id| Effect::Register { id, folder })
+        .into_iter()
+        .collect()
 }

@@ -17,7 +17,7 @@ pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.engine = EngineState::Running;
     let mut effects = vec![Effect::ReadIdentities];
     let everything = Question::Registry { group: VersionGroup::All, text: String::new() };
-    effects.extend(asking::ask(model, "registry", String::new(), everything));
+    effects.extend(asking::ask(model, String::new(), everything));
     effects
 }
 
@@ -31,9 +31,9 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             model.changes += 1;
         }
         let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
-        model.told.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
-        if model.told.len() > LOG_MAX {
-            model.told.pop_front();
+        model.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
+        if model.story.len() > LOG_MAX {
+            model.story.pop_front();
         }
     }
     Vec::new()
@@ -53,7 +53,7 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
 }
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
-    let asked = model.pending.remove(id).unwrap_or_default();
+    let asked = model.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);

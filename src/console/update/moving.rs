@@ -169,8 +169,8 @@ pub(super) fn copied(model: &Model) -> Option<String> {
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
         View::Overview if model.pane() == 2 => {
-            let newest_first = model.told.len().checked_sub(model.row() + 1)?;
-            model.told.get(newest_first).map(|told| told.text.clone())
+            let newest_first = model.story.len().checked_sub(model.row() + 1)?;
+            model.story.get(newest_first).map(|told| told.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             model.version_here().map(|version| version.to_string())

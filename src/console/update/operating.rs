@@ -4,7 +4,7 @@ use super::{asking, refuse, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent};
-use crate::model::{EngineState, Model, Overlay};
+use crate::model::{AskedFor, EngineState, Model, Overlay};
 use crate::words::standing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
@@ -13,7 +13,7 @@ use holdpoint_governance::lifecycle::{Flags, State};
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
     let said = confirmed.said().to_owned();
     tell(model, format!("{said}: asked"), false);
-    asking::request(model, "operate", said)
+    asking::request(model, AskedFor::Operation, said)
         .map(|id| Effect::Operate { id, confirmed: Box::new(confirmed) })
         .into_iter()
         .collect()
@@ -192,14 +192,14 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
                 return refuse(model, "somebody has acknowledged it already");
             }
             let what = format!("acknowledge {}", alarm.alarm);
-            asking::ask(model, "alarm", what, Question::Acknowledge { alarm: alarm.alarm, by })
+            asking::ask(model, what, Question::Acknowledge { alarm: alarm.alarm, by })
         }
         Action::Unshelve => {
             if alarm.shelf.is_none() {
-                return refuse(model, "it lies on no shelf");
+                return refuse(model, "it is not shelved");
             }
             let what = format!("unshelve {}", alarm.alarm);
-            asking::ask(model, "alarm", what, Question::Unshelve { alarm: alarm.alarm, by })
+            asking::ask(model, what, Question::Unshelve { alarm: alarm.alarm, by })
         }
         Action::Shelve => {
             if !alarm.priority.can_be_shelved() {
@@ -207,7 +207,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             }
             let lines = vec![
                 alarm.text.clone(),
-                "It comes back by itself; the shelf is counted on every screen".to_owned(),
+                "It comes back by itself; shelved alarms are counted on every screen".to_owned(),
             ];
             open(model, Intent::Shelve(alarm.alarm), lines)
         }

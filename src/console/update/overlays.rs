@@ -6,7 +6,7 @@ use super::{act, asking, operating, tell, typing};
 use crate::action::Action;
 use crate::effect::Effect;
 use crate::form::{FormFocus, Intent};
-use crate::model::{Model, Overlay};
+use crate::model::{AskedFor, Model, Overlay};
 use crate::prompt::{Focus, Obstacle};
 use holdpoint_governance::approval::Answer;
 
@@ -100,7 +100,7 @@ fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
     match made {
         Ok(decision) => {
             let what = format!("{} {}", answer.name(), prompt.seen.version);
-            match asking::request(model, "decide", what) {
+            match asking::request(model, AskedFor::Decision, what) {
                 Some(id) => {
                     model.overlay = None;
                     vec![Effect::Decide { id, decision: Box::new(decision) }]

@@ -14,7 +14,7 @@ use crate::model::{ConsoleSettings, EngineState, Model, Overlay, Typing, View};
 use crate::msg::{Msg, MsgKind};
 use crate::operator::Operator;
 use crate::prompt::{GUARD_MS, Obstacle};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -64,26 +64,26 @@ fn snapshot(tier: u8, evidence: char) -> Snapshot {
     serde_json::from_value(value).unwrap()
 }
 
-struct Desk {
+struct TestConsole {
     model: Model,
     now_ms: u64,
 }
 
-impl Desk {
+impl TestConsole {
     fn new(tier: u8) -> Self {
         let settings =
             ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
         let themes = vec!["calm-dark".to_owned(), "mono".to_owned()];
         let model = Model::new(settings, Arc::new(Keymap::default()), themes);
-        let mut desk = Self { model, now_ms: 1_000 };
-        desk.tell(MsgKind::EngineStarted);
-        desk.tell(MsgKind::Snapshot(Arc::new(snapshot(tier, 'e'))));
-        desk.sit("ana");
-        desk
+        let mut console = Self { model, now_ms: 1_000 };
+        console.tell(MsgKind::EngineStarted);
+        console.tell(MsgKind::Snapshot(Arc::new(snapshot(tier, 'e'))));
+        console.sit("ana");
+        console
     }
 
     fn sit(&mut self, name: &str) {
-        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: "engineer".to_owned() }));
+        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: Role::Engineer }));
     }
 
     fn tell(&mut self, what: MsgKind) -> Vec<Effect> {
@@ -164,21 +164,21 @@ const REFLEXES: [KeyCode; 16] = [
 fn reflex_keys_paste_and_letters_never_approve() {
     for tier in 0..=2 {
         for key in REFLEXES {
-            let mut desk = Desk::new(tier);
-            desk.open_prompt();
-            assert!(!decides(&desk.press(key)), "tier {tier}: {key:?}");
+            let mut console = TestConsole::new(tier);
+            console.open_prompt();
+            assert!(!decides(&console.press(key)), "tier {tier}: {key:?}");
             // Again, wherever the first one led.
-            assert!(!decides(&desk.press(key)), "tier {tier}: {key:?} twice");
+            assert!(!decides(&console.press(key)), "tier {tier}: {key:?} twice");
         }
-        let mut desk = Desk::new(tier);
-        desk.open_prompt();
+        let mut console = TestConsole::new(tier);
+        console.open_prompt();
         for text in ["Y", "Y\n", "aaaa\tY\r\n", "N"] {
-            assert!(!decides(&desk.tell(MsgKind::Paste(text.to_owned()))), "tier {tier}: paste {text:?}");
+            assert!(!decides(&console.tell(MsgKind::Paste(text.to_owned()))), "tier {tier}: paste {text:?}");
         }
         for letter in ('!'..='~').filter(|letter| *letter != 'Y') {
-            let mut desk = Desk::new(tier);
-            desk.open_prompt();
-            assert!(!decides(&desk.press(KeyCode::Char(letter))), "tier {tier}: {letter:?}");
+            let mut console = TestConsole::new(tier);
+            console.open_prompt();
+            assert!(!decides(&console.press(KeyCode::Char(letter))), "tier {tier}: {letter:?}");
         }
     }
 }
@@ -187,9 +187,9 @@ fn reflex_keys_paste_and_letters_never_approve() {
 fn nothing_decides_while_no_prompt_is_open() {
     for view in View::ALL {
         for letter in ' '..='~' {
-            let mut desk = Desk::new(0);
-            desk.model.view = view;
-            assert!(!decides(&desk.press(KeyCode::Char(letter))), "{view:?}: {letter:?}");
+            let mut console = TestConsole::new(0);
+            console.model.view = view;
+            assert!(!decides(&console.press(KeyCode::Char(letter))), "{view:?}: {letter:?}");
         }
     }
 }
@@ -197,13 +197,13 @@ fn nothing_decides_while_no_prompt_is_open() {
 #[test]
 fn keys_inside_the_guard_time_never_approve() {
     for (wait_ms, counts) in [(0, false), (1, false), (GUARD_MS - 1, false), (GUARD_MS, true)] {
-        let mut desk = Desk::new(0);
-        desk.keys("a");
-        desk.press(KeyCode::Enter);
-        desk.now_ms += wait_ms;
-        assert_eq!(decides(&desk.keys("Y")), counts, "{wait_ms} ms");
+        let mut console = TestConsole::new(0);
+        console.keys("a");
+        console.press(KeyCode::Enter);
+        console.now_ms += wait_ms;
+        assert_eq!(decides(&console.keys("Y")), counts, "{wait_ms} ms");
         if !counts {
-            assert_eq!(desk.block(), Some(Obstacle::Guard));
+            assert_eq!(console.block(), Some(Obstacle::Guard));
         }
     }
 }
@@ -219,34 +219,34 @@ fn tiers_ask_for_more_and_more() {
     ];
     for (short_id, reason, blocks) in table {
         for (tier, block) in (0..=2).zip(blocks) {
-            let mut desk = Desk::new(tier);
-            desk.open_prompt();
+            let mut console = TestConsole::new(tier);
+            console.open_prompt();
             if tier == 0 {
-                desk.press(KeyCode::Tab);
-                desk.keys(reason);
-                desk.press(KeyCode::Tab);
+                console.press(KeyCode::Tab);
+                console.keys(reason);
+                console.press(KeyCode::Tab);
             } else {
-                desk.fill(short_id, reason);
+                console.fill(short_id, reason);
             }
-            let effects = desk.keys("Y");
+            let effects = console.keys("Y");
             assert_eq!(decides(&effects), block.is_none(), "tier {tier}, {short_id:?}, {reason:?}");
-            assert_eq!(desk.block(), block);
+            assert_eq!(console.block(), block);
             let Some(Effect::Decide { decision, .. }) = effects.first() else { continue };
             assert_eq!((decision.by(), decision.answer()), ("ana", Answer::Approve));
             assert_eq!(decision.over().evidence.to_string(), digest('e'));
             assert!(decision.shown().contains("Replaces grasp@1.2.0"), "{}", decision.shown());
-            assert!(desk.model.overlay.is_none());
+            assert!(console.model.overlay.is_none());
         }
     }
 }
 
 #[test]
 fn a_letter_typed_into_a_field_is_text() {
-    let mut desk = Desk::new(1);
-    desk.open_prompt();
-    desk.press(KeyCode::Tab);
-    assert!(!decides(&desk.keys("aaaaY")));
-    let Some(Overlay::Prompt(prompt)) = &desk.model.overlay else { panic!("the prompt is open") };
+    let mut console = TestConsole::new(1);
+    console.open_prompt();
+    console.press(KeyCode::Tab);
+    assert!(!decides(&console.keys("aaaaY")));
+    let Some(Overlay::Prompt(prompt)) = &console.model.overlay else { panic!("the prompt is open") };
     assert_eq!(prompt.short_id.text(), "aaaaY");
 }
 
@@ -262,36 +262,36 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         ("the question is closed", |now| now.prompts.clear()),
     ];
     for (what, change) in changes {
-        let mut desk = Desk::new(1);
-        desk.open_prompt();
-        desk.fill("aaaa", "");
+        let mut console = TestConsole::new(1);
+        console.open_prompt();
+        console.fill("aaaa", "");
         let mut changed = snapshot(1, 'e');
         change(&mut changed);
-        desk.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
-        assert!(!decides(&desk.keys("Y")), "{what}");
-        assert_eq!(desk.block(), Some(Obstacle::Stale), "{what}");
+        console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
+        assert!(!decides(&console.keys("Y")), "{what}");
+        assert_eq!(console.block(), Some(Obstacle::Stale), "{what}");
         // Going back to what it was does not make it fresh: somebody must read it.
-        desk.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'e'))));
-        assert!(!decides(&desk.keys("Y")), "{what}, and back");
-        desk.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
-        desk.keys("r");
-        let Some(Overlay::Prompt(prompt)) = &desk.model.overlay else {
+        console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'e'))));
+        assert!(!decides(&console.keys("Y")), "{what}, and back");
+        console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
+        console.keys("r");
+        let Some(Overlay::Prompt(prompt)) = &console.model.overlay else {
             assert!(changed.prompts.is_empty());
             continue;
         };
         assert!(prompt.stale.is_none() && prompt.short_id.text().is_empty(), "{what}");
-        assert!(!decides(&desk.keys("Y")), "{what}: the guard time begins anew");
+        assert!(!decides(&console.keys("Y")), "{what}: the guard time begins anew");
     }
 }
 
 #[test]
 fn another_approval_is_no_change_of_evidence() {
-    let mut desk = Desk::new(0);
-    desk.open_prompt();
+    let mut console = TestConsole::new(0);
+    console.open_prompt();
     let mut now = snapshot(0, 'e');
     now.prompts[0].approved_by = vec!["bo".to_owned()];
-    desk.tell(MsgKind::Snapshot(Arc::new(now)));
-    assert!(decides(&desk.keys("Y")));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert!(decides(&console.keys("Y")));
 }
 
 #[test]
@@ -305,29 +305,29 @@ fn people_who_cannot_approve_are_told_why() {
         (None, None, Some(Obstacle::NoIdentity)),
     ];
     for (who, approved, block) in table {
-        let mut desk = Desk::new(0);
+        let mut console = TestConsole::new(0);
         let mut now = snapshot(0, 'e');
         now.prompts[0].approved_by = approved.into_iter().map(ToOwned::to_owned).collect();
-        desk.tell(MsgKind::Snapshot(Arc::new(now)));
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
         match who {
-            Some(name) => desk.sit(name),
-            None => desk.model.operator = None,
+            Some(name) => console.sit(name),
+            None => console.model.operator = None,
         }
-        desk.open_prompt();
-        assert_eq!(decides(&desk.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
-        assert_eq!(desk.block(), block, "{who:?} after {approved:?}");
+        console.open_prompt();
+        assert_eq!(decides(&console.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
+        assert_eq!(console.block(), block, "{who:?} after {approved:?}");
     }
 }
 
 #[test]
 fn rejecting_needs_a_reason_and_its_key_again() {
-    let mut desk = Desk::new(2);
-    desk.open_prompt();
-    assert!(!decides(&desk.keys("N")));
-    assert_eq!(desk.block(), Some(Obstacle::Reason));
-    assert!(!decides(&desk.keys("too hard a grip")), "this goes into the field");
-    desk.press(KeyCode::Esc);
-    let effects = desk.keys("N");
+    let mut console = TestConsole::new(2);
+    console.open_prompt();
+    assert!(!decides(&console.keys("N")));
+    assert_eq!(console.block(), Some(Obstacle::Reason));
+    assert!(!decides(&console.keys("too hard a grip")), "this goes into the field");
+    console.press(KeyCode::Esc);
+    let effects = console.keys("N");
     let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
     assert_eq!((decision.answer(), decision.reason()), (Answer::Reject, "too hard a grip"));
 }
@@ -335,25 +335,25 @@ fn rejecting_needs_a_reason_and_its_key_again() {
 #[test]
 fn read_only_refuses_everything_that_changes_something() {
     for action in Action::ALL {
-        let mut desk = Desk::new(0);
-        desk.model.settings.read_only = true;
-        desk.model.view = View::Alarms;
-        let effects = super::act(&mut desk.model, *action);
+        let mut console = TestConsole::new(0);
+        console.model.settings.read_only = true;
+        console.model.view = View::Alarms;
+        let effects = super::act(&mut console.model, *action);
         assert!(harmless(&effects) || *action == Action::Verify, "{action:?}: {effects:?}");
         if action.changes_something() {
-            assert!(effects.is_empty() && desk.model.overlay.is_none(), "{action:?}");
+            assert!(effects.is_empty() && console.model.overlay.is_none(), "{action:?}");
         }
     }
-    let mut desk = Desk::new(0);
-    desk.model.settings.read_only = true;
-    desk.open_prompt();
-    assert!(!decides(&desk.keys("Y")));
-    assert_eq!(desk.block(), Some(Obstacle::ReadOnly));
+    let mut console = TestConsole::new(0);
+    console.model.settings.read_only = true;
+    console.open_prompt();
+    assert!(!decides(&console.keys("Y")));
+    assert_eq!(console.block(), Some(Obstacle::ReadOnly));
     for line in ["demo", "register x", "pace 5", "drift off"] {
-        desk.model.overlay = None;
-        desk.keys(":");
-        desk.keys(line);
-        assert!(desk.press(KeyCode::Enter).is_empty(), "{line}");
+        console.model.overlay = None;
+        console.keys(":");
+        console.keys(line);
+        assert!(console.press(KeyCode::Enter).is_empty(), "{line}");
     }
 }
 
@@ -370,65 +370,65 @@ fn abort_takes_two_keys_everywhere() {
             KeyEvent::new(KeyCode::Char('x'), KeyModifiers::NONE),
             KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL),
         ] {
-            let mut desk = Desk::new(1);
-            desk.model.view = view;
-            desk.tell(MsgKind::Key(key));
-            let effects = desk.keys("y");
+            let mut console = TestConsole::new(1);
+            console.model.view = view;
+            console.tell(MsgKind::Key(key));
+            let effects = console.keys("y");
             // On the registry's family row the active version is under the cursor, and it is settled.
             assert!(abort(&effects), "{view:?} {key:?}: {effects:?}");
         }
     }
     // From everywhere that takes the keys for itself.
-    let openers: [fn(&mut Desk); 6] = [
-        |desk| desk.open_prompt(),
-        |desk| {
-            desk.open_prompt();
-            desk.press(KeyCode::Tab);
+    let openers: [fn(&mut TestConsole); 6] = [
+        |console| console.open_prompt(),
+        |console| {
+            console.open_prompt();
+            console.press(KeyCode::Tab);
         },
-        |desk| drop(desk.keys(":pa")),
-        |desk| drop(desk.keys("2/gr")),
-        |desk| drop(desk.keys("?")),
-        |desk| {
-            desk.keys("3");
-            desk.keys("F");
+        |console| drop(console.keys(":pa")),
+        |console| drop(console.keys("2/gr")),
+        |console| drop(console.keys("?")),
+        |console| {
+            console.keys("3");
+            console.keys("F");
         },
     ];
     for (number, open) in openers.into_iter().enumerate() {
-        let mut desk = Desk::new(1);
-        open(&mut desk);
-        desk.control('x');
-        let effects = desk.keys("y");
+        let mut console = TestConsole::new(1);
+        open(&mut console);
+        console.control('x');
+        let effects = console.keys("y");
         assert!(abort(&effects), "{number}: {effects:?}");
     }
 }
 
 #[test]
 fn abort_stops_the_most_urgent_thing() {
-    let mut desk = Desk::new(1);
+    let mut console = TestConsole::new(1);
     let mut now = snapshot(1, 'e');
     now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
-    desk.tell(MsgKind::Snapshot(Arc::new(now)));
-    desk.keys("x");
-    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("a form opens") };
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("x");
+    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("a form opens") };
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
     assert!(form.consequences.iter().any(|line| line.contains("Not touched: grasp@1.3.0")), "{form:?}");
-    let effects = desk.keys("y");
+    let effects = console.keys("y");
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
     assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
         if operation.version.to_string() == "grasp@1.2.0"));
     // Enter stays with leaving everything as it is.
-    desk.keys("x");
-    assert!(desk.press(KeyCode::Enter).is_empty());
-    assert!(desk.model.overlay.is_none());
+    console.keys("x");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    assert!(console.model.overlay.is_none());
 }
 
 #[test]
 fn enter_and_moving_have_no_effect_outside_in_any_view() {
     for view in View::ALL {
         for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {
-            let mut desk = Desk::new(0);
-            desk.model.view = view;
-            let effects = desk.press(*key);
+            let mut console = TestConsole::new(0);
+            console.model.view = view;
+            let effects = console.press(*key);
             assert!(harmless(&effects), "{view:?} {key:?}: {effects:?}");
         }
     }
@@ -436,44 +436,44 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
 
 #[test]
 fn a_filter_hides_no_alarm_and_nothing_that_waits() {
-    let mut desk = Desk::new(0);
-    desk.model.filters =
+    let mut console = TestConsole::new(0);
+    console.model.filters =
         View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
     for view in View::ALL {
-        desk.model.view = view;
-        assert_eq!(desk.model.alarm_rows().len(), 4, "{view:?}");
-        assert_eq!(desk.model.waiting_rows().len(), 1, "{view:?}");
+        console.model.view = view;
+        assert_eq!(console.model.alarm_rows().len(), 4, "{view:?}");
+        assert_eq!(console.model.waiting_rows().len(), 1, "{view:?}");
     }
-    desk.model.view = View::Overview;
-    assert!(desk.model.pipeline_rows().is_empty());
-    desk.press(KeyCode::Esc);
-    assert_eq!(desk.model.pipeline_rows().len(), 1, "Esc takes the filter away");
+    console.model.view = View::Overview;
+    assert!(console.model.pipeline_rows().is_empty());
+    console.press(KeyCode::Esc);
+    assert_eq!(console.model.pipeline_rows().len(), 1, "Esc takes the filter away");
 }
 
 #[test]
 fn alarms_are_reached_acknowledged_shelved_and_reset() {
-    let mut desk = Desk::new(0);
-    desk.keys("3!");
-    assert_eq!(desk.model.view, View::Alarms);
-    let effects = desk.press(KeyCode::Char(' '));
+    let mut console = TestConsole::new(0);
+    console.keys("3!");
+    assert_eq!(console.model.view, View::Alarms);
+    let effects = console.press(KeyCode::Char(' '));
     let Some(Effect::Ask { question: Question::Acknowledge { alarm, by }, .. }) = effects.first() else {
         panic!("{effects:?}")
     };
     assert_eq!((alarm.as_str(), by.as_str()), ("high:1", "ana"));
-    desk.keys("j");
-    assert!(desk.press(KeyCode::Char(' ')).is_empty(), "seen already");
-    desk.keys("j");
-    assert!(desk.keys("z").is_empty() && desk.model.overlay.is_none(), "critical ones are not shelved");
-    desk.keys("R");
-    assert!(matches!(desk.model.overlay, Some(Overlay::Form(_))));
-    desk.press(KeyCode::Esc);
-    desk.keys("gz");
+    console.keys("j");
+    assert!(console.press(KeyCode::Char(' ')).is_empty(), "seen already");
+    console.keys("j");
+    assert!(console.keys("z").is_empty() && console.model.overlay.is_none(), "critical ones are not shelved");
+    console.keys("R");
+    assert!(matches!(console.model.overlay, Some(Overlay::Form(_))));
+    console.press(KeyCode::Esc);
+    console.keys("gz");
     // 30 minutes stand there already.
-    desk.press(KeyCode::Enter);
-    desk.keys("a sensor is being replaced");
-    desk.press(KeyCode::Tab);
-    desk.press(KeyCode::Tab);
-    let effects = desk.press(KeyCode::Enter);
+    console.press(KeyCode::Enter);
+    console.keys("a sensor is being replaced");
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    let effects = console.press(KeyCode::Enter);
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
     assert!(matches!(confirmed.as_ref().clone().into_command(),
         Command::ShelveAlarm { for_ms: 1_800_000, alarm, .. } if alarm == "low:1"));
@@ -481,119 +481,119 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
 
 #[test]
 fn forms_refuse_what_is_missing() {
-    let mut desk = Desk::new(0);
-    desk.keys("3F");
+    let mut console = TestConsole::new(0);
+    console.keys("3F");
     for _ in 0..2 {
-        desk.press(KeyCode::Tab);
+        console.press(KeyCode::Tab);
     }
-    assert!(desk.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("it stays open") };
+    assert!(console.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("it stays open") };
     assert_eq!(form.problem.as_deref(), Some("a reason is needed"));
-    desk.model.operator = None;
-    desk.press(KeyCode::BackTab);
-    desk.press(KeyCode::BackTab);
-    desk.keys("because");
-    desk.press(KeyCode::Tab);
-    desk.press(KeyCode::Tab);
-    assert!(desk.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("it stays open") };
+    console.model.operator = None;
+    console.press(KeyCode::BackTab);
+    console.press(KeyCode::BackTab);
+    console.keys("because");
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    assert!(console.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("it stays open") };
     assert!(form.problem.as_deref().is_some_and(|problem| problem.contains(":as NAME")));
 }
 
 #[test]
 fn quitting_asks_and_says_what_happens() {
-    let mut desk = Desk::new(0);
-    desk.keys("4");
-    assert!(desk.keys("q").is_empty());
-    assert_eq!(desk.model.view, View::Overview);
-    assert!(desk.keys("q").is_empty());
-    let Some(Overlay::Form(form)) = &desk.model.overlay else { panic!("a form opens") };
+    let mut console = TestConsole::new(0);
+    console.keys("4");
+    assert!(console.keys("q").is_empty());
+    assert_eq!(console.model.view, View::Overview);
+    assert!(console.keys("q").is_empty());
+    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("a form opens") };
     assert_eq!(form.intent, Intent::Quit);
     assert!(form.consequences.iter().any(|line| line.contains("waits for approval")));
-    assert_eq!(desk.keys("y"), [Effect::End]);
-    assert_eq!(desk.control('z'), []);
-    assert!(desk.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
-    desk.model.engine = EngineState::Ended(Err("disk".to_owned()));
-    assert_eq!(desk.keys("q"), [Effect::End], "nothing is left to ask about");
+    assert_eq!(console.keys("y"), [Effect::End]);
+    assert_eq!(console.control('z'), []);
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
+    console.model.engine = EngineState::Ended(Err("disk".to_owned()));
+    assert_eq!(console.keys("q"), [Effect::End], "nothing is left to ask about");
 }
 
 #[test]
 fn answers_reach_the_status_line_and_open_no_prompt() {
-    let mut desk = Desk::new(0);
-    desk.keys(":pace 5");
-    let effects = desk.press(KeyCode::Enter);
+    let mut console = TestConsole::new(0);
+    console.keys(":pace 5");
+    let effects = console.press(KeyCode::Enter);
     let [Effect::Ask { id, question: Question::Pace(Some(times)) }] = effects.as_slice() else {
         panic!("{effects:?}")
     };
     assert_eq!(*times, 5.0);
-    assert!(desk.model.pending.contains_key(id));
+    assert!(console.model.pending.contains_key(id));
     let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
     let reply = Box::new(serde_json::from_value(refused).unwrap());
-    desk.tell(MsgKind::Answer { id: id.clone(), reply });
-    let notice = desk.model.notice.clone().unwrap();
+    console.tell(MsgKind::Answer { id: id.clone(), reply });
+    let notice = console.model.notice.clone().unwrap();
     assert!(notice.bad && notice.text.contains("change the pace: no. Hint: later"), "{notice:?}");
-    assert!(!desk.model.pending.contains_key(id));
-    desk.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
-    assert!(desk.model.overlay.is_none(), "prompts never steal the focus");
+    assert!(!console.model.pending.contains_key(id));
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
+    assert!(console.model.overlay.is_none(), "prompts never steal the focus");
 }
 
 #[test]
 fn typed_lines_complete_recall_and_cancel() {
-    let mut desk = Desk::new(0);
-    desk.keys(":them");
-    desk.press(KeyCode::Tab);
-    let Some(Typing::Command(line)) = &desk.model.typing else { panic!("it is typed") };
+    let mut console = TestConsole::new(0);
+    console.keys(":them");
+    console.press(KeyCode::Tab);
+    let Some(Typing::Command(line)) = &console.model.typing else { panic!("it is typed") };
     assert_eq!(line.text(), "theme");
-    desk.keys(" mono");
-    assert_eq!(desk.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
-    desk.keys(":");
-    desk.press(KeyCode::Up);
-    let Some(Typing::Command(line)) = &desk.model.typing else { panic!("it is recalled") };
+    console.keys(" mono");
+    assert_eq!(console.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
+    console.keys(":");
+    console.press(KeyCode::Up);
+    let Some(Typing::Command(line)) = &console.model.typing else { panic!("it is recalled") };
     assert_eq!(line.text(), "theme mono");
-    desk.press(KeyCode::Esc);
-    assert!(desk.model.typing.is_none());
-    desk.keys(":nonsense");
-    desk.press(KeyCode::Enter);
-    assert!(desk.model.notice.as_ref().is_some_and(|notice| notice.bad));
+    console.press(KeyCode::Esc);
+    assert!(console.model.typing.is_none());
+    console.keys(":nonsense");
+    console.press(KeyCode::Enter);
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
 }
 
 #[test]
 fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
-    let mut desk = Desk::new(0);
-    desk.keys("?");
-    let Some(Overlay::Palette(palette)) = &desk.model.overlay else { panic!("it opens") };
+    let mut console = TestConsole::new(0);
+    console.keys("?");
+    let Some(Overlay::Palette(palette)) = &console.model.overlay else { panic!("it opens") };
     assert!(!palette.actions.iter().any(|action| action.decides()));
-    desk.keys("audit log");
-    desk.press(KeyCode::Enter);
-    assert_eq!(desk.model.view, View::Audit);
+    console.keys("audit log");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.view, View::Audit);
 }
 
 #[test]
 fn frozen_charts_stand_still_while_the_status_goes_on() {
-    let mut desk = Desk::new(0);
-    desk.keys("4f");
+    let mut console = TestConsole::new(0);
+    console.keys("4f");
     let mut now = snapshot(0, 'e');
     now.at_ms = 99_000;
     now.alarm_summary.shelved = 3;
-    desk.tell(MsgKind::Snapshot(Arc::new(now)));
-    assert_eq!(desk.model.charted().unwrap().at_ms, 60_000);
-    assert_eq!(desk.model.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
-    desk.keys("f");
-    assert_eq!(desk.model.charted().unwrap().at_ms, 99_000);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(console.model.charted().unwrap().at_ms, 60_000);
+    assert_eq!(console.model.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
+    console.keys("f");
+    assert_eq!(console.model.charted().unwrap().at_ms, 99_000);
 }
 
 #[test]
 fn an_old_snapshot_is_stale() {
-    let mut desk = Desk::new(0);
-    assert_eq!(desk.model.stale_ms(), None);
-    desk.now_ms += 12_000;
-    desk.tell(MsgKind::Tick);
-    assert_eq!(desk.model.stale_ms(), Some(12_000));
+    let mut console = TestConsole::new(0);
+    assert_eq!(console.model.stale_ms(), None);
+    console.now_ms += 12_000;
+    console.tell(MsgKind::Tick);
+    assert_eq!(console.model.stale_ms(), Some(12_000));
 }
 
 #[test]
 fn every_loss_of_the_terminal_ends_without_a_decision() {
-    let mut desk = Desk::new(0);
-    desk.open_prompt();
-    assert_eq!(desk.tell(MsgKind::EndAsked), [Effect::End]);
+    let mut console = TestConsole::new(0);
+    console.open_prompt();
+    assert_eq!(console.tell(MsgKind::EndAsked), [Effect::End]);
 }

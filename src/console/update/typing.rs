@@ -27,7 +27,7 @@ pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
     Vec::new()
 }
 
-/// What a key does to a line, where it edits.
+/// What a key does to a line, if it edits.
 pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
     let control = key.modifiers.contains(KeyModifiers::CONTROL);
     Some(match (key.code, control) {
@@ -46,7 +46,7 @@ pub(super) const fn edit(key: KeyEvent) -> Option<InputRequest> {
     })
 }
 
-/// Types a key into a line. False where the key is no text and edits nothing.
+/// Types a key into a line. False if the key is no text and edits nothing.
 pub(crate) fn into_line(line: &mut EditLine, key: KeyEvent) -> bool {
     if let Some(request) = edit(key) {
         line.edit(request);
@@ -139,10 +139,10 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             tell(model, format!("there is no theme {name:?}; there are {known}"), true);
             Vec::new()
         }
-        Asked::Pace(times) => asking::ask(model, "pace", "change the pace".to_owned(), Question::Pace(times)),
+        Asked::Pace(times) => asking::ask(model, "change the pace".to_owned(), Question::Pace(times)),
         Asked::Drift(drift) => {
             let question = Question::Drift(drift);
-            asking::ask(model, "drift", "let a drift set in".to_owned(), question)
+            asking::ask(model, "let a drift set in".to_owned(), question)
         }
         Asked::Candidate(version) => {
             model.chosen = Some(version);

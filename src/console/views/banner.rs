@@ -75,10 +75,7 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 /// Operator and seed, the weightiest first.
 fn identity(model: &Model) -> Vec<Row> {
     let who = match &model.operator {
-        Some(who) => Row::of(
-            ThemeRole::Text,
-            &format!("  {} ({})", super::short(&who.name, 24), super::short(&who.role, 16)),
-        ),
+        Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
         None => Row::of(ThemeRole::Warning, "  nobody: `:as NAME`"),
     };
     match &model.snapshot {

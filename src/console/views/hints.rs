@@ -34,7 +34,7 @@ fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
     Row::of(ThemeRole::Key, sign).and(field(pen, line, width.saturating_sub(1), true))
 }
 
-/// A field's text; with its cursor where it has the keys.
+/// A field's text; with its cursor if it has the keys.
 #[must_use]
 pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys: bool) -> Row {
     let (text, cursor) = (line.text(), line.cursor());

@@ -90,7 +90,7 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// One candidate's lines; all of them where it is the chosen one.
+/// One candidate's lines; all of them if it is the chosen one.
 fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
     let mark = Mark::version(candidate.state, &candidate.flags);
     let mut rows = vec![

@@ -215,7 +215,7 @@ fn arm(dots: &mut Dots, scale: &Scale, body: &ArmPicture, ink: Ink, object: Ink)
     dots.rectangle(scale.at(from), scale.at(to), object, body.held);
 }
 
-/// Names of what stands round the robot, each in the upper edge of its box or, where that is out of sight, at the
+/// Names of what stands round the robot, each in the upper edge of its box or, if that is out of sight, at the
 /// edge of the picture; where another name stands already there is none.
 fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
     let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);

@@ -88,7 +88,7 @@ impl Dots {
         }
     }
 
-    /// The outline of a rectangle, or all of it where `filled`.
+    /// The outline of a rectangle, or all of it if `filled`.
     pub fn rectangle(&mut self, from: (i64, i64), to: (i64, i64), ink: Ink, filled: bool) {
         let (left, right) = (from.0.min(to.0), from.0.max(to.0));
         let (top, bottom) = (from.1.min(to.1), from.1.max(to.1));

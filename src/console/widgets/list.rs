@@ -22,7 +22,7 @@ pub const fn first_shown(count: usize, cursor: usize, height: u16) -> usize {
 }
 
 impl Pen<'_> {
-    /// Draws the rows that can be seen. `cursor` is the row under the cursor, where the list has the keys or shows
+    /// Draws the rows that can be seen. `cursor` is the row under the cursor, if the list has the keys or shows
     /// one; `row` makes a row of a width.
     pub fn list(
         &mut self,

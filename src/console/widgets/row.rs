@@ -107,7 +107,7 @@ impl Row {
     }
 }
 
-/// Foreign text in lines of at most `width` columns, broken between words where it can be; at most `rows_max`.
+/// Foreign text in lines of at most `width` columns, broken between words if it can be; at most `rows_max`.
 #[must_use]
 pub fn wrap(text: &str, width: usize, rows_max: usize) -> Vec<String> {
     if width == 0 || rows_max == 0 {

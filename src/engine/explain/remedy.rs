@@ -40,7 +40,7 @@ fn component<'a>(reason: &Noted, dossier: &'a DossierRecord) -> Option<&'a Compo
     behavior.components.iter().find(|component| component.name == about)
 }
 
-/// What was measured for a reason, where the evidence tells more than the reason.
+/// What was measured for a reason, if the evidence tells more than the reason.
 pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
     if let Some(component) = component(reason, dossier) {
         let n = dossier.behavior.as_ref().map_or(0, |behavior| behavior.pairs);

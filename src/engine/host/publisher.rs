@@ -103,7 +103,7 @@ impl Publisher {
         self.tell_missed();
     }
 
-    /// Publishes a snapshot where something changed, at most some twenty a second and at least one.
+    /// Publishes a snapshot if something changed, at most some twenty a second and at least one.
     pub(super) fn publish(&mut self, engine: &Engine) {
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
         let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);

@@ -160,7 +160,7 @@ impl Approvals {
             row_version,
             evidence_digest: evidence,
             policy_digest: context.digest,
-            profile: context.profile.name.name().to_owned(),
+            profile: context.profile.name,
             needed: u32::from(quorum),
             deadline_ms,
             state: RequestState::Open,
@@ -255,8 +255,8 @@ impl Approvals {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
         };
-        let name = context.profile.name.name();
-        let profile = if said.profile == name { context.profile_digest } else { context.digest };
+        let profile =
+            if said.profile == context.profile.name { context.profile_digest } else { context.digest };
         let subject = Subject {
             candidate: said.candidate_digest,
             row_version: said.row_version,
@@ -321,7 +321,7 @@ pub fn closing_note(
         row_version: prompt.row_version,
         evidence_digest: prompt.evidence,
         policy_digest: context.digest,
-        profile: context.profile.name.name().to_owned(),
+        profile: context.profile.name,
         needed: u32::from(prompt.request.quorum),
         deadline_ms: prompt.deadline_ms,
         state,

@@ -44,7 +44,7 @@ pub struct Cast<'a> {
     pub version: &'a Capability,
     /// The version it would be rolled back to; for the active version, itself.
     pub predecessor: &'a Capability,
-    /// What its manifest binds as a fallback, where that is in the registry.
+    /// What its manifest binds as a fallback, if that is in the registry.
     pub fallback: Option<&'a Capability>,
 }
 
@@ -285,7 +285,7 @@ fn holds_object(seen: &Telemetry) -> bool {
 fn safe_pose(held_before: bool, seen: &Telemetry) -> bool {
     let contacts = &seen.contacts;
     let touches = contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
-    // An object may be let go where it stands on something.
+    // An object may be let go if it stands on something.
     let dropped = held_before && !holds_object(seen) && !contacts.object_fixture;
     let thrown = held_before && !holds_object(seen) && seen.tool.position[2] > 0.06;
     !touches && !dropped && !thrown

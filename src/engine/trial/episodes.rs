@@ -82,7 +82,7 @@ pub struct HiredWorker<'a> {
 }
 
 impl HiredWorker<'_> {
-    /// What `work` gives.
+    /// Runs `work` on the worker and tells what it gives.
     pub fn run<R>(&mut self, work: impl FnOnce(&mut Worker) -> R) -> R {
         self.is_whole = false;
         let result = work(&mut self.worker);

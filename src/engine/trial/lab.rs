@@ -1,4 +1,4 @@
-//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached where they can be.
+//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached if they can be.
 //!
 //! What an active version did under a seed is kept, so that a second candidate does not pay for it again.
 //! Runs what it is told and judges nothing.
@@ -44,7 +44,7 @@ pub struct Party {
     pub version: Capability,
     /// Guard, envelope and watcher limits.
     pub terms: SkillTerms,
-    /// What its manifest binds as a fallback, where that is in the registry.
+    /// What its manifest binds as a fallback, if that is in the registry.
     pub fallback: Option<Capability>,
 }
 

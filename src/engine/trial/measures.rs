@@ -151,7 +151,7 @@ impl ModeMetrics {
     }
 }
 
-/// The tail of a sample; absent for an empty one and where a value is no number.
+/// The tail of a sample; absent for an empty one and if a value is no number.
 fn tail(name: &str, mut values: Vec<f64>) -> Option<UpperTail> {
     if values.iter().any(|value| !value.is_finite()) {
         return None;

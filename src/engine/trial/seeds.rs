@@ -18,9 +18,9 @@ pub const PRACTICE_FROM: u64 = 1 << 62;
 pub enum Purpose {
     /// Sandbox, perturbation mode: the paired comparison.
     Perturbation,
-    /// Sandbox, canonical mode.
+    /// Sandbox, canonical mode: no perturbation.
     Canonical,
-    /// Sandbox, adversarial-governance mode.
+    /// Sandbox, adversarial-governance mode: the envelope leaves less speed and force.
     Adversarial,
     Drill,
     Live,

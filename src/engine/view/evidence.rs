@@ -43,7 +43,7 @@ const fn mean(means: &Signature, name: ComponentName) -> f64 {
     }
 }
 
-/// The sandbox, mode by mode, with the active version's values where it worked the same mode.
+/// The sandbox, mode by mode, with the active version's values if it worked the same mode.
 pub(super) fn modes(dossier: &Dossier) -> Vec<ModeView> {
     let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == Party::Candidate);
     own.map(|metrics| {
@@ -139,7 +139,7 @@ pub(super) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowVie
     })
 }
 
-/// 1 where only the twin raised a signal, -1 where only the live world did.
+/// 1 if only the twin raised a signal, -1 if only the live world did.
 fn governance(s: &ShadowSequence) -> f64 {
     let flag = |on: bool| if on { 1.0 } else { 0.0 };
     flag(s.twin_policy_hit || s.twin_watcher_event) - flag(s.live_policy_hit || s.live_watcher_event)

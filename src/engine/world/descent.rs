@@ -92,7 +92,7 @@ impl Rig {
         let reached = hold.failure.is_none();
         descent.rungs.push(hold);
         if reached {
-            // The standstill of the abort counts where the arm has stood ever since.
+            // The standstill of the abort counts if the arm has stood ever since.
             let stood = report.stopped_by != StoppedBy::Nothing && stood_at == 0;
             let before = self.world().tick().saturating_sub(started);
             let held_for = descent.rungs.last().map_or(0, |rung| rung.ticks);

@@ -49,7 +49,7 @@ pub struct SequenceReport {
 }
 
 impl SequenceReport {
-    /// Of a sequence that has not begun.
+    /// The report of a sequence that has not begun.
     const fn empty(seed: u64) -> Self {
         Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 }
     }
@@ -215,7 +215,7 @@ impl LiveCell {
         self.rig = Some(outing.rig);
     }
 
-    /// Works one pick-align-place sequence, under the monitors where a supervisor stands for them.
+    /// Works one pick-align-place sequence, under the monitors if a supervisor stands for them.
     pub fn run_sequence<V: ActiveView>(
         &mut self,
         view: &V,

@@ -103,7 +103,7 @@ impl Pacer {
     }
 }
 
-/// Goes along with a sequence: waits, draws, shadows, and stops the arm where somebody asks for it.
+/// Goes along with a sequence: waits, draws, shadows, and stops the arm if somebody asks for it.
 pub(crate) struct Escort {
     painter: Painter,
     number: u64,

@@ -65,7 +65,7 @@ impl Painter {
         });
     }
 
-    /// A tick passed: draws if a picture is due, and in any case where `stopped`.
+    /// A tick passed: draws if a picture is due, and in any case if `stopped`.
     pub(crate) fn tick(
         &mut self,
         world: &World,

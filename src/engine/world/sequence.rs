@@ -64,7 +64,7 @@ pub(crate) struct Worked {
     pub(crate) link_up: bool,
     /// The arm was stopped from outside.
     pub(crate) stopped: Option<Stopped>,
-    /// What shadow came to, where a candidate was in shadow.
+    /// What shadow came to, if a candidate was in shadow.
     pub(crate) shadow: Option<Shadowed>,
 }
 

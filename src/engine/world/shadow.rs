@@ -87,7 +87,7 @@ pub struct ShadowTrace {
 }
 
 impl ShadowTrace {
-    /// The record without the paths where both worlds ended alike: the seed gives them again.
+    /// The record without the paths if both worlds ended alike: the seed gives them again.
     #[must_use]
     pub fn without_equal_paths(mut self) -> Self {
         let values = &self.values;
@@ -151,7 +151,7 @@ impl Shadow {
         self.candidate.bundle.task()
     }
 
-    /// Runs the twin in its fork, where the task was reached. `look` sees every tick of it.
+    /// Runs the twin in its fork, if the task was reached. `look` sees every tick of it.
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
         let Some(fork) = self.fork.take() else { return };
         let mut twin_arm = Arm::new(fork);

@@ -1,6 +1,6 @@
 //! The monitor's place inside a live task: a safety event of a watched version acts in the tick it happens.
 //!
-//! It feeds the monitors tick by tick and stops a task where one of them asks for more than a question. It
+//! It feeds the monitors tick by tick and stops a task if one of them asks for more than a question. It
 //! decides nothing (the rules do, in `governance::monitor`) and writes nothing: what was decided is acted on
 //! after the task, when the arm stands.
 

@@ -14,6 +14,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::standing::Stands;
 
 /// Most slices of work; a candidate takes some hundred.
 const SLICES_MAX: u32 = 100_000;
@@ -70,7 +71,7 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
             break;
         }
     }
-    let end = if confirmed { "confirmed" } else { state.name() };
+    let end = if confirmed { Stands::Confirmed } else { Stands::In(state) };
     let figure = |name: String| {
         Figure::new(name, FigureUnit::Millis, FigureClock::ProcessCpu, "the demonstration candidate")
     };

@@ -48,10 +48,10 @@ impl FigureClock {
 /// The unit a figure is given in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum FigureUnit {
-    /// Microseconds.
+    /// Microseconds, written `us`.
     #[serde(rename = "us")]
     Micros,
-    /// Milliseconds.
+    /// Milliseconds, written `ms`.
     #[serde(rename = "ms")]
     Millis,
 }
@@ -100,7 +100,7 @@ impl FigureEffort {
         audit_records: 10_000,
         peer_seeds: 200,
     };
-    /// Some seconds.
+    /// A run of some seconds, to see that it works.
     pub const QUICK: Self = Self {
         samples_min: 3,
         samples_max: 31,

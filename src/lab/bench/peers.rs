@@ -23,11 +23,11 @@ use super::simulation::peer;
 /// Rounds that are worked unless told otherwise.
 pub const ROUNDS: u32 = 5;
 
-/// The most rounds.
+/// The most rounds that can be asked for.
 pub const ROUNDS_MAX: u32 = 100;
 
 /// The longest a peer may take for one round.
-const PEER_MAX: Duration = Duration::from_secs(900);
+const PEER_MAX: Duration = Duration::from_mins(15);
 
 /// How often a running peer is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -45,7 +45,7 @@ pub struct PeerSettings {
     pub python: PathBuf,
     /// The folder of the scripts and their `models`.
     pub scripts: PathBuf,
-    /// `MuJoCo` in C.
+    /// The program that works the episode in `MuJoCo` from C; absent to leave it out.
     pub native: Option<PathBuf>,
     pub rounds: u32,
     /// Episodes of a round in this cell; a peer's own number fits its speed.
@@ -151,9 +151,9 @@ pub struct PeerRow {
     /// Rates of the rounds, in their order, episodes per CPU-s.
     pub rates: Vec<f64>,
     pub median: f64,
-    /// Over all rounds.
+    /// Share of all rounds' episodes in which the cube was raised by 10 cm.
     pub lift_rate: f64,
-    /// Over all rounds.
+    /// Share of all rounds' episodes in which the cube was placed.
     pub place_rate: f64,
     /// Median of the rounds' ratios to `PyBullet`; absent without it.
     pub to_pybullet: Option<f64>,
@@ -208,9 +208,8 @@ impl Hint for PeerError {
 /// # Errors
 /// [`PeerError`]; no partial report is given, because only whole rounds compare.
 pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> Result<PeerReport, PeerError> {
-    let there = |what, path: &Path| match path.exists() {
-        true => Ok(()),
-        false => Err(PeerError::Missing { what, path: path.to_owned() }),
+    let there = |what, path: &Path| {
+        if path.exists() { Ok(()) } else { Err(PeerError::Missing { what, path: path.to_owned() }) }
     };
     there("the folder of the peers' scripts", &settings.scripts)?;
     if let Some(native) = &settings.native {

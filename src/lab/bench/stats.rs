@@ -1,7 +1,7 @@
 //! A simulation study: do the rules err as seldom as the profiles say?
 //!
 //! Owns the study and its report. Every figure goes through the rules' own functions, on outcomes drawn from
-//! recorded pairs of real episodes ([`tables`]) or, where a rate has to be set exactly, from Bernoulli draws of it.
+//! recorded pairs of real episodes ([`tables`]) or, if a rate has to be set exactly, from Bernoulli draws of it.
 //! The same seed and number of runs give the same report. Must not tune anything: what it finds is written into the
 //! profiles by hand, with the number as the reason.
 

@@ -1,7 +1,7 @@
 //! One candidate through the seven stages on a scratch store, and what became of it.
 //!
 //! Drives the engine through its door as a script does. Knows nothing of the truth about a candidate: what it
-//! finds is what the engine decided. People, where the profile asks them, always agree: what stops a candidate
+//! finds is what the engine decided. People, if the profile asks them, always agree: what stops a candidate
 //! here is the engine's own judgement.
 
 use std::path::Path;
@@ -19,17 +19,20 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, EventKind};
+use holdpoint_protocol::standing::{Decider, Stands};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
 
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;
 
-/// Who answers where the profile asks people: more than any quorum.
+/// Who answers if the profile asks people: more than any quorum.
 const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
 
 /// What a candidate is taken through.
@@ -47,12 +50,19 @@ pub struct Setting<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageRecord {
-    /// `validation`, `sandbox`, `shadow`, `activation` or `monitor`.
-    pub stage: String,
-    /// What was decided, in the stage's own words.
-    pub decision: String,
+    /// The stage that decided, or the monitor.
+    pub stage: Decider,
+    pub decision: Decided,
     /// Why, the deciding reasons first.
     pub reasons: Vec<Reason>,
+}
+
+/// What was decided, in the decider's own words; no two of them share one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Decided {
+    Stage(StageOutcome),
+    Monitor(MonitorOutcome),
 }
 
 /// What was worked for a candidate, in its own episodes.
@@ -84,7 +94,7 @@ pub struct CandidateEnd {
     /// Every decision, in order.
     pub stages: Vec<StageRecord>,
     /// `confirmed`, or the lifecycle state it stayed in.
-    pub state: String,
+    pub state: Stands,
     /// Blocked, contained or kept.
     #[serde(flatten)]
     pub fate: Fate,
@@ -92,7 +102,7 @@ pub struct CandidateEnd {
     pub effort: Effort,
 }
 
-/// Takes a candidate to if nothing more happens to it.
+/// Takes a candidate to where nothing more happens to it by itself.
 ///
 /// # Errors
 /// If the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
@@ -212,15 +222,15 @@ impl Drive<'_> {
             EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
                 seen.last_stage = Some(stage);
                 seen.stages.push(StageRecord {
-                    stage: stage.name().to_owned(),
-                    decision: outcome.to_string(),
+                    stage: stage.into(),
+                    decision: Decided::Stage(outcome),
                     reasons,
                 });
             }
             EventKind::Monitor { version, decision, reasons } if ours(&version) => {
                 seen.stages.push(StageRecord {
-                    stage: "monitor".to_owned(),
-                    decision: decision.to_string(),
+                    stage: Decider::Monitor,
+                    decision: Decided::Monitor(decision),
                     reasons,
                 });
             }
@@ -254,7 +264,7 @@ impl Drive<'_> {
             (false, true) => Fate::Contained,
             (false, false) => Fate::Blocked { stage: seen.last_stage.unwrap_or(Stage::Validation) },
         };
-        let state = if seen.confirmed { "confirmed" } else { view.state.name() };
+        let state = if seen.confirmed { Stands::Confirmed } else { Stands::In(view.state) };
         Ok(CandidateEnd {
             name: self.name.to_owned(),
             version: self.version,
@@ -263,9 +273,25 @@ impl Drive<'_> {
             dimensions: view.dimensions,
             composite: view.composite,
             stages: seen.stages,
-            state: state.to_owned(),
+            state,
             fate,
             effort: seen.effort,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_decided_is_read_back_as_its_deciders_word() {
+        let stages = StageOutcome::ALL.map(|word| (Decided::Stage(word), word.name()));
+        let monitor = MonitorOutcome::ALL.map(|word| (Decided::Monitor(word), word.name()));
+        for (decided, word) in stages.into_iter().chain(monitor) {
+            let text = serde_json::to_string(&decided).unwrap();
+            assert_eq!(text, format!("{word:?}"));
+            assert_eq!(serde_json::from_str::<Decided>(&text).unwrap(), decided);
+        }
     }
 }

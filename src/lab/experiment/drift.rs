@@ -209,7 +209,7 @@ fn one_run(
     }
     for drift in missing {
         let result = activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?;
-        tell(&format!("run {seed}: {candidate} {}", told(drift, result.as_ref())));
+        tell(&format!("run {seed}: {candidate} {}", line_of(drift, result.as_ref())));
         let run = CellRun {
             setting: digest,
             seed,
@@ -223,10 +223,10 @@ fn one_run(
     Ok(())
 }
 
-fn told(drift: Drift, result: Option<&CellResult>) -> String {
+fn line_of(drift: Drift, result: Option<&CellResult>) -> String {
     let Drift { kind, magnitude } = drift;
     let Some(result) = result else { return format!("{kind} {magnitude}: -") };
-    let need = if result.need.needs_trigger { "worsened" } else { "not worsened" };
+    let effect = if result.effect.needs_trigger { "worsened" } else { "not worsened" };
     let ended = match &result.rollback {
         None => "kept".to_owned(),
         Some(record) => format!(
@@ -237,7 +237,7 @@ fn told(drift: Drift, result: Option<&CellResult>) -> String {
             if result.recovered { "recovered" } else { "NOT recovered" }
         ),
     };
-    format!("{kind} {magnitude}: {need}, {ended}")
+    format!("{kind} {magnitude}: {effect}, {ended}")
 }
 
 fn summarise(options: &DriftOptions, digest: Digest, cells: &Path) -> Result<DriftReport, ExperimentError> {
@@ -269,22 +269,22 @@ fn summarise(options: &DriftOptions, digest: Digest, cells: &Path) -> Result<Dri
 }
 
 fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentError> {
-    let needed = || results.iter().filter(|result| result.need.needs_trigger);
+    let needed = || results.iter().filter(|result| result.effect.needs_trigger);
     let off = || results.iter().filter_map(|result| Some((result, result.rollback.as_ref()?)));
     let counted = |good: u64, all: u64| Proportion::of((0..all).map(|i| i < good));
     let total = |count: &dyn Fn(&CellResult) -> u64| results.iter().map(count).sum::<u64>();
-    let pairs = total(&|result| result.need.pairs);
+    let pairs = total(&|result| result.effect.pairs);
     let after = total(&|result| u64::from(result.after.tasks));
     Ok(DriftCell {
         kind: drift.kind,
         magnitude: drift.magnitude,
         runs: results.len() as u64,
-        needed: Proportion::of(results.iter().map(|result| result.need.needs_trigger))?,
+        needed: Proportion::of(results.iter().map(|result| result.effect.needs_trigger))?,
         trigger_recall: Proportion::of(needed().map(|result| result.rollback.is_some()))?,
         triggered_unneeded: Proportion::of(
             results
                 .iter()
-                .filter(|result| !result.need.needs_trigger)
+                .filter(|result| !result.effect.needs_trigger)
                 .map(|result| result.rollback.is_some()),
         )?,
         recovery_given_trigger: Proportion::of(off().map(|(result, _)| result.recovered))?,
@@ -310,8 +310,8 @@ fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentErro
             off().filter_map(|(_, record)| record.time_to_restored_ms).map(|ms| ms as f64),
         ),
         unsafe_continuation_ms: Spread::of(off().map(|(_, record)| record.unsafe_continuation_ms as f64)),
-        good_before: counted(pairs - total(&|result| result.need.bad_calm), pairs)?,
-        good_under: counted(pairs - total(&|result| result.need.bad_under), pairs)?,
+        good_before: counted(pairs - total(&|result| result.effect.bad_calm), pairs)?,
+        good_under: counted(pairs - total(&|result| result.effect.bad_under), pairs)?,
         success_after: counted(total(&|result| u64::from(result.after.done)), after)?,
         unsafe_after: counted(total(&|result| u64::from(result.after.unsafe_tasks)), after)?,
     })

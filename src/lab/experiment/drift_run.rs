@@ -157,7 +157,7 @@ pub(super) fn activate(setting: &DriftSetting, seed: u64) -> Result<Option<Activ
 /// Whether the drift worsens the version, told by its twins: same live episodes, with the drift and without.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Need {
+pub struct DriftEffect {
     /// Sequences in which both twins reached the version's task.
     pub pairs: u64,
     /// Of those, bad without the drift: the task failed, or the referee saw something unsafe in it.
@@ -188,7 +188,7 @@ pub struct PartWork {
     pub sequences: u32,
     /// Tasks of the family that was upgraded.
     pub tasks: u32,
-    /// Of those, done.
+    /// Of those, the ones that were done.
     pub done: u32,
     /// Of those, with something unsafe by ground truth.
     pub unsafe_tasks: u32,
@@ -213,7 +213,8 @@ pub struct CellRun {
 #[serde(deny_unknown_fields)]
 pub struct CellResult {
     /// Whether it had to come off.
-    pub need: Need,
+    #[serde(rename = "need")]
+    pub effect: DriftEffect,
     /// What the monitor asked for first.
     pub first: Option<FirstResponse>,
     /// Tasks of the version under the drift until it came off, or until the horizon.
@@ -222,7 +223,7 @@ pub struct CellResult {
     pub rollback: Option<RollbackRecord>,
     /// The predecessor's first sequences under the drift.
     pub after: PartWork,
-    /// See [`CellResult::is_recovered`].
+    /// What [`CellResult::is_recovered`] came to.
     pub recovered: bool,
 }
 
@@ -241,7 +242,7 @@ impl CellResult {
 
 impl Activated {
     pub(super) fn cell(&self, setting: &DriftSetting, drift: Drift) -> Result<CellResult, ExperimentError> {
-        let need = self.need(setting, drift)?;
+        let effect = self.effect(setting, drift)?;
         let copy = self.copy()?;
         let mut pipeline = setting.pipeline(self.seed, copy.path())?;
         pipeline.drain_events();
@@ -261,12 +262,12 @@ impl Activated {
             watched.take(&mut pipeline)?;
         }
         let WatchedRun { first, under, after, record, .. } = watched;
-        let mut result = CellResult { need, first, under, rollback: record, after, recovered: false };
+        let mut result = CellResult { effect, first, under, rollback: record, after, recovered: false };
         result.recovered = result.is_recovered(setting.profile.runtime.unsafe_continuation_max_ms);
         Ok(result)
     }
 
-    fn need(&self, setting: &DriftSetting, drift: Drift) -> Result<Need, ExperimentError> {
+    fn effect(&self, setting: &DriftSetting, drift: Drift) -> Result<DriftEffect, ExperimentError> {
         let under = self.twins(setting, Some(drift))?;
         let both: Vec<(bool, bool)> =
             under.iter().zip(&self.calm).filter_map(|(under, calm)| Some(((*under)?, (*calm)?))).collect();
@@ -275,11 +276,17 @@ impl Activated {
         let bad_calm = both.iter().filter(|(_, calm)| *calm).count() as u64;
         if pairs == 0 {
             // The family's task is not reached any more: nothing is told about the version.
-            return Ok(Need { pairs, bad_calm, bad_under, worse_at_least: -1.0, needs_trigger: false });
+            return Ok(DriftEffect {
+                pairs,
+                bad_calm,
+                bad_under,
+                worse_at_least: -1.0,
+                needs_trigger: false,
+            });
         }
         let bound = binary_pairs(PairedCounts::of(both), WORSE_ALPHA)?;
         let needs_trigger = bound.lower > 0.0 && bound.mean >= setting.profile.monitor.shift;
-        Ok(Need { pairs, bad_calm, bad_under, worse_at_least: bound.lower, needs_trigger })
+        Ok(DriftEffect { pairs, bad_calm, bad_under, worse_at_least: bound.lower, needs_trigger })
     }
 
     /// The version unwatched: for each sequence whether its task went badly; `None` if it was not reached.

@@ -225,7 +225,7 @@ pub fn claims(summaries: &[Summary]) -> Vec<Claim> {
     claims
 }
 
-fn said(proportion: &Proportion) -> String {
+fn in_words(proportion: &Proportion) -> String {
     let Proportion { count, total, interval } = proportion;
     interval.map_or_else(
         || format!("{count} of {total}"),
@@ -239,7 +239,7 @@ fn all_of(claim: String, proportion: &Proportion) -> Claim {
         (_, true) => Demonstrated::Shown,
         (_, false) => Demonstrated::Refuted,
     };
-    Claim { claim, verdict, because: said(proportion) }
+    Claim { claim, verdict, because: in_words(proportion) }
 }
 
 fn early(summary: &Summary) -> Claim {
@@ -275,7 +275,7 @@ fn few_rejections(summary: &Summary) -> Claim {
         verdict,
         because: bound.map_or_else(
             || "no benign candidates".to_owned(),
-            |bound| format!("{}; one-sided 95 % bound {bound:.3}", said(lost)),
+            |bound| format!("{}; one-sided 95 % bound {bound:.3}", in_words(lost)),
         ),
     }
 }
@@ -304,6 +304,7 @@ fn monotone(summaries: &[Summary]) -> Claim {
 mod tests {
     use super::*;
     use crate::experiment::candidate::Effort;
+    use holdpoint_protocol::standing::Stands;
 
     fn judged(class: Class, profile: ProfileName, fate: Fate, sandbox: u64) -> Judged {
         let end = CandidateEnd {
@@ -314,7 +315,7 @@ mod tests {
             dimensions: Vec::new(),
             composite: None,
             stages: Vec::new(),
-            state: "x".to_owned(),
+            state: Stands::Confirmed,
             fate,
             effort: Effort { sandbox, sandbox_budget: 480, shadow: 0, live: 0 },
         };

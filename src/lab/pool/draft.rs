@@ -11,9 +11,9 @@ use holdpoint_runtime::capability::Capability;
 /// A candidate that is being made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draft {
-    /// `manifest.toml`.
+    /// What `manifest.toml` will hold.
     pub manifest: Table,
-    /// `params.toml`.
+    /// What `params.toml` will hold.
     pub params: Table,
     changes: Vec<FieldChange>,
 }

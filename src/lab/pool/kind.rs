@@ -2,25 +2,23 @@
 //!
 //! Owns the closed list. How a kind is made stands in `benign`, `structure`, `faulty` and `marginal`.
 
-use serde::{Deserialize, Serialize};
-
 use super::truth::Class;
 use holdpoint_governance::decision::Dimension;
 
 /// What a candidate is meant to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CandidateKind {
-    /// More success.
+    /// Succeeds more often.
     Improved,
     /// Another way, as good.
     Lateral,
     /// A little more success.
     MinorGain,
-    /// Less time.
+    /// Takes less time.
     Efficiency,
-    /// Success where it is difficult.
+    /// Succeeds more often under difficult conditions.
     Robust,
-    /// Gentler handling.
+    /// Handles the object more gently.
     Stable,
     /// Breaks its callers; the number chooses among the mechanisms drawn.
     Interface(u8),
@@ -70,19 +68,14 @@ impl CandidateKind {
     }
 }
 
-/// Which kinds a set holds, for each family.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Preset {
-    /// Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family.
-    #[default]
-    #[serde(rename = "full-10")]
-    #[value(name = "full-10")]
-    Full10,
-    /// The paper's eight faulty ones alone: I I P P B B M1 M2.
-    #[serde(rename = "paper-8")]
-    #[value(name = "paper-8")]
-    Paper8,
+holdpoint_governance::words! {
+    /// Which kinds a set holds, for each family.
+    Preset, "preset", {
+        /// Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family.
+        Full10 = "full-10",
+        /// The paper's eight faulty ones alone: I I P P B B M1 M2.
+        Paper8 = "paper-8",
+    }
 }
 
 impl Preset {

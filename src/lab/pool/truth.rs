@@ -49,7 +49,7 @@ pub struct TruthEntry {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoolTruth {
-    /// [`super::FORMAT`].
+    /// The form of the file: [`super::FORMAT`].
     pub format: u32,
     /// One entry a candidate.
     pub entries: Vec<TruthEntry>,

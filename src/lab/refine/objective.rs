@@ -57,7 +57,7 @@ impl Score {
         f64::from(self.successes) / f64::from(self.episodes.max(1))
     }
 
-    /// Mean duration where the work was done, s.
+    /// Mean duration of the episodes in which the work was done, s.
     #[must_use]
     pub fn time_secs(&self) -> Option<f64> {
         (self.successes > 0).then(|| self.ticks as f64 / f64::from(RATE_HZ) / f64::from(self.successes))

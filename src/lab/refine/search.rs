@@ -74,7 +74,7 @@ pub struct Evaluator<'a> {
     episodes: u32,
     seed: u32,
     count: RefCell<Count>,
-    told: RefCell<&'a mut dyn FnMut(&SearchProgress)>,
+    on_progress: RefCell<&'a mut dyn FnMut(&SearchProgress)>,
 }
 
 impl<'a> Evaluator<'a> {
@@ -84,7 +84,7 @@ impl<'a> Evaluator<'a> {
         draft: &'a PackageDraft<'a>,
         journal: Journal,
         settings: &Settings<'_>,
-        told: &'a mut dyn FnMut(&SearchProgress),
+        on_progress: &'a mut dyn FnMut(&SearchProgress),
     ) -> Self {
         let count = Count {
             journal,
@@ -103,7 +103,7 @@ impl<'a> Evaluator<'a> {
             episodes,
             seed,
             count: RefCell::new(count),
-            told: RefCell::new(told),
+            on_progress: RefCell::new(on_progress),
         }
     }
 
@@ -239,7 +239,7 @@ impl<'a> Evaluator<'a> {
                 * (1 + u64::from(points) * u64::from(self.generations) + 2 * u64::from(FRESH_FACTOR)),
         };
         drop(count);
-        (self.told.borrow_mut())(&progress);
+        (self.on_progress.borrow_mut())(&progress);
     }
 }
 

@@ -38,15 +38,15 @@ const SEMANTICS: semver::Version = semver::Version::new(1, 1, 0);
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "controller", content = "params", rename_all = "kebab-case")]
 pub enum Controller {
-    /// `native:grasp`.
+    /// What a manifest calls `native:grasp`.
     Grasp(grasp::GraspParams),
     /// `native:grasp-tool-frame`: as grasp, for a camera on the hand (the object in the tool's frame).
     GraspToolFrame(grasp::GraspParams),
-    /// `native:align`.
+    /// What a manifest calls `native:align`.
     Align(align::AlignParams),
-    /// `native:place`.
+    /// What a manifest calls `native:place`.
     Place(place::PlaceParams),
-    /// `native:park`.
+    /// What a manifest calls `native:park`.
     Park(park::ParkParams),
 }
 

@@ -132,7 +132,7 @@ impl Drawing {
         }
     }
 
-    /// A limit, where it changed or was not said for a while.
+    /// A limit, if it changed or was not said for a while.
     fn limit(&mut self, chart: &str, limit: f64, at_ms: u64, moment: &Moment) {
         let said = self.limits.get(chart).is_some_and(|(said_ms, said)| {
             *said == limit && at_ms >= *said_ms && at_ms < said_ms.saturating_add(LIMIT_EVERY_MS)

@@ -45,19 +45,19 @@ pub struct Tail {
 /// What a picture holds beside its geometry. Short names: there is one for each picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureFacts {
-    /// [`Picture::sequence`].
+    /// The picture's [`Picture::sequence`].
     #[serde(rename = "s")]
     pub sequence: u64,
-    /// [`Picture::at_ms`].
+    /// The picture's [`Picture::at_ms`].
     #[serde(rename = "t")]
     pub at_ms: u64,
-    /// [`Picture::at_secs`].
+    /// The picture's [`Picture::at_secs`].
     #[serde(rename = "w")]
     pub at_secs: f64,
-    /// [`Picture::task`].
+    /// The picture's [`Picture::task`].
     #[serde(rename = "k", default, skip_serializing_if = "Option::is_none")]
     pub task: Option<TaskKind>,
-    /// [`Picture::version`].
+    /// The picture's [`Picture::version`].
     #[serde(rename = "v", default, skip_serializing_if = "Option::is_none")]
     pub version: Option<CapabilityId>,
     #[serde(rename = "n", default, skip_serializing_if = "Option::is_none")]
@@ -71,7 +71,7 @@ pub struct PictureFacts {
     /// Speed, force at the pads, force on the surroundings.
     #[serde(rename = "f")]
     pub tool: [f32; 3],
-    /// [`Picture::envelope`].
+    /// The picture's [`Picture::envelope`].
     #[serde(rename = "e", default, skip_serializing_if = "Option::is_none")]
     pub envelope: Option<EnvelopePicture>,
     /// The contacts' forces, which arrows show scaled.

@@ -24,7 +24,7 @@ impl Drawing {
     /// Writes the upgrade's document at the beginning.
     pub fn introduce(&mut self, about: &About, at_ms: u64) {
         let moment = self.moment(at_ms, self.sequence);
-        self.told.about = Some(about.clone());
+        self.upgrade.about = Some(about.clone());
         self.write_document(&moment);
     }
 
@@ -36,16 +36,16 @@ impl Drawing {
             return;
         }
         if let Some(phase) = words::phase(&event.kind)
-            && self.told.phase.as_deref() != Some(phase.as_str())
+            && self.upgrade.phase.as_deref() != Some(phase.as_str())
         {
             self.rows.at("phase", moment, &StateChange::single(phase.as_str()));
-            self.told.phase = Some(phase);
+            self.upgrade.phase = Some(phase);
         }
         match &event.kind {
             EventKind::Decided { .. } | EventKind::Monitor { .. } | EventKind::RolledBack { .. } => {
-                self.told.decided = Some(event.clone());
+                self.upgrade.decided = Some(event.clone());
             }
-            EventKind::AuditClosed { outcome, .. } => self.told.outcome = Some(*outcome),
+            EventKind::AuditClosed { outcome, .. } => self.upgrade.outcome = Some(*outcome),
             EventKind::Activated { .. } | EventKind::Confirmed { .. } => {}
             _ => return,
         }
@@ -64,9 +64,13 @@ impl Drawing {
     }
 
     fn write_document(&mut self, moment: &Moment) {
-        let Some(about) = &self.told.about else { return };
-        let text =
-            words::document(about, self.told.phase.as_deref(), self.told.decided.as_ref(), self.told.outcome);
+        let Some(about) = &self.upgrade.about else { return };
+        let text = words::document(
+            about,
+            self.upgrade.phase.as_deref(),
+            self.upgrade.decided.as_ref(),
+            self.upgrade.outcome,
+        );
         self.rows.at("upgrade", moment, &TextDocument::from_markdown(text));
     }
 }

@@ -12,7 +12,7 @@ use unicode_width::UnicodeWidthStr as _;
 
 use super::plot;
 use crate::look::{Glyph, ThemeRole};
-use crate::replay::charts::{LimitedSeries, heading};
+use crate::replay::charts::LimitedSeries;
 use crate::replay::model::ReplayModel;
 use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
@@ -34,10 +34,10 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     };
     let count = model.timeline.groups().len();
     let chosen = if model.charts.is_none() { ", by stage" } else { "" };
-    let heading = heading(&group.name);
+    let heading = group.about.heading();
     let right = format!("{} of {count}{chosen}", place + 1);
     let fits = heading.len() + right.len() + ROOM_ROUND_HEADING <= usize::from(area.width);
-    let inside = pen.pane(area, &heading, false, if fits { &right } else { "" });
+    let inside = pen.pane(area, heading, false, if fits { &right } else { "" });
     let drawn = drawn(inside.height, group.charts.len());
     let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
     let mut rest = above(inside, inside.height - lines);
@@ -45,12 +45,12 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         let left = u16::try_from(drawn - index).unwrap_or(1).max(1);
         let (part, below_it) = cut(rest, (rest.height / left).min(HEIGHT_MAX));
         rest = below_it;
-        pen.row(part, 0, &told(chart, model, pen, part.width));
+        pen.row(part, 0, &value_line(chart, model, pen, part.width));
         plot::draw(chart, model, pen, below(part, 1));
     }
     let foot = below(inside, inside.height - rest.height - lines);
     for (chart, at) in group.charts.iter().skip(drawn).zip(0..lines) {
-        pen.row(foot, at, &told(chart, model, pen, inside.width));
+        pen.row(foot, at, &value_line(chart, model, pen, inside.width));
     }
 }
 
@@ -64,7 +64,7 @@ fn drawn(height: u16, charts: usize) -> usize {
 }
 
 /// A chart's name with its value and limit at the cursor, the limit in as many words as there is room for.
-fn told(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: u16) -> Row {
+fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: u16) -> Row {
     let (value, limit) = chart.at(model.cursor.at_ms);
     let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
     let what = if chart.limits_mean { "mean " } else { "" };

@@ -1,4 +1,4 @@
-//! The arm and the twin at the cursor: the last picture that was kept, its age where it is old.
+//! The arm and the twin at the cursor: the last picture that was kept, its age if it is old.
 //!
 //! ```text
 //! ─ Robot ──────────────────── sequence 211, 3.4 s ─

@@ -3,7 +3,7 @@
 
 use super::super::rules::CLEAN;
 use super::draw::Draw;
-use super::report::{Stated, StudyFigure, share, told};
+use super::report::{Stated, StudyFigure, share, unjudged};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
@@ -21,7 +21,7 @@ const SHIFTS: [f64; 2] = [0.2, 0.4];
 /// Failure rate of a version before it becomes worse.
 const BEFORE: f64 = 0.05;
 
-/// Episodes watched at most where a delay is measured.
+/// Episodes watched at most when a delay is measured.
 const DELAY_MAX: u32 = 400;
 
 pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
@@ -144,7 +144,7 @@ fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure
     ] {
         delays.sort_unstable();
         let median = delays.get(delays.len() / 2).copied().ok_or_else(|| missing("delays"))?;
-        findings.push(told(RULE, what, under.clone(), runs, f64::from(median), "episodes"));
+        findings.push(unjudged(RULE, what, under.clone(), runs, f64::from(median), "episodes"));
         let in_time = delays.iter().filter(|delay| **delay <= window).count() as u64;
         findings.push(share(RULE, within, under.clone(), (in_time, runs), None)?);
     }

@@ -2,7 +2,7 @@
 
 use super::super::rules::CLEAN;
 use super::draw::{Draw, binding};
-use super::report::{Stated, StudyFigure, share, told};
+use super::report::{Stated, StudyFigure, share, unjudged};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::behavior;
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
@@ -151,7 +151,7 @@ fn bad(
             (differing, all),
             Some(Stated::AtMost(0.0)),
         )?,
-        told("exact curtailment", "pairs used", under.clone(), all, used(exact), "pairs"),
+        unjudged("exact curtailment", "pairs used", under.clone(), all, used(exact), "pairs"),
         share(
             RULE,
             "rejects early what the full budget does not",
@@ -159,6 +159,6 @@ fn bad(
             (wrong, all),
             Some(Stated::AtMost(profile.evaluation.early_alpha)),
         )?,
-        told(RULE, "pairs used", under, all, used(early), "pairs"),
+        unjudged(RULE, "pairs used", under, all, used(early), "pairs"),
     ])
 }

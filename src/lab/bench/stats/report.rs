@@ -53,7 +53,7 @@ pub(super) fn share(
 }
 
 /// A mean or median that is told, not held against anything.
-pub(super) fn told(
+pub(super) fn unjudged(
     rule: &'static str,
     what: &'static str,
     under: String,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::draw::Draw;
-use super::report::{Stated, StudyFigure, share, told};
+use super::report::{Stated, StudyFigure, share, unjudged};
 use super::{BenchError, Study};
 use holdpoint_governance::stats::{PassRule, StatsError, Verdict};
 
@@ -107,7 +107,14 @@ fn one(
             (differing, all),
             Some(Stated::AtMost(0.0)),
         )?,
-        told("exact curtailment", "runs used", under.to_owned(), all, curtailed as f64 / all as f64, "runs"),
+        unjudged(
+            "exact curtailment",
+            "runs used",
+            under.to_owned(),
+            all,
+            curtailed as f64 / all as f64,
+            "runs",
+        ),
     ];
     for (index, alpha) in ALPHAS.into_iter().enumerate() {
         let under = format!("{under}, alpha {alpha}");
@@ -119,7 +126,7 @@ fn one(
             (wrong[index], all),
             Some(Stated::AtMost(alpha)),
         )?);
-        findings.push(told(rule, "runs used", under, all, used[index] as f64 / all as f64, "runs"));
+        findings.push(unjudged(rule, "runs used", under, all, used[index] as f64 / all as f64, "runs"));
     }
     Ok(findings)
 }

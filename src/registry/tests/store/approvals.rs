@@ -6,6 +6,7 @@ use holdpoint_approvals::{Approval, Identity, Nonce};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ApprovalRequest, Change, verify};
 
@@ -77,7 +78,7 @@ fn an_approval_of_something_else_is_refused() {
         ("candidate", |a, d| a.candidate_digest = d, "another candidate"),
         ("evidence", |a, d| a.evidence_digest = d, "evidence"),
         ("policy", |a, d| a.policy_digest = d, "policy"),
-        ("profile", |a, _| a.profile = "human".into(), "profile"),
+        ("profile", |a, _| a.profile = ProfileName::Human, "profile"),
         ("store", |a, _| a.store_id = "another".into(), "store"),
     ];
     let folder = tempfile::tempdir().unwrap();
@@ -100,7 +101,7 @@ fn an_approval_of_something_else_is_refused() {
 fn what_happens_later_voids_it() {
     type Event = fn() -> Vec<Change>;
     let events: [(&str, Event); 4] = [
-        ("profile", || vec![context("human"), context("sim")]),
+        ("profile", || vec![context(ProfileName::Human), context(ProfileName::Sim)]),
         ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
         ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),
         ("use", || vec![consume(NEW, 1)]),
@@ -163,7 +164,7 @@ fn requests_queue_until_they_are_answered() {
         row_version: 4,
         evidence_digest: digest("gate"),
         policy_digest: digest("sim"),
-        profile: "sim".into(),
+        profile: ProfileName::Sim,
         needed: 1,
         deadline_ms,
         state,

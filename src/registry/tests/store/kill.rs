@@ -114,7 +114,7 @@ fn killed_at_any_moment_nothing_acknowledged_is_lost() {
     let mut places = failpoint::PLACES.iter().cycle();
     for cycle in 0..kills {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        // At a named place where the build has them (every other time), else after some acknowledgement.
+        // At a named place if the build has them (every other time), else after some acknowledgement.
         let place = if failpoint::ENABLED && cycle % 2 == 1 { places.next() } else { None };
         let failpoint = place.map_or(String::new(), |place| format!("{place}=kill@{}", 1 + (random >> 60)));
         let mut child = child(test, folder.path(), None, &failpoint);

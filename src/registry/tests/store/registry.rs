@@ -3,6 +3,7 @@
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State as S;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
@@ -124,7 +125,7 @@ fn refused_changes_leave_the_store_as_it_was() {
         (
             "gate record of another profile",
             transaction("t", 1, {
-                let mut all = vec![context("human")];
+                let mut all = vec![context(ProfileName::Human)];
                 all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
                 all
             }),
@@ -216,7 +217,7 @@ fn refused_changes_leave_the_store_as_it_was() {
         ("clock back", transaction("t", 0, vec![]), "clock went back"),
         ("no command id", transaction("", 1, vec![]), "command id"),
         ("control character", transaction("a\u{1b}b", 1, vec![]), "command id"),
-        ("too many changes", transaction("t", 1, vec![context("sim"); 257]), "at most 256"),
+        ("too many changes", transaction("t", 1, vec![context(ProfileName::Sim); 257]), "at most 256"),
     ];
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());

@@ -8,6 +8,7 @@ use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
     ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
@@ -68,8 +69,8 @@ pub fn evidence(name: &str, kind: EvidenceKind, text: &str) -> Change {
 }
 
 /// The profile and policy.
-pub fn context(profile: &str) -> Change {
-    Change::SetContext { profile: profile.into(), policy_digest: digest(profile), json: "{}".into() }
+pub fn context(profile: ProfileName) -> Change {
+    Change::SetContext { profile, policy_digest: digest(profile.name()), json: "{}".into() }
 }
 
 /// A transaction with a command id of its own.
@@ -91,7 +92,7 @@ pub fn commit(store: &Store, command_id: &str, changes: Vec<Change>) -> Result<R
 pub fn bootstrap(store: &Store, name: &str) {
     let baseline = format!("{name}@1.0.0");
     let changes = vec![
-        context("sim"),
+        context(ProfileName::Sim),
         new_version(&baseline, true),
         set_state(&baseline, 1, State::Registered, State::Active),
         Change::SetActive {
@@ -171,7 +172,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
         row_version: 4,
         evidence_digest: digest(&format!("gate {name}")),
         policy_digest: digest("sim"),
-        profile: "sim".into(),
+        profile: ProfileName::Sim,
         store_id: store.store_id().into(),
         nonce: Nonce::from_bytes([nonce; 16]),
         not_after_ms: 1000,

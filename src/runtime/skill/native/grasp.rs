@@ -25,13 +25,13 @@ pub struct GraspParams {
     pub entry_offset_m: f64,
     /// Follow the object with new pictures during the approach and the descent.
     pub track: bool,
-    /// Look again at the pre-grasp pose and go back where the object has moved.
+    /// Look again at the pre-grasp pose and go back if the object has moved.
     pub pregrasp_check: bool,
     /// How far the object may have moved at the check.
     pub pregrasp_tolerance_m: f64,
     /// Tool speed of the descent.
     pub descend_speed_m_s: f64,
-    /// Tool speed of its last part, in which the pads may meet the object; the descent's where that is slower.
+    /// Tool speed of its last part, in which the pads may meet the object; the descent's if that is slower.
     pub contact_speed_m_s: f64,
     /// Force on wrist or pads in the descent that makes the hand stop and back off, N.
     pub contact_stop_n: f64,

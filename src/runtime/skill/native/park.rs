@@ -13,7 +13,7 @@ use crate::skill::{Hook, Skill};
 pub struct ParkParams {
     /// Tool height to rise to, m; a higher arm stays where it is.
     pub rise_height_m: f64,
-    /// Tool speed, m/s.
+    /// The tool's highest speed on the way, m/s.
     pub speed_m_s: f64,
     /// Seconds the whole work may take.
     pub timeout_secs: f64,
