@@ -11,7 +11,7 @@ use holdpoint_protocol::command::Command;
 
 use crate::fault::Fault;
 use crate::pipeline::{Pipeline, Progress, Work};
-use crate::stages::confirmation;
+use crate::stages::{confirmation, resume};
 use crate::world::sequence::{Shadowed, Worked};
 use holdpoint_text::Hint;
 
@@ -179,7 +179,7 @@ impl Pipeline {
         let mut live = self.live();
         live.look_at_questions()?;
         let report = live.end_sequence(worked)?;
-        live.look_at_resumptions(&report)?;
+        resume::look_at(&self.context, &mut self.record, &mut self.resumptions, &report)?;
         match shadowed {
             Some(Shadowed { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
             None => Ok(()),

@@ -7,7 +7,7 @@ use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::pipeline::{Pipeline, registered_event};
 use crate::stages::closing::rejected;
-use crate::stages::rollback;
+use crate::stages::{monitoring, rollback};
 use crate::world::live::LiveFault;
 use crate::world::supervisor::Trip;
 use holdpoint_governance::alarms::AlarmEvent;
@@ -82,7 +82,7 @@ impl Pipeline {
                 let id = self.checked(&operation)?;
                 let text = format!("{} asked for it: {}", operation.by, operation.reason);
                 let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, text);
-                self.live().restrict(&id, &[reason])?;
+                monitoring::restrict(&self.context, &mut self.record, &mut self.monitors, &id, &[reason])?;
                 accepted(&id, "restricted")
             }
             Command::Rearm(operation) => {

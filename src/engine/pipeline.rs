@@ -30,8 +30,8 @@ use crate::people::approvals::Approvals;
 use crate::record::Record;
 use crate::stages::activation::Activation;
 use crate::stages::confirmation::{self, ConfirmationRun};
-use crate::stages::live::Live;
-use crate::stages::resume::Resumption;
+use crate::stages::monitoring::{self, Live};
+use crate::stages::resume::{self, Resumption};
 use crate::stages::rollback::trigger;
 use crate::stages::sandbox::{self, Sandbox, SandboxRun};
 use crate::stages::shadow::{self, ShadowRun};
@@ -385,7 +385,9 @@ impl Pipeline {
                 Ok(())
             }
             confirmation::ConfirmationStep::Gone => Ok(()),
-            confirmation::ConfirmationStep::Settled(id) => self.live().maybe_confirm(&id),
+            confirmation::ConfirmationStep::Settled(id) => {
+                monitoring::maybe_confirm(record, dossiers, monitors, &id)
+            }
             confirmation::ConfirmationStep::DoubtRemains(id) => {
                 self.demote(&id, "the doubt it was let in with remains on fresh evidence")
             }
@@ -482,7 +484,7 @@ impl Pipeline {
         self.world.stop();
         self.come_home(true);
         if self.record.holding().is_none()
-            && let Err(fault) = self.live().end_resumptions()
+            && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {
             self.hold(&fault.sentence());
         }

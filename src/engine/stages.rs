@@ -3,7 +3,7 @@
 pub mod activation;
 pub(crate) mod closing;
 pub mod confirmation;
-pub mod live;
+pub(crate) mod ladder;
 pub mod monitoring;
 pub mod resume;
 pub mod rollback;

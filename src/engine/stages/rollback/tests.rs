@@ -19,12 +19,15 @@ use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::live::LiveFault;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
-use holdpoint_registry::Store;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{Change, Store};
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 
