@@ -5,11 +5,9 @@
 //! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
 mod alarms;
-mod beside;
 mod binding;
 pub mod cell;
 pub mod check;
-mod commands;
 pub mod context;
 pub mod door;
 pub mod dossier;
@@ -26,7 +24,6 @@ pub mod pipeline;
 pub mod pump;
 pub mod record;
 pub mod recordings;
-mod rehearsal;
 mod restart;
 pub mod stages;
 pub mod trial;
@@ -39,11 +36,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::beside::Timing;
 use crate::cell::Cell;
 use crate::embedded::baselines;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
+use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;

@@ -5,6 +5,10 @@
 //! does nothing twice: each call to [`Pipeline::advance`] is one slice, between two slices commands are taken. A
 //! fault of its own makes it hold: nothing is approved or activated by it.
 
+mod commands;
+pub(crate) mod concurrent;
+pub mod rehearsal;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -422,6 +426,12 @@ impl Pipeline {
         self.trials.work_in_small_parts();
         self.world.pictures = Some(pictures);
         self.world.work_on_a_thread(times);
+    }
+
+    /// Sequences that the live world has begun.
+    #[must_use]
+    pub const fn sequences(&self) -> u64 {
+        self.world.cell.sequences()
     }
 
     /// Stops the arm where it works now; absent if the live world is not paced.

@@ -1,7 +1,7 @@
 //! A question is answered and asked again; an alarm is closed once what it was raised for is over.
 
-use crate::beside::Timing;
 use crate::pipeline::Pipeline;
+use crate::pipeline::concurrent::Timing;
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
 use holdpoint_governance::alarms::AlarmState;

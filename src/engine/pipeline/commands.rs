@@ -3,9 +3,9 @@
 
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
+use super::{Pipeline, registered_event};
 use crate::fault::Fault;
 use crate::ledger::Note;
-use crate::pipeline::{Pipeline, registered_event};
 use crate::stages::closing::rejected;
 use crate::stages::{monitoring, rollback};
 use crate::world::live::LiveFault;

@@ -9,8 +9,8 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::command::Command;
 
+use super::{Pipeline, Progress, Work};
 use crate::fault::Fault;
-use crate::pipeline::{Pipeline, Progress, Work};
 use crate::stages::{confirmation, resume};
 use crate::world::sequence::{Shadowed, Worked};
 use holdpoint_text::Hint;
