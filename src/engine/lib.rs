@@ -19,6 +19,7 @@ pub mod host;
 pub mod ledger;
 mod listeners;
 pub mod monitors;
+mod operations;
 pub mod people;
 pub mod pipeline;
 pub mod pump;
@@ -175,7 +176,7 @@ impl Engine {
         match self.pipeline.timing(&request.command) {
             Timing::Now => return Some(self.carry_out(request)),
             Timing::Between => {}
-            Timing::Stop => self.pipeline.world.stop(),
+            Timing::Stop => self.pipeline.stop_arm(),
         }
         self.waiting.push_back(request);
         None
@@ -227,7 +228,7 @@ impl Engine {
                 self.carry_out_waiting();
                 return Progress::Worked;
             }
-            if self.pipeline.world.is_stopping() {
+            if self.pipeline.is_stopping() {
                 // The arm comes to a stand; nothing is begun meanwhile.
                 return Progress::Idle { next_ms: Some(self.now_ms()) };
             }

@@ -21,6 +21,7 @@ use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{ActiveCause, Change};
 use holdpoint_runtime::capability::Capability;
 
@@ -30,8 +31,10 @@ use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::{FamilyEntry, Ledger, Note};
 use crate::monitors::Monitors;
+use crate::operations::registered_event;
 use crate::people::approvals::Approvals;
 use crate::record::Record;
+use crate::restart;
 use crate::stages::activation::Activation;
 use crate::stages::confirmation::{self, ConfirmationRun};
 use crate::stages::monitoring::{self, Live};
@@ -42,6 +45,7 @@ use crate::stages::shadow::{self, ShadowRun};
 use crate::stages::validation;
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
+use crate::view::snapshot::View;
 use crate::world::LiveWorld;
 use crate::world::pacing::Switch;
 use holdpoint_text::Hint;
@@ -68,7 +72,7 @@ pub enum Progress {
 }
 
 /// The stage that is being worked on.
-pub(crate) enum Work {
+enum Work {
     Sandbox(Box<SandboxRun>),
     Shadow(Box<ShadowRun>),
     Confirmation(Box<ConfirmationRun>),
@@ -86,15 +90,15 @@ impl Work {
 
 /// See the module's head.
 pub struct Pipeline {
-    pub(crate) context: Context,
-    pub(crate) trials: Trials,
-    pub(crate) record: Record,
-    pub(crate) dossiers: Dossiers,
-    pub(crate) approvals: Approvals,
-    pub(crate) monitors: Monitors,
-    pub(crate) world: LiveWorld,
-    pub(crate) resumptions: Vec<Resumption>,
-    pub(crate) work: Option<Work>,
+    context: Context,
+    trials: Trials,
+    record: Record,
+    dossiers: Dossiers,
+    approvals: Approvals,
+    monitors: Monitors,
+    world: LiveWorld,
+    resumptions: Vec<Resumption>,
+    work: Option<Work>,
 }
 
 impl Pipeline {
@@ -130,7 +134,7 @@ impl Pipeline {
                 pipeline.bootstrap(baseline)?;
             }
         }
-        pipeline.recover()?;
+        restart::recover(&mut pipeline.live())?;
         Ok(pipeline)
     }
 
@@ -181,7 +185,7 @@ impl Pipeline {
     }
 
     /// What stage 5 works on.
-    pub(crate) fn activation(&mut self) -> Activation<'_> {
+    fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
             arm_is_out: self.world.is_out(),
@@ -253,7 +257,7 @@ impl Pipeline {
     }
 
     /// Prompts and escalations whose time is over. Tells whether anything was done.
-    pub(crate) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+    fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
         Ok(self.activation().look_at_deadlines()? || self.live().look_at_monitors()?)
     }
 
@@ -267,7 +271,7 @@ impl Pipeline {
     }
 
     /// The first candidate, in order of family and registration, with a stage to begin.
-    pub(crate) fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+    fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
         for (_, entry) in self.record.ledger().families() {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
@@ -290,7 +294,7 @@ impl Pipeline {
         None
     }
 
-    pub(crate) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+    fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
         let Self { context, record, dossiers, .. } = self;
         match stage {
             Stage::Validation => validation::run(context, record, dossiers, id)?,
@@ -305,7 +309,7 @@ impl Pipeline {
         Ok(())
     }
 
-    pub(crate) fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {
+    fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {
         let mut sandbox = Sandbox {
             context: &self.context,
             trials: &self.trials,
@@ -332,7 +336,7 @@ impl Pipeline {
     }
 
     /// What goes along with the next sequence; `None` if no candidate is in shadow, or if it cannot go on.
-    pub(crate) fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
+    fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
         let mut run = match self.work.take() {
             Some(Work::Shadow(run)) => run,
             other => {
@@ -349,7 +353,7 @@ impl Pipeline {
     }
 
     /// Takes in what a candidate did in one sequence, if it is still in shadow.
-    pub(crate) fn shadow_worked(
+    fn shadow_worked(
         &mut self,
         id: &CapabilityId,
         trace: Option<crate::world::shadow::ShadowTrace>,
@@ -367,7 +371,7 @@ impl Pipeline {
         Ok(())
     }
 
-    pub(crate) fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+    fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let Self { context, record, dossiers, .. } = self;
         match confirmation::begin(context, record, dossiers, id)? {
             Some(run) => {
@@ -380,7 +384,7 @@ impl Pipeline {
         }
     }
 
-    pub(crate) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
+    fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
         let Self { context, trials, record, dossiers, monitors, .. } = self;
         match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
             confirmation::ConfirmationStep::GoOn(run, episodes) => {
@@ -410,7 +414,7 @@ impl Pipeline {
     }
 
     /// The running stage of a version that left it.
-    pub(crate) fn forget_work(&mut self, id: &CapabilityId) {
+    fn forget_work(&mut self, id: &CapabilityId) {
         self.approvals.close(id);
         self.work.take_if(|work| work.id() == id);
     }
@@ -434,10 +438,42 @@ impl Pipeline {
         self.world.cell.sequences()
     }
 
+    /// Stops the arm where it works now. The sequence is over soon after.
+    pub(crate) fn stop_arm(&self) {
+        self.world.stop();
+    }
+
+    /// Whether the arm is being stopped.
+    #[must_use]
+    pub(crate) fn is_stopping(&self) -> bool {
+        self.world.is_stopping()
+    }
+
+    /// How things stand.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let view = View {
+            context: &self.context,
+            seed: self.trials.seed(),
+            record: &self.record,
+            dossiers: &self.dossiers,
+            approvals: &self.approvals,
+            monitors: &self.monitors,
+            world: &self.world,
+        };
+        view.snapshot()
+    }
+
     /// Stops the arm where it works now; absent if the live world is not paced.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
         self.world.switch()
+    }
+
+    /// What is judged under, to try what happens under something else.
+    #[cfg(test)]
+    pub(crate) const fn context_mut(&mut self) -> &mut Context {
+        &mut self.context
     }
 
     /// What is written and told.
@@ -520,19 +556,6 @@ fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(),
         ledger.transition(&family, event, at_ms, note)?;
     }
     Ok(())
-}
-
-/// What is told of a version that was taken in.
-pub(crate) fn registered_event(capability: &Capability) -> EventKind {
-    let submission = &capability.submission;
-    EventKind::Registered {
-        version: capability.id(),
-        digest: capability.digest(),
-        author: submission.author.clone(),
-        provenance: submission.provenance,
-        risk: submission.estimated_risk,
-        parent: submission.parent.as_ref().map(ToString::to_string),
-    }
 }
 
 fn has_provisional(entry: &FamilyEntry) -> bool {

@@ -81,7 +81,7 @@ impl Pipeline {
     }
 
     /// One slice of a paced engine.
-    pub(crate) fn paced_slice(&mut self) -> Result<Progress, Fault> {
+    pub(super) fn paced_slice(&mut self) -> Result<Progress, Fault> {
         if self.world.is_out() {
             let landed = self.world.thread.as_mut().and_then(|thread| thread.landed(false));
             if let Some(landed) = landed {

@@ -24,7 +24,7 @@ fn go_on(id: &CapabilityId) -> Command {
 
 fn records(pipeline: &Pipeline, kind: RecordKind) -> usize {
     let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
-    pipeline.record.ledger().store().views().unwrap().audit(&filter).unwrap().len()
+    pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().len()
 }
 
 fn wait_for_a_question(pipeline: &mut Pipeline) {
@@ -38,40 +38,40 @@ fn a_question_is_answered_and_may_come_again() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    assert!(pipeline.monitors.questions().is_empty());
+    assert!(pipeline.live().monitors.questions().is_empty());
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let asked = pipeline.monitors.questions();
+    let asked = pipeline.live().monitors.questions();
     assert_eq!(asked.len(), 1);
     assert_eq!(asked[0].version, id);
     assert!(!asked[0].reasons.is_empty());
-    assert!(asked[0].deadline_ms > pipeline.record.now_ms());
+    assert!(asked[0].deadline_ms > pipeline.record().now_ms());
     pipeline.drain_events();
 
     let reply = pipeline.command(go_on(&id));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    assert!(pipeline.monitors.questions().is_empty());
+    assert!(pipeline.live().monitors.questions().is_empty());
     assert_eq!(records(pipeline, RecordKind::MonitorAnswer), 1);
     let events = pipeline.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
-    let alarm = pipeline.record.alarms.get(&format!("escalated:{id}")).unwrap();
+    let alarm = pipeline.record().alarms.get(&format!("escalated:{id}")).unwrap();
     assert!(!alarm.condition, "what was asked is answered");
-    assert_eq!(pipeline.monitors.of(&id).unwrap().told, MonitorAction::Continue);
+    assert_eq!(pipeline.live().monitors.of(&id).unwrap().told, MonitorAction::Continue);
 
     // The link is still down: people are asked anew, with the alarm, and again after a restriction.
     for _ in 0..2 {
         pipeline.live().look_at_monitors().unwrap();
-        if pipeline.monitors.questions().is_empty() {
+        if pipeline.live().monitors.questions().is_empty() {
             wait_for_a_question(pipeline);
         }
-        assert_eq!(pipeline.monitors.questions().len(), 1);
+        assert_eq!(pipeline.live().monitors.questions().len(), 1);
         let told = pipeline.drain_events();
         assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
         assert!(told.iter().any(|event| matches!(event, EventKind::Alarm { .. })), "{told:?}");
         assert!(matches!(pipeline.command(go_on(&id)), Reply::Accepted { .. }));
     }
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
@@ -79,9 +79,9 @@ fn a_late_answer_is_none() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let deadline_ms = pipeline.monitors.questions()[0].deadline_ms;
+    let deadline_ms = pipeline.live().monitors.questions()[0].deadline_ms;
     pipeline.jump_to(deadline_ms);
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
 }
@@ -95,18 +95,18 @@ fn an_alarm_is_closed_once_it_is_over() {
     let key = format!("rolled-back:{id}");
     let reset = Command::ResetAlarm { alarm: key.clone(), by: "ada".to_owned(), reason: "looked".to_owned() };
     assert!(matches!(pipeline.command(reset.clone()), Reply::Accepted { .. }));
-    let open = |pipeline: &Pipeline| pipeline.record.alarms.open().iter().any(|alarm| alarm.key == key);
+    let open = |pipeline: &Pipeline| pipeline.record().alarms.open().iter().any(|alarm| alarm.key == key);
     assert!(!open(pipeline));
     assert_eq!(records(pipeline, RecordKind::AlarmReset), 1);
     assert!(matches!(pipeline.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
 fn an_alarm_is_set_aside_for_a_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
-    pipeline.record.raise("test", "test", AlarmPriority::Low, false, "a test");
+    pipeline.live().record.raise("test", "test", AlarmPriority::Low, false, "a test");
     let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
         alarm: "test".to_owned(),
         by: "ada".to_owned(),
@@ -118,13 +118,13 @@ fn an_alarm_is_set_aside_for_a_time() {
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{bad:?}: {reply:?}");
     }
     assert!(matches!(pipeline.command(shelve(60_000, "known")), Reply::Accepted { .. }));
-    let state = |pipeline: &Pipeline| pipeline.record.alarms.get("test").unwrap().state();
+    let state = |pipeline: &Pipeline| pipeline.record().alarms.get("test").unwrap().state();
     assert_eq!(state(pipeline), AlarmState::Shelved);
     let unshelve = Command::UnshelveAlarm { alarm: "test".to_owned(), by: "ada".to_owned() };
     assert!(matches!(pipeline.command(unshelve.clone()), Reply::Accepted { .. }));
     assert_eq!(state(pipeline), AlarmState::Unacknowledged);
     assert!(matches!(pipeline.command(unshelve), Reply::Refused { code: Refusal::NotNow, .. }));
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
@@ -132,21 +132,22 @@ fn a_question_is_told_while_its_sequence_still_runs() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.record.set_clock(Clock::real(0));
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().record.set_clock(Clock::real(0));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     // A watch that was never read is silent from the start, so its first task raises the question.
     pipeline.pace_live_world(Some(1.0), std::sync::Arc::new(|_| {}));
     let until = std::time::Instant::now() + std::time::Duration::from_mins(1);
-    while pipeline.monitors.questions().is_empty() && pipeline.monitors.iter().next().is_some() {
+    while pipeline.live().monitors.questions().is_empty() && pipeline.live().monitors.iter().next().is_some()
+    {
         assert!(std::time::Instant::now() < until, "nobody asks");
         pipeline.advance();
         std::thread::yield_now();
     }
-    assert!(pipeline.monitors.has_question(&id));
-    let out = pipeline.world.is_out();
+    assert!(pipeline.live().monitors.has_question(&id));
+    let out = pipeline.live().world.is_out();
     let told = pipeline.drain_events();
     assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
     assert_eq!(pipeline.timing(&go_on(&id)), if out { Timing::Stop } else { Timing::Now });
     pipeline.end();
-    assert!(!pipeline.world.is_out());
+    assert!(!pipeline.live().world.is_out());
 }
