@@ -156,7 +156,7 @@ impl Engine {
         if let Some(reply) = self.offer(request) {
             return reply;
         }
-        self.pipeline.come_home(true);
+        self.pipeline.collect_sequence(true);
         self.carry_out_waiting();
         self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
     }
@@ -224,7 +224,7 @@ impl Engine {
             return Progress::Idle { next_ms: None };
         }
         if !self.waiting.is_empty() {
-            if self.pipeline.come_home(false) {
+            if self.pipeline.collect_sequence(false) {
                 self.carry_out_waiting();
                 return Progress::Worked;
             }

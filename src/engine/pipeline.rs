@@ -188,7 +188,7 @@ impl Pipeline {
     fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
-            arm_is_out: self.world.is_out(),
+            sequence_runs: self.world.is_running(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,
             approvals: &mut self.approvals,
@@ -200,7 +200,7 @@ impl Pipeline {
     pub fn advance(&mut self) -> Progress {
         if self.record.holding().is_some() {
             self.look_at_alarms();
-            self.come_home(false);
+            self.collect_sequence(false);
             return Progress::Idle { next_ms: None };
         }
         match self.slice() {
@@ -217,7 +217,7 @@ impl Pipeline {
     fn slice(&mut self) -> Result<Progress, Fault> {
         self.look_at_alarms();
         if self.world.is_paced() {
-            return self.paced_slice();
+            return self.concurrent_slice();
         }
         if self.look_at_deadlines()? {
             return Ok(Progress::Worked);
@@ -525,10 +525,10 @@ impl Pipeline {
         self.record.hold(why);
     }
 
-    /// The engine ends in an orderly way: arm and agent come home, open records are closed.
+    /// The engine ends in an orderly way: the sequence that runs is stopped and collected, open records are closed.
     pub(crate) fn end(&mut self) {
         self.world.stop();
-        self.come_home(true);
+        self.collect_sequence(true);
         if self.record.holding().is_none()
             && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {

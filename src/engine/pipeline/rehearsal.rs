@@ -13,7 +13,7 @@ use super::Pipeline;
 use crate::binding::terms_of;
 use crate::fault::Fault;
 use crate::trial::seeds::{Purpose, episode_seed};
-use crate::world::listener::Nobody;
+use crate::world::listener::NoListener;
 use crate::world::live::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::event::EventKind;
@@ -67,7 +67,7 @@ impl Rehearsal {
             let known = terms.iter().find(|(known, _)| *known == id);
             known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
-        world.cell.run_sequence(record.ledger(), &choose, seed, &mut Nobody, None)
+        world.cell.run_sequence(record.ledger(), &choose, seed, &mut NoListener, None)
     }
 
     /// Ground truth since the last call.

@@ -32,7 +32,7 @@ pub struct Activation<'a> {
     /// Who is watched from an activation on.
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
-    pub arm_is_out: bool,
+    pub sequence_runs: bool,
 }
 
 impl Activation<'_> {
@@ -115,7 +115,7 @@ impl Activation<'_> {
                 let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
                 Ok(format!("{id} waits for {missing} more; {last}"))
             }
-            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.arm_is_out => {
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.sequence_runs => {
                 self.approvals.grant_later(id);
                 Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
             }

@@ -21,7 +21,7 @@ use crate::ledger::Note;
 use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::world::LiveWorld;
-use crate::world::listener::Nobody;
+use crate::world::listener::NoListener;
 use crate::world::live::SequenceReport;
 use crate::world::painter::{Drawn, Painter};
 use crate::world::sequence::{self, Begun, Worked};
@@ -44,10 +44,10 @@ pub struct Live<'a> {
 }
 
 impl Live<'_> {
-    /// Lets arm, agent and monitors out for one sequence.
+    /// Gives arm, agent and monitors to one sequence.
     ///
     /// # Errors
-    /// If they are out already.
+    /// If another sequence has them.
     pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
         let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
         let terms_of = |version: &_| crate::binding::terms_of(context, dossiers, monitors, version);
@@ -66,11 +66,11 @@ impl Live<'_> {
                 let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
                 let mut drawn = Drawn { painter, shadow };
                 let worked = begun.work(&mut drawn);
-                drawn.painter.rest(worked.outing.world(), false);
+                drawn.painter.rest(worked.running.world(), false);
                 worked
             }
             (None, Some(shadow)) => begun.work(shadow),
-            (None, None) => begun.work(&mut Nobody),
+            (None, None) => begun.work(&mut NoListener),
         };
         self.end_sequence(worked)
     }
@@ -80,8 +80,8 @@ impl Live<'_> {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
-        let Worked { index, outing, report, supervisor, link_up, stopped, shadow: _ } = worked;
-        self.world.cell.take_back(outing);
+        let Worked { index, running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        self.world.cell.take_back(running);
         let (monitors, mut raised) = supervisor.stand_down();
         self.monitors.take_back(monitors);
         self.record.advance(report.duration_ms);

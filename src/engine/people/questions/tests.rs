@@ -144,10 +144,10 @@ fn a_question_is_told_while_its_sequence_still_runs() {
         std::thread::yield_now();
     }
     assert!(pipeline.live().monitors.has_question(&id));
-    let out = pipeline.live().world.is_out();
+    let running = pipeline.live().world.is_running();
     let told = pipeline.drain_events();
     assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
-    assert_eq!(pipeline.timing(&go_on(&id)), if out { Timing::Stop } else { Timing::Now });
+    assert_eq!(pipeline.timing(&go_on(&id)), if running { Timing::Stop } else { Timing::Now });
     pipeline.end();
-    assert!(!pipeline.live().world.is_out());
+    assert!(!pipeline.live().world.is_running());
 }
