@@ -210,7 +210,7 @@ fn run(
     let ended = match started {
         Ok(pump) => {
             // Both are set once, here.
-            if let Some(own) = pump.engine.switch() {
+            if let Some(own) = pump.engine().switch() {
                 drop(shared.switch.set(own));
             }
             if let Some(serve) = pump.serve() {
@@ -250,7 +250,7 @@ fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Re
         }
         picture.send_replace(Some(Arc::new(taken)));
     };
-    pump.engine.pace_live_world(config.pace, Arc::new(pictures));
+    pump.pace_live_world(config.pace, Arc::new(pictures));
     pump.open_door(Signals::Taken).map_err(|error| error.sentence())?;
     Ok(pump)
 }

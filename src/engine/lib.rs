@@ -5,11 +5,9 @@
 //! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
 mod alarms;
-mod beside;
 mod binding;
 pub mod cell;
 pub mod check;
-mod commands;
 pub mod context;
 pub mod door;
 pub mod dossier;
@@ -21,12 +19,12 @@ pub mod host;
 pub mod ledger;
 mod listeners;
 pub mod monitors;
+mod operations;
 pub mod people;
 pub mod pipeline;
 pub mod pump;
 pub mod record;
 pub mod recordings;
-mod rehearsal;
 mod restart;
 pub mod stages;
 pub mod trial;
@@ -39,11 +37,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::beside::Timing;
 use crate::cell::Cell;
 use crate::embedded::baselines;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
+use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::pacing::Switch;
@@ -158,7 +156,7 @@ impl Engine {
         if let Some(reply) = self.offer(request) {
             return reply;
         }
-        self.pipeline.come_home(true);
+        self.pipeline.collect_sequence(true);
         self.carry_out_waiting();
         self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
     }
@@ -178,7 +176,7 @@ impl Engine {
         match self.pipeline.timing(&request.command) {
             Timing::Now => return Some(self.carry_out(request)),
             Timing::Between => {}
-            Timing::Stop => self.pipeline.world.stop(),
+            Timing::Stop => self.pipeline.stop_arm(),
         }
         self.waiting.push_back(request);
         None
@@ -226,11 +224,11 @@ impl Engine {
             return Progress::Idle { next_ms: None };
         }
         if !self.waiting.is_empty() {
-            if self.pipeline.come_home(false) {
+            if self.pipeline.collect_sequence(false) {
                 self.carry_out_waiting();
                 return Progress::Worked;
             }
-            if self.pipeline.world.is_stopping() {
+            if self.pipeline.is_stopping() {
                 // The arm comes to a stand; nothing is begun meanwhile.
                 return Progress::Idle { next_ms: Some(self.now_ms()) };
             }

@@ -5,6 +5,10 @@
 //! does nothing twice: each call to [`Pipeline::advance`] is one slice, between two slices commands are taken. A
 //! fault of its own makes it hold: nothing is approved or activated by it.
 
+mod commands;
+pub(crate) mod concurrent;
+pub mod rehearsal;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -17,6 +21,7 @@ use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{ActiveCause, Change};
 use holdpoint_runtime::capability::Capability;
 
@@ -26,18 +31,21 @@ use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::{FamilyEntry, Ledger, Note};
 use crate::monitors::Monitors;
+use crate::operations::registered_event;
 use crate::people::approvals::Approvals;
 use crate::record::Record;
+use crate::restart;
 use crate::stages::activation::Activation;
 use crate::stages::confirmation::{self, ConfirmationRun};
-use crate::stages::live::Live;
-use crate::stages::resume::Resumption;
+use crate::stages::monitoring::{self, Live};
+use crate::stages::resume::{self, Resumption};
 use crate::stages::rollback::trigger;
 use crate::stages::sandbox::{self, Sandbox, SandboxRun};
 use crate::stages::shadow::{self, ShadowRun};
 use crate::stages::validation;
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
+use crate::view::snapshot::View;
 use crate::world::LiveWorld;
 use crate::world::pacing::Switch;
 use holdpoint_text::Hint;
@@ -64,7 +72,7 @@ pub enum Progress {
 }
 
 /// The stage that is being worked on.
-pub(crate) enum Work {
+enum Work {
     Sandbox(Box<SandboxRun>),
     Shadow(Box<ShadowRun>),
     Confirmation(Box<ConfirmationRun>),
@@ -82,15 +90,15 @@ impl Work {
 
 /// See the module's head.
 pub struct Pipeline {
-    pub(crate) context: Context,
-    pub(crate) trials: Trials,
-    pub(crate) record: Record,
-    pub(crate) dossiers: Dossiers,
-    pub(crate) approvals: Approvals,
-    pub(crate) monitors: Monitors,
-    pub(crate) world: LiveWorld,
-    pub(crate) resumptions: Vec<Resumption>,
-    pub(crate) work: Option<Work>,
+    context: Context,
+    trials: Trials,
+    record: Record,
+    dossiers: Dossiers,
+    approvals: Approvals,
+    monitors: Monitors,
+    world: LiveWorld,
+    resumptions: Vec<Resumption>,
+    work: Option<Work>,
 }
 
 impl Pipeline {
@@ -126,7 +134,7 @@ impl Pipeline {
                 pipeline.bootstrap(baseline)?;
             }
         }
-        pipeline.recover()?;
+        restart::recover(&mut pipeline.live())?;
         Ok(pipeline)
     }
 
@@ -177,10 +185,10 @@ impl Pipeline {
     }
 
     /// What stage 5 works on.
-    pub(crate) fn activation(&mut self) -> Activation<'_> {
+    fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
-            arm_is_out: self.world.is_out(),
+            sequence_runs: self.world.is_running(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,
             approvals: &mut self.approvals,
@@ -192,7 +200,7 @@ impl Pipeline {
     pub fn advance(&mut self) -> Progress {
         if self.record.holding().is_some() {
             self.look_at_alarms();
-            self.come_home(false);
+            self.collect_sequence(false);
             return Progress::Idle { next_ms: None };
         }
         match self.slice() {
@@ -209,7 +217,7 @@ impl Pipeline {
     fn slice(&mut self) -> Result<Progress, Fault> {
         self.look_at_alarms();
         if self.world.is_paced() {
-            return self.paced_slice();
+            return self.concurrent_slice();
         }
         if self.look_at_deadlines()? {
             return Ok(Progress::Worked);
@@ -249,7 +257,7 @@ impl Pipeline {
     }
 
     /// Prompts and escalations whose time is over. Tells whether anything was done.
-    pub(crate) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+    fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
         Ok(self.activation().look_at_deadlines()? || self.live().look_at_monitors()?)
     }
 
@@ -263,7 +271,7 @@ impl Pipeline {
     }
 
     /// The first candidate, in order of family and registration, with a stage to begin.
-    pub(crate) fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+    fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
         for (_, entry) in self.record.ledger().families() {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
@@ -286,7 +294,7 @@ impl Pipeline {
         None
     }
 
-    pub(crate) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+    fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
         let Self { context, record, dossiers, .. } = self;
         match stage {
             Stage::Validation => validation::run(context, record, dossiers, id)?,
@@ -301,7 +309,7 @@ impl Pipeline {
         Ok(())
     }
 
-    pub(crate) fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {
+    fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {
         let mut sandbox = Sandbox {
             context: &self.context,
             trials: &self.trials,
@@ -328,7 +336,7 @@ impl Pipeline {
     }
 
     /// What goes along with the next sequence; `None` if no candidate is in shadow, or if it cannot go on.
-    pub(crate) fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
+    fn shadow_to_take(&mut self) -> Result<Option<crate::world::shadow::Shadow>, Fault> {
         let mut run = match self.work.take() {
             Some(Work::Shadow(run)) => run,
             other => {
@@ -345,7 +353,7 @@ impl Pipeline {
     }
 
     /// Takes in what a candidate did in one sequence, if it is still in shadow.
-    pub(crate) fn shadow_worked(
+    fn shadow_worked(
         &mut self,
         id: &CapabilityId,
         trace: Option<crate::world::shadow::ShadowTrace>,
@@ -363,7 +371,7 @@ impl Pipeline {
         Ok(())
     }
 
-    pub(crate) fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+    fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         let Self { context, record, dossiers, .. } = self;
         match confirmation::begin(context, record, dossiers, id)? {
             Some(run) => {
@@ -376,7 +384,7 @@ impl Pipeline {
         }
     }
 
-    pub(crate) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
+    fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
         let Self { context, trials, record, dossiers, monitors, .. } = self;
         match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
             confirmation::ConfirmationStep::GoOn(run, episodes) => {
@@ -385,7 +393,9 @@ impl Pipeline {
                 Ok(())
             }
             confirmation::ConfirmationStep::Gone => Ok(()),
-            confirmation::ConfirmationStep::Settled(id) => self.live().maybe_confirm(&id),
+            confirmation::ConfirmationStep::Settled(id) => {
+                monitoring::maybe_confirm(record, dossiers, monitors, &id)
+            }
             confirmation::ConfirmationStep::DoubtRemains(id) => {
                 self.demote(&id, "the doubt it was let in with remains on fresh evidence")
             }
@@ -404,7 +414,7 @@ impl Pipeline {
     }
 
     /// The running stage of a version that left it.
-    pub(crate) fn forget_work(&mut self, id: &CapabilityId) {
+    fn forget_work(&mut self, id: &CapabilityId) {
         self.approvals.close(id);
         self.work.take_if(|work| work.id() == id);
     }
@@ -422,10 +432,48 @@ impl Pipeline {
         self.world.work_on_a_thread(times);
     }
 
+    /// Sequences that the live world has begun.
+    #[must_use]
+    pub const fn sequences(&self) -> u64 {
+        self.world.cell.sequences()
+    }
+
+    /// Stops the arm where it works now. The sequence is over soon after.
+    pub(crate) fn stop_arm(&self) {
+        self.world.stop();
+    }
+
+    /// Whether the arm is being stopped.
+    #[must_use]
+    pub(crate) fn is_stopping(&self) -> bool {
+        self.world.is_stopping()
+    }
+
+    /// How things stand.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let view = View {
+            context: &self.context,
+            seed: self.trials.seed(),
+            record: &self.record,
+            dossiers: &self.dossiers,
+            approvals: &self.approvals,
+            monitors: &self.monitors,
+            world: &self.world,
+        };
+        view.snapshot()
+    }
+
     /// Stops the arm where it works now; absent if the live world is not paced.
     #[must_use]
     pub fn switch(&self) -> Option<Arc<Switch>> {
         self.world.switch()
+    }
+
+    /// What is judged under, to try what happens under something else.
+    #[cfg(test)]
+    pub(crate) const fn context_mut(&mut self) -> &mut Context {
+        &mut self.context
     }
 
     /// What is written and told.
@@ -477,12 +525,12 @@ impl Pipeline {
         self.record.hold(why);
     }
 
-    /// The engine ends in an orderly way: arm and agent come home, open records are closed.
+    /// The engine ends in an orderly way: the sequence that runs is stopped and collected, open records are closed.
     pub(crate) fn end(&mut self) {
         self.world.stop();
-        self.come_home(true);
+        self.collect_sequence(true);
         if self.record.holding().is_none()
-            && let Err(fault) = self.live().end_resumptions()
+            && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {
             self.hold(&fault.sentence());
         }
@@ -508,19 +556,6 @@ fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(),
         ledger.transition(&family, event, at_ms, note)?;
     }
     Ok(())
-}
-
-/// What is told of a version that was taken in.
-pub(crate) fn registered_event(capability: &Capability) -> EventKind {
-    let submission = &capability.submission;
-    EventKind::Registered {
-        version: capability.id(),
-        digest: capability.digest(),
-        author: submission.author.clone(),
-        provenance: submission.provenance,
-        risk: submission.estimated_risk,
-        parent: submission.parent.as_ref().map(ToString::to_string),
-    }
 }
 
 fn has_provisional(entry: &FamilyEntry) -> bool {

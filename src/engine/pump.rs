@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use holdpoint_protocol::command::{Command, Request};
+use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::{MakeSink, Pictures, Serve};
 
@@ -15,9 +15,17 @@ use crate::door::{Door, DoorError, Signals};
 use crate::listeners::Listeners;
 use crate::pipeline::Progress;
 
+/// The steps of a turn before what happened is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum TurnStep {
+    Requests,
+    Slice,
+    Settling,
+}
+
 /// An engine with its door and its listeners.
 pub struct Pump {
-    pub engine: Engine,
+    engine: Engine,
     door: Option<Door>,
     listeners: Listeners,
 }
@@ -39,6 +47,42 @@ impl Pump {
         Ok(())
     }
 
+    /// The engine, to look at.
+    #[must_use]
+    pub const fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// As [`Engine::submit`].
+    pub fn submit(&mut self, request: Request) -> Reply {
+        self.engine.submit(request)
+    }
+
+    /// As [`Engine::offer`].
+    pub fn offer(&mut self, request: Request) -> Option<Reply> {
+        self.engine.offer(request)
+    }
+
+    /// As [`Engine::jump_to`].
+    pub const fn jump_to(&mut self, at_ms: u64) -> bool {
+        self.engine.jump_to(at_ms)
+    }
+
+    /// As [`Engine::draw_live_world`].
+    pub fn draw_live_world(&mut self, pictures: Pictures) {
+        self.engine.draw_live_world(pictures);
+    }
+
+    /// As [`Engine::pace_live_world`].
+    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
+        self.engine.pace_live_world(times, pictures);
+    }
+
+    /// As [`Engine::fail`].
+    pub(crate) fn fail(&mut self, why: &str) {
+        self.engine.fail(why);
+    }
+
     /// Takes pictures of the live world for all listeners; absent if nobody wants any.
     #[must_use]
     pub fn pictures(&self) -> Option<Pictures> {
@@ -52,7 +96,7 @@ impl Pump {
     }
 
     /// Carries out what waits at the door, and what signals ask for.
-    pub fn requests(&mut self) {
+    fn requests(&mut self) {
         let Some(door) = &mut self.door else { return };
         door.poll(&mut self.engine);
         if door.endings_asked() > 0 && !self.engine.has_ended() {
@@ -62,7 +106,7 @@ impl Pump {
 
     /// Puts on record what became of recordings. A script does so at its end and not before: its records are then in
     /// the same places whatever the listeners' threads do.
-    pub fn settle(&mut self) {
+    fn settle(&mut self) {
         if !self.engine.is_scripted() {
             self.listeners.settle(&mut self.engine);
         }
@@ -80,9 +124,18 @@ impl Pump {
 
     /// One turn: requests, a slice, what happened.
     pub fn turn(&mut self) -> (Progress, Vec<Event>) {
-        self.requests();
-        let progress = self.engine.advance();
-        self.settle();
+        self.guarded_turn(|pump, _, step| step(pump))
+    }
+
+    /// As [`Pump::turn`]; `guard` is given each step to do, and may do something about one that fails.
+    pub(crate) fn guarded_turn(
+        &mut self,
+        mut guard: impl FnMut(&mut Self, TurnStep, &mut dyn FnMut(&mut Self)),
+    ) -> (Progress, Vec<Event>) {
+        let mut progress = Progress::Worked;
+        guard(self, TurnStep::Requests, &mut Self::requests);
+        guard(self, TurnStep::Slice, &mut |pump| progress = pump.engine.advance());
+        guard(self, TurnStep::Settling, &mut Self::settle);
         (progress, self.tell())
     }
 

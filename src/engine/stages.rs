@@ -1,9 +1,12 @@
-//! The seven stages, one file each: functions over the parts they need, which return how they ended.
+//! Stages 2 to 7 and how they end: functions over the parts they need, which return how they ended.
+//!
+//! Stage 1 is a registration (`operations.rs`). Stage 6 goes on in the confirmation of a doubt, stage 7 in the first
+//! tasks under the predecessor; `ladder.rs` and `closing.rs` keep the records.
 
 pub mod activation;
 pub(crate) mod closing;
 pub mod confirmation;
-pub mod live;
+pub(crate) mod ladder;
 pub mod monitoring;
 pub mod resume;
 pub mod rollback;

@@ -94,8 +94,8 @@ impl LiveWorld {
 
     /// Whether a sequence is being worked on its thread.
     #[must_use]
-    pub fn is_out(&self) -> bool {
-        self.thread.as_ref().is_some_and(LiveThread::is_out)
+    pub fn is_running(&self) -> bool {
+        self.thread.as_ref().is_some_and(LiveThread::is_running)
     }
 
     /// Whether the arm is being stopped.

@@ -67,7 +67,7 @@ impl<'a> Driver<'a> {
 
     /// Nobody reads what is told, or the engine has ended.
     pub(super) const fn is_over(&self) -> bool {
-        self.printer.is_gone() || self.pump.engine.has_ended()
+        self.printer.is_gone() || self.pump.engine().has_ended()
     }
 
     /// Carries out a step of a scenario; `index` names it in errors.
@@ -103,7 +103,7 @@ impl<'a> Driver<'a> {
             self.learn(&event.kind);
             self.printer.event(event)?;
         }
-        match self.pump.engine.holding() {
+        match self.pump.engine().holding() {
             None => Ok(()),
             Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
         }
@@ -134,7 +134,7 @@ impl<'a> Driver<'a> {
     fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
         self.requests += 1;
         let request = Request { id: format!("script-{}", self.requests), command };
-        let reply = self.pump.engine.submit(request);
+        let reply = self.pump.submit(request);
         self.take_events()?;
         Ok(reply)
     }
@@ -165,13 +165,13 @@ impl<'a> Driver<'a> {
 
     pub(super) fn view(&self) -> Option<CandidateView> {
         let candidate = self.candidate.as_ref()?;
-        self.pump.engine.snapshot().candidates.into_iter().find(|view| view.version == *candidate)
+        self.pump.engine().snapshot().candidates.into_iter().find(|view| view.version == *candidate)
     }
 
     /// Works until what is waited for is so, or the time is over.
     fn wait(&mut self, wait: &Wait) -> Result<StepEnd, CliError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
-        let deadline_ms = self.pump.engine.now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
+        let deadline_ms = self.pump.engine().now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
         loop {
             if self.printer.is_gone() {
                 return Ok(StepEnd::TimedOut);
@@ -179,17 +179,17 @@ impl<'a> Driver<'a> {
             if self.waited_for(wait, false) {
                 return Ok(StepEnd::Done);
             }
-            if self.pump.engine.now_ms() >= deadline_ms {
+            if self.pump.engine().now_ms() >= deadline_ms {
                 return Ok(StepEnd::TimedOut);
             }
-            let progress = self.pump.engine.advance();
-            self.take_events()?;
+            let (progress, events) = self.pump.turn();
+            self.tell(&events)?;
             if let Progress::Idle { next_ms } = progress {
                 if self.waited_for(wait, true) {
                     return Ok(StepEnd::Done);
                 }
                 let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);
-                if !self.pump.engine.jump_to(next_ms) {
+                if !self.pump.jump_to(next_ms) {
                     return Ok(StepEnd::TimedOut);
                 }
             }
@@ -198,7 +198,7 @@ impl<'a> Driver<'a> {
 
     fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
         if let Some(prompt) = &wait.prompt {
-            let prompts = self.pump.engine.snapshot().prompts;
+            let prompts = self.pump.engine().snapshot().prompts;
             return prompts.iter().any(|open| prompt.is_about(&open.version));
         }
         let Some(view) = self.view() else { return false };
@@ -213,17 +213,17 @@ impl<'a> Driver<'a> {
     /// Nothing more happens to the candidate by itself.
     pub(super) fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
         let ended = view.state.is_terminal() || self.confirmed;
-        ended || (idle && self.pump.engine.snapshot().prompts.is_empty() && !view.flags.provisional)
+        ended || (idle && self.pump.engine().snapshot().prompts.is_empty() && !view.flags.provisional)
     }
 
     /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
     fn say(&mut self, say: &Say, decision: Answer) -> Result<StepEnd, CliError> {
-        let snapshot = self.pump.engine.snapshot();
+        let snapshot = self.pump.engine().snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let command = approver::answer(&self.pump.engine, &prompt, &say.who, decision, &say.reason)
+        let command = approver::answer(self.pump.engine(), &prompt, &say.who, decision, &say.reason)
             .map_err(CliError::usage)?;
         self.accept(command)
     }
@@ -285,7 +285,7 @@ impl<'a> Driver<'a> {
         };
         self.requests += 1;
         let id = format!("script-{}", self.requests);
-        self.pump.engine.submit(Request { id, command: Command::Shutdown });
+        self.pump.submit(Request { id, command: Command::Shutdown });
         self.take_events()?;
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
         let events = self.pump.finish();

@@ -95,7 +95,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     .map_err(start_error)?;
     let mut pump = Pump::new(engine, run.sinks);
     if let Some(pictures) = pump.pictures() {
-        pump.engine.draw_live_world(pictures);
+        pump.draw_live_world(pictures);
     }
     let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;
@@ -127,16 +127,16 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     let mut pump = Pump::new(engine, run.sinks);
     match (run.pace, pump.pictures()) {
         // Nobody looks at the pictures.
-        (Some(pace), None) => pump.engine.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
-        (Some(pace), Some(pictures)) => pump.engine.pace_live_world(Some(pace), pictures),
-        (None, Some(pictures)) => pump.engine.draw_live_world(pictures),
+        (Some(pace), None) => pump.pace_live_world(Some(pace), std::sync::Arc::new(|_| ())),
+        (Some(pace), Some(pictures)) => pump.pace_live_world(Some(pace), pictures),
+        (None, Some(pictures)) => pump.draw_live_world(pictures),
         (None, None) => {}
     }
     pump.open_door(Signals::Taken).map_err(CliError::usage)?;
     let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;
     let known: Vec<CapabilityId> =
-        driver.pump.engine.snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
+        driver.pump.engine().snapshot().candidates.into_iter().map(|candidate| candidate.version).collect();
     let Some(name) = embedded::names_beside(&known).next() else {
         driver
             .note("every demonstration candidate is registered; see `holdpoint candidate register <dir>`")?;

@@ -53,7 +53,7 @@ fn engine(folder: &Path) -> JoinHandle<()> {
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
         pump.open_door(Signals::Left).unwrap();
         ready.send(()).unwrap();
-        while !pump.engine.has_ended() {
+        while !pump.engine().has_ended() {
             if matches!(pump.turn().0, Progress::Idle { .. }) {
                 pump.wait(Duration::from_millis(500));
             }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::publisher::Publisher;
 use super::update::OUTSTANDING_MAX;
 use crate::pipeline::Progress;
-use crate::pump::Pump;
+use crate::pump::{Pump, TurnStep};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 
@@ -38,34 +38,23 @@ impl<'a> Serving<'a> {
         let mut next = None;
         loop {
             let lost = self.requests(next.take(), publisher);
-            if (lost || publisher.is_lost()) && !self.pump.engine.has_ended() {
-                self.guarded("an end", |serving| {
-                    serving
-                        .pump
-                        .engine
-                        .submit(Request { id: "front-end-lost".to_owned(), command: Command::Shutdown });
+            if (lost || publisher.is_lost()) && !self.pump.engine().has_ended() {
+                guarded(&mut self.pump, "an end", |pump| {
+                    pump.submit(Request { id: "front-end-lost".to_owned(), command: Command::Shutdown });
                 });
-                if !self.pump.engine.has_ended() {
+                if !self.pump.engine().has_ended() {
                     // Even the end failed: what is on disk is whole, and nothing more is begun.
                     return;
                 }
             }
-            let mut progress = Progress::Worked;
-            self.guarded("a slice", |serving| {
-                serving.trial.at_slice();
-                progress = serving.pump.engine.advance();
-            });
-            self.guarded("the scenes", |serving| {
-                serving.pump.settle();
-            });
-            self.tell(publisher);
+            let progress = self.turn(publisher);
             self.answer_waiting(publisher);
             publisher.flush();
             if progress == Progress::Worked {
                 publisher.note_change();
             }
-            self.guarded("a snapshot", |serving| publisher.publish(&serving.pump.engine));
-            if self.pump.engine.has_ended() {
+            guarded(&mut self.pump, "a snapshot", |pump| publisher.publish(pump.engine()));
+            if self.pump.engine().has_ended() {
                 self.end_scenes(publisher);
                 return;
             }
@@ -75,9 +64,23 @@ impl<'a> Serving<'a> {
         }
     }
 
-    /// Tells what happened to everybody who listens.
-    fn tell(&mut self, publisher: &mut Publisher) {
-        let events = self.pump.tell();
+    /// One turn of the pump, each step of it guarded.
+    fn turn(&mut self, publisher: &mut Publisher) -> Progress {
+        let trial = &mut self.trial;
+        let (progress, events) = self.pump.guarded_turn(|pump, step, work| {
+            guarded(pump, name(step), |pump| {
+                if step == TurnStep::Slice {
+                    trial.at_slice();
+                }
+                work(pump);
+            });
+        });
+        self.tell(events, publisher);
+        progress
+    }
+
+    /// Tells what happened to the front end.
+    fn tell(&mut self, events: Vec<Event>, publisher: &mut Publisher) {
         self.trial.note(&events);
         publisher.tell(events);
     }
@@ -85,20 +88,11 @@ impl<'a> Serving<'a> {
     /// Ends the recordings, which are on record then.
     fn end_scenes(&mut self, publisher: &mut Publisher) {
         let mut events = Vec::new();
-        self.guarded("the scenes", |serving| events = serving.pump.finish());
+        guarded(&mut self.pump, "the scenes", |pump| events = pump.finish());
         publisher.tell(events);
-        self.tell(publisher);
+        let rest = self.pump.tell();
+        self.tell(rest, publisher);
         publisher.flush();
-    }
-
-    /// Does something; a panic in it makes the engine hold, and the loop goes on.
-    fn guarded(&mut self, what: &str, work: impl FnOnce(&mut Self)) {
-        let done = catch_unwind(AssertUnwindSafe(|| work(self)));
-        if let Err(panic) = done {
-            let text = format!("the engine failed in {what}: {}", said(&*panic));
-            // Holding writes an alarm; if even that fails, the alarm is at least in the book or the fault is told.
-            drop(catch_unwind(AssertUnwindSafe(|| self.pump.engine.fail(&text))));
-        }
     }
 
     /// Carries out what was asked meanwhile. Tells whether the front end is gone.
@@ -116,8 +110,8 @@ impl<'a> Serving<'a> {
             let id = request.id.clone();
             let mut reply = None;
             let mut done = false;
-            self.guarded("a request", |serving| {
-                reply = serving.pump.engine.offer(request);
+            guarded(&mut self.pump, "a request", |pump| {
+                reply = pump.offer(request);
                 done = true;
             });
             match reply {
@@ -126,13 +120,12 @@ impl<'a> Serving<'a> {
                 None => publisher.answer(id, failed()),
             }
         }
-        self.guarded("a request", |serving| serving.pump.requests());
         false
     }
 
     fn answer_waiting(&mut self, publisher: &mut Publisher) {
         for id in std::mem::take(&mut self.waiting) {
-            match self.pump.engine.answer_of(&id) {
+            match self.pump.engine().answer_of(&id) {
                 Some(reply) => publisher.answer(id, reply),
                 None => self.waiting.push(id),
             }
@@ -144,6 +137,25 @@ impl<'a> Serving<'a> {
         let pause = if self.waiting.is_empty() { PAUSE_MAX } else { PAUSE_STOPPING };
         // The loop sees a front end that is gone by itself.
         self.asked.recv_timeout(pause).ok()
+    }
+}
+
+/// Does something; a panic in it makes the engine hold, and the loop goes on.
+fn guarded(pump: &mut Pump, what: &str, work: impl FnOnce(&mut Pump)) {
+    let done = catch_unwind(AssertUnwindSafe(|| work(pump)));
+    if let Err(panic) = done {
+        let text = format!("the engine failed in {what}: {}", said(&*panic));
+        // Holding writes an alarm; if even that fails, the alarm is at least in the book or the fault is told.
+        drop(catch_unwind(AssertUnwindSafe(|| pump.fail(&text))));
+    }
+}
+
+/// What a step of a turn is called if it fails.
+const fn name(step: TurnStep) -> &'static str {
+    match step {
+        TurnStep::Requests => "a request",
+        TurnStep::Slice => "a slice",
+        TurnStep::Settling => "the scenes",
     }
 }
 

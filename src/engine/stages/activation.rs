@@ -15,7 +15,7 @@ use holdpoint_registry::{ActiveCause, AuditBody, Change};
 use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
 use crate::binding::{binding, made_under};
 use crate::context::Context;
-use crate::dossier::Dossiers;
+use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::monitors::{Monitors, Watched};
@@ -32,7 +32,7 @@ pub struct Activation<'a> {
     /// Who is watched from an activation on.
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
-    pub arm_is_out: bool,
+    pub sequence_runs: bool,
 }
 
 impl Activation<'_> {
@@ -42,36 +42,8 @@ impl Activation<'_> {
     /// If what it comes to cannot be written.
     pub fn run(&mut self, id: &CapabilityId) -> Result<(), Fault> {
         self.record.start_stage(id, Stage::Activation, 1)?;
-        let result = self.gate(id, None)?;
+        let result = gate(self.context, self.record, self.dossiers, id, None)?;
         self.conclude(id, result, Vec::new())
-    }
-
-    fn gate(&mut self, id: &CapabilityId, approval: Option<&ApprovalResult>) -> Result<GateResult, Fault> {
-        let ledger = self.record.ledger();
-        let candidate = self.record.capability(id)?;
-        let (_, _, member) = ledger.version(id)?;
-        let current = binding(self.context, ledger, &candidate);
-        let dossier = self.dossiers.edit(id);
-        let made_under = made_under(self.context, ledger, &candidate, dossier.digest()?);
-        let Some(kappas) = &dossier.kappas else {
-            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
-        };
-        let input = GateInput {
-            kappas,
-            shadow: dossier.shadow.as_ref(),
-            bindings: &dossier.bindings,
-            current: &current,
-            improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
-            approval,
-            risk: candidate.submission.estimated_risk,
-            provenance: candidate.submission.provenance,
-            closed: &dossier.closed,
-            review_open: false,
-            now_s: self.record.now_s(),
-            row_version: member.row_version,
-            made_under,
-        };
-        Ok(gate::evaluate(&input, &self.context.table, &self.context.profile))
     }
 
     fn conclude(
@@ -92,7 +64,7 @@ impl Activation<'_> {
         match (decision.outcome(), result.passed) {
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
-                self.activate(id, &passed, body, &approvals)
+                activate(self.context, self.record, self.monitors, dossier, id, (&passed, body), &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
                 self.approvals.ask(self.context, self.record, self.dossiers, id)
@@ -143,7 +115,7 @@ impl Activation<'_> {
                 let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
                 Ok(format!("{id} waits for {missing} more; {last}"))
             }
-            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.arm_is_out => {
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.sequence_runs => {
                 self.approvals.grant_later(id);
                 Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
             }
@@ -153,7 +125,7 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, &prompt, RequestState::Granted, &reason);
                 self.record.transition(&id.family, event, note)?;
                 clear_alarm(self.record, id, prompt.last_voter());
-                let gate = self.gate(id, Some(result))?;
+                let gate = gate(self.context, self.record, self.dossiers, id, Some(result))?;
                 self.conclude(id, gate, prompt.into_approvals())?;
                 Ok(format!("{id} is approved"))
             }
@@ -179,53 +151,6 @@ impl Activation<'_> {
                 Ok(format!("{id} is held: nobody answered in time"))
             }
         }
-    }
-
-    /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
-    fn activate(
-        &mut self,
-        id: &CapabilityId,
-        passed: &GatePassed,
-        decision: String,
-        approvals: &[SignedApproval],
-    ) -> Result<(), Fault> {
-        let (version, _, _) = self.record.ledger().version(id)?;
-        let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
-        self.record.transition(&id.family, event, Note::because("the gate is passed"))?;
-        let evidence = self.dossiers.edit(id).digest()?;
-        let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
-        let replaced = self.record.active_of(&id.family).map(|active| active.id());
-        let mut before = vec![Change::PutEvidence {
-            version: id.clone(),
-            kind: EvidenceKind::Gate,
-            json: decision.clone(),
-            digest: gate_digest,
-        }];
-        for signed in approvals {
-            let nonce = signed.approval().nonce.as_str().to_owned();
-            before.push(Change::ConsumeApproval { nonce, evidence_digest: evidence });
-        }
-        let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
-        let note = Note {
-            reason: "the gate is passed".to_owned(),
-            cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
-            before,
-            after: Vec::new(),
-            audit: vec![AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body: decision }],
-        };
-        // Without a live monitor no tick runs under a provisional version: it is made first.
-        let watched = Watched::new(id, self.dossiers.of(id), self.context, self.record.now_tick())?;
-        self.record.transition(&id.family, LifecycleEvent::Activate { version }, note)?;
-        self.monitors.insert(watched);
-        let terms = passed.terms();
-        self.record.tell(EventKind::Activated {
-            version: id.clone(),
-            replaced,
-            modes: terms.modes.iter().copied().collect(),
-            conditions: terms.conditions.clone(),
-            provisional_episodes: terms.provisional_episodes,
-        });
-        Ok(())
     }
 
     /// Acts on questions whose time is over. Tells whether there was one.
@@ -256,4 +181,88 @@ impl Activation<'_> {
         self.settle(id, &result)?;
         Ok(())
     }
+}
+
+/// What the gate says of a candidate.
+fn gate(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+    approval: Option<&ApprovalResult>,
+) -> Result<GateResult, Fault> {
+    let ledger = record.ledger();
+    let candidate = record.capability(id)?;
+    let (_, _, member) = ledger.version(id)?;
+    let current = binding(context, ledger, &candidate);
+    let assessed = dossiers.of(id).and_then(|dossier| Some((dossier, dossier.kappas.as_ref()?)));
+    let Some((dossier, kappas)) = assessed else {
+        return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+    };
+    let made_under = made_under(context, ledger, &candidate, dossier.digest()?);
+    let input = GateInput {
+        kappas,
+        shadow: dossier.shadow.as_ref(),
+        bindings: &dossier.bindings,
+        current: &current,
+        improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
+        approval,
+        risk: candidate.submission.estimated_risk,
+        provenance: candidate.submission.provenance,
+        closed: &dossier.closed,
+        review_open: false,
+        now_s: record.now_s(),
+        row_version: member.row_version,
+        made_under,
+    };
+    Ok(gate::evaluate(&input, &context.table, &context.profile))
+}
+
+/// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
+fn activate(
+    context: &Context,
+    record: &mut Record,
+    monitors: &mut Monitors,
+    dossier: &Dossier,
+    id: &CapabilityId,
+    (passed, decision): (&GatePassed, String),
+    approvals: &[SignedApproval],
+) -> Result<(), Fault> {
+    let (version, _, _) = record.ledger().version(id)?;
+    let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
+    record.transition(&id.family, event, Note::because("the gate is passed"))?;
+    let evidence = dossier.digest()?;
+    let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
+    let replaced = record.active_of(&id.family).map(|active| active.id());
+    let mut before = vec![Change::PutEvidence {
+        version: id.clone(),
+        kind: EvidenceKind::Gate,
+        json: decision.clone(),
+        digest: gate_digest,
+    }];
+    for signed in approvals {
+        let nonce = signed.approval().nonce.as_str().to_owned();
+        before.push(Change::ConsumeApproval { nonce, evidence_digest: evidence });
+    }
+    let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
+    let note = Note {
+        reason: "the gate is passed".to_owned(),
+        cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
+        before,
+        after: Vec::new(),
+        audit: vec![AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body: decision }],
+    };
+    // Without a live monitor no tick runs under a provisional version: it is made first.
+    let watched = Watched::new(id, Some(dossier), context, record.now_tick())?;
+    record.transition(&id.family, LifecycleEvent::Activate { version }, note)?;
+    monitors.insert(watched);
+    let terms = passed.terms();
+    record.tell(EventKind::Activated {
+        version: id.clone(),
+        replaced,
+        modes: terms.modes.iter().copied().collect(),
+        conditions: terms.conditions.clone(),
+        provisional_episodes: terms.provisional_episodes,
+    });
+    Ok(())
 }

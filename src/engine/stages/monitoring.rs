@@ -12,21 +12,43 @@ use holdpoint_registry::Batch;
 use holdpoint_runtime::agent::dispatcher::Dispatched;
 use holdpoint_runtime::task::TaskRecord;
 
-use super::live::Live;
+use super::ladder::raise_rolled_back;
+use super::resume::{self, Resumption};
+use super::rollback::Rollback;
+use crate::context::Context;
+use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::Note;
-use crate::world::listener::Nobody;
+use crate::monitors::Monitors;
+use crate::record::Record;
+use crate::world::LiveWorld;
+use crate::world::listener::NoListener;
 use crate::world::live::SequenceReport;
 use crate::world::painter::{Drawn, Painter};
 use crate::world::sequence::{self, Begun, Worked};
 use crate::world::shadow::Shadow;
 use crate::world::supervisor::{Trip, safety_events};
 
+/// The live world under watch: neither prompts nor evaluations.
+pub struct Live<'a> {
+    /// What is judged under.
+    pub context: &'a Context,
+    /// Seed of the run.
+    pub seed: u64,
+    pub record: &'a mut Record,
+    pub dossiers: &'a mut Dossiers,
+    pub monitors: &'a mut Monitors,
+    /// Arm, agent and world.
+    pub world: &'a mut LiveWorld,
+    /// Predecessors whose first tasks are looked at.
+    pub resumptions: &'a mut Vec<Resumption>,
+}
+
 impl Live<'_> {
-    /// Lets arm, agent and monitors out for one sequence.
+    /// Gives arm, agent and monitors to one sequence.
     ///
     /// # Errors
-    /// If they are out already.
+    /// If another sequence has them.
     pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
         let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
         let terms_of = |version: &_| crate::binding::terms_of(context, dossiers, monitors, version);
@@ -45,11 +67,11 @@ impl Live<'_> {
                 let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
                 let mut drawn = Drawn { painter, shadow };
                 let worked = begun.work(&mut drawn);
-                drawn.painter.rest(worked.outing.world(), false);
+                drawn.painter.rest(worked.running.world(), false);
                 worked
             }
             (None, Some(shadow)) => begun.work(shadow),
-            (None, None) => begun.work(&mut Nobody),
+            (None, None) => begun.work(&mut NoListener),
         };
         self.end_sequence(worked)
     }
@@ -59,8 +81,8 @@ impl Live<'_> {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
-        let Worked { index, outing, report, supervisor, link_up, stopped, shadow: _ } = worked;
-        self.world.cell.take_back(outing);
+        let Worked { index, running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        self.world.cell.take_back(running);
         let (monitors, mut raised) = supervisor.stand_down();
         self.monitors.take_back(monitors);
         self.record.advance(report.duration_ms);
@@ -81,7 +103,7 @@ impl Live<'_> {
             let id = &dispatched.id;
             // Nothing of a task reaches the monitors while the link is down.
             if link_up {
-                self.keep_telemetry(id, &dispatched.record, report.duration_ms)?;
+                keep_telemetry(self.record, self.monitors, id, &dispatched.record, report.duration_ms)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;
@@ -95,34 +117,6 @@ impl Live<'_> {
             }
         }
         Ok(report)
-    }
-
-    /// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain.
-    fn keep_telemetry(
-        &mut self,
-        id: &CapabilityId,
-        record: &TaskRecord,
-        duration_ms: u64,
-    ) -> Result<(), Fault> {
-        if self.monitors.of(id).is_none() {
-            return Ok(());
-        }
-        let to_ms = self.record.now_ms();
-        let batch = Batch {
-            version: id.clone(),
-            stream: "live".to_owned(),
-            from_ms: to_ms.saturating_sub(duration_ms),
-            to_ms,
-            rows: record.path.len().max(1) as u64,
-            body: serde_json::to_vec(record)?,
-        };
-        let store = self.record.ledger().store();
-        store.append_telemetry(&batch)?;
-        let seals = store.seal_telemetry()?;
-        if !seals.is_empty() {
-            self.record.write(seals, Vec::new())?;
-        }
-        Ok(())
     }
 
     /// Feeds one live task to the monitor of its version.
@@ -202,12 +196,14 @@ impl Live<'_> {
             silent = watched.asked == Some(ReasonCode::MonitorTelemetryMissing);
         }
         match decision.action {
-            MonitorAction::Continue => self.maybe_confirm(id),
-            MonitorAction::Restrict if asks_anew => self.escalated(id, decision),
-            MonitorAction::Restrict => self.restrict(id, &decision.reasons),
-            MonitorAction::Escalate => self.escalated(id, decision),
+            MonitorAction::Continue => maybe_confirm(self.record, self.dossiers, self.monitors, id),
+            MonitorAction::Restrict if asks_anew => escalated(self.context, self.record, id, decision),
+            MonitorAction::Restrict => {
+                restrict(self.context, self.record, self.monitors, id, &decision.reasons)
+            }
+            MonitorAction::Escalate => escalated(self.context, self.record, id, decision),
             MonitorAction::Rollback => {
-                self.tell_monitor(id, decision.action, &decision.reasons)?;
+                tell_monitor(self.record, id, decision.action, &decision.reasons)?;
                 let text = decision.reasons.first().map_or_else(
                     || "monitor".to_owned(),
                     |reason| format!("{}: {}", reason.code, reason.text),
@@ -224,78 +220,6 @@ impl Live<'_> {
         }
     }
 
-    fn escalated(&mut self, id: &CapabilityId, decision: &MonitorDecision) -> Result<(), Fault> {
-        self.tell_monitor(id, decision.action, &decision.reasons)?;
-        let alarms = &self.context.profile.alarms;
-        let cause = decision.reasons.first().map(|reason| reason.code);
-        let silent = cause == Some(ReasonCode::MonitorTelemetryMissing);
-        let priority = if silent { alarms.telemetry_silent } else { alarms.escalated };
-        let text = format!("{id}: people are needed");
-        self.record.raise(AlarmKey::Escalated(id.clone()), priority, true, &text);
-        Ok(())
-    }
-
-    fn tell_monitor(
-        &mut self,
-        id: &CapabilityId,
-        action: MonitorAction,
-        reasons: &[Reason],
-    ) -> Result<(), Fault> {
-        let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
-        self.record.note(RecordKind::Monitor, id.to_string(), body)?;
-        self.record.tell(EventKind::Monitor {
-            version: id.clone(),
-            decision: action.into(),
-            reasons: reasons.to_vec(),
-        });
-        Ok(())
-    }
-
-    /// Tightens the envelope of an active version. A second demand changes nothing.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn restrict(&mut self, id: &CapabilityId, reasons: &[Reason]) -> Result<(), Fault> {
-        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
-        if watched.restricted {
-            return Ok(());
-        }
-        watched.restricted = true;
-        self.tell_monitor(id, MonitorAction::Restrict, reasons)?;
-        let (version, _, _) = self.record.ledger().version(id)?;
-        let reason =
-            reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
-        self.record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
-        let priority = self.context.profile.alarms.restricted;
-        let text = format!("{id} is restricted");
-        self.record.raise(AlarmKey::Restricted(id.clone()), priority, true, &text);
-        Ok(())
-    }
-
-    /// Confirms a version whose window passed without a trip and which is in no doubt.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn maybe_confirm(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
-        if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
-            return Ok(());
-        }
-        if self.dossiers.has_open_doubt(id) {
-            return Ok(());
-        }
-        watched.confirmed = true;
-        let episodes = watched.episodes;
-        let (version, standing, _) = self.record.ledger().version(id)?;
-        if !standing.flags.provisional {
-            return Ok(());
-        }
-        let note = Note::because("the provisional window passed without a trip");
-        self.record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
-        self.record.tell(EventKind::Confirmed { version: id.clone(), episodes });
-        self.record.close_audit(id, UpgradeEnd::Confirmed)
-    }
-
     /// Takes an active version off, and looks at the first tasks under its predecessor: at once where the live world
     /// works in step, as they come where it has a thread of its own.
     ///
@@ -308,19 +232,143 @@ impl Live<'_> {
         trip: Option<&Trip>,
         leave: Leave,
     ) -> Result<(), Fault> {
-        let Some(mut resumption) = self.roll_back(id, trigger, trip, leave)? else { return Ok(()) };
+        let mut rollback = Rollback {
+            context: self.context,
+            record: self.record,
+            dossiers: self.dossiers,
+            monitors: self.monitors,
+            world: self.world,
+        };
+        let Some(mut resumption) = rollback.run(id, trigger, trip, leave)? else { return Ok(()) };
         if self.world.is_paced() {
-            self.raise_rolled_back(resumption.record());
-            self.resumptions.push(resumption);
+            raise_rolled_back(self.context, self.record, resumption.record());
+            self.resumptions.push(resumption.alarmed());
             return Ok(());
         }
         loop {
             let report = self.sequence(None)?;
-            if self.takes_in(&mut resumption, &report) {
-                return self.close_resumption(resumption);
+            if resume::takes_in(self.context, self.record, &mut resumption, &report) {
+                return resume::close(self.context, self.record, resumption);
             }
         }
     }
+}
+
+/// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain.
+fn keep_telemetry(
+    record: &mut Record,
+    monitors: &Monitors,
+    id: &CapabilityId,
+    done: &TaskRecord,
+    duration_ms: u64,
+) -> Result<(), Fault> {
+    if monitors.of(id).is_none() {
+        return Ok(());
+    }
+    let to_ms = record.now_ms();
+    let batch = Batch {
+        version: id.clone(),
+        stream: "live".to_owned(),
+        from_ms: to_ms.saturating_sub(duration_ms),
+        to_ms,
+        rows: done.path.len().max(1) as u64,
+        body: serde_json::to_vec(done)?,
+    };
+    let store = record.ledger().store();
+    store.append_telemetry(&batch)?;
+    let seals = store.seal_telemetry()?;
+    if !seals.is_empty() {
+        record.write(seals, Vec::new())?;
+    }
+    Ok(())
+}
+
+fn escalated(
+    context: &Context,
+    record: &mut Record,
+    id: &CapabilityId,
+    decision: &MonitorDecision,
+) -> Result<(), Fault> {
+    tell_monitor(record, id, decision.action, &decision.reasons)?;
+    let alarms = &context.profile.alarms;
+    let cause = decision.reasons.first().map(|reason| reason.code);
+    let silent = cause == Some(ReasonCode::MonitorTelemetryMissing);
+    let priority = if silent { alarms.telemetry_silent } else { alarms.escalated };
+    let text = format!("{id}: people are needed");
+    record.raise(AlarmKey::Escalated(id.clone()), priority, true, &text);
+    Ok(())
+}
+
+fn tell_monitor(
+    record: &mut Record,
+    id: &CapabilityId,
+    action: MonitorAction,
+    reasons: &[Reason],
+) -> Result<(), Fault> {
+    let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
+    record.note(RecordKind::Monitor, id.to_string(), body)?;
+    record.tell(EventKind::Monitor {
+        version: id.clone(),
+        decision: action.into(),
+        reasons: reasons.to_vec(),
+    });
+    Ok(())
+}
+
+/// Tightens the envelope of an active version. A second demand changes nothing.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn restrict(
+    context: &Context,
+    record: &mut Record,
+    monitors: &mut Monitors,
+    id: &CapabilityId,
+    reasons: &[Reason],
+) -> Result<(), Fault> {
+    let Some(watched) = monitors.of_mut(id) else { return Ok(()) };
+    if watched.restricted {
+        return Ok(());
+    }
+    watched.restricted = true;
+    tell_monitor(record, id, MonitorAction::Restrict, reasons)?;
+    let (version, _, _) = record.ledger().version(id)?;
+    let reason =
+        reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+    record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
+    let priority = context.profile.alarms.restricted;
+    let text = format!("{id} is restricted");
+    record.raise(AlarmKey::Restricted(id.clone()), priority, true, &text);
+    Ok(())
+}
+
+/// Confirms a version whose window passed without a trip and which is in no doubt.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn maybe_confirm(
+    record: &mut Record,
+    dossiers: &Dossiers,
+    monitors: &mut Monitors,
+    id: &CapabilityId,
+) -> Result<(), Fault> {
+    let Some(watched) = monitors.of_mut(id) else { return Ok(()) };
+    if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
+        return Ok(());
+    }
+    if dossiers.has_open_doubt(id) {
+        return Ok(());
+    }
+    watched.confirmed = true;
+    let episodes = watched.episodes;
+    let (version, standing, _) = record.ledger().version(id)?;
+    if !standing.flags.provisional {
+        return Ok(());
+    }
+    let note = Note::because("the provisional window passed without a trip");
+    record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
+    record.tell(EventKind::Confirmed { version: id.clone(), episodes });
+    record.close_audit(id, UpgradeEnd::Confirmed)
 }
 
 fn summary(dispatched: &Dispatched) -> TaskSummary {

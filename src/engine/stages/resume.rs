@@ -9,8 +9,10 @@ use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
 use holdpoint_runtime::task::TaskRecord;
 
-use super::live::Live;
+use super::ladder::{conclude, push_rung};
+use crate::context::Context;
 use crate::fault::Fault;
+use crate::record::Record;
 use crate::world::live::SequenceReport;
 use crate::world::supervisor::safety_events;
 
@@ -27,13 +29,21 @@ pub struct Resumption {
     events: Vec<SafetyEvent>,
     sequences: u32,
     from_ms: u64,
+    /// The alarm that the version was taken off is raised already.
+    alarmed: bool,
 }
 
 impl Resumption {
     /// Nothing is in flight: the agent plans anew, and the first tasks under the predecessor are to be looked at.
     #[must_use]
     pub(crate) const fn new(predecessor: CapabilityId, record: RollbackRecord, now_ms: u64) -> Self {
-        Self { predecessor, record, events: Vec::new(), sequences: 0, from_ms: now_ms }
+        Self { predecessor, record, events: Vec::new(), sequences: 0, from_ms: now_ms, alarmed: false }
+    }
+
+    /// The same; the alarm that the version was taken off is raised already.
+    #[must_use]
+    pub(crate) fn alarmed(self) -> Self {
+        Self { alarmed: true, ..self }
     }
 
     /// The rollback it belongs to.
@@ -43,61 +53,75 @@ impl Resumption {
     }
 }
 
-impl Live<'_> {
-    /// A paced live world worked a sequence.
-    pub(crate) fn look_at_resumptions(&mut self, report: &SequenceReport) -> Result<(), Fault> {
-        for mut resumption in std::mem::take(self.resumptions) {
-            if self.takes_in(&mut resumption, report) {
-                self.close_resumption(resumption)?;
-            } else {
-                self.resumptions.push(resumption);
-            }
+/// A paced live world worked a sequence.
+pub(crate) fn look_at(
+    context: &Context,
+    record: &mut Record,
+    resumptions: &mut Vec<Resumption>,
+    report: &SequenceReport,
+) -> Result<(), Fault> {
+    for mut resumption in std::mem::take(resumptions) {
+        if takes_in(context, record, &mut resumption, report) {
+            close(context, record, resumption)?;
+        } else {
+            resumptions.push(resumption);
         }
-        Ok(())
     }
+    Ok(())
+}
 
-    /// The engine ends: what is not known by now stays unknown, and the records are closed.
-    pub(crate) fn end_resumptions(&mut self) -> Result<(), Fault> {
-        for mut resumption in std::mem::take(self.resumptions) {
-            let text = "the engine ended before it was known whether the family works again";
-            let failure = Some(RungFailure::NotRecovered);
-            self.push_rung(&mut resumption.record, RungRecord::new(Rung::Resume, failure, 0, text));
-            self.conclude(resumption.record)?;
-        }
-        Ok(())
+/// The engine ends: what is not known by now stays unknown, and the records are closed.
+pub(crate) fn end(
+    context: &Context,
+    record: &mut Record,
+    resumptions: &mut Vec<Resumption>,
+) -> Result<(), Fault> {
+    for resumption in std::mem::take(resumptions) {
+        let Resumption { record: mut rollback, alarmed, .. } = resumption;
+        let text = "the engine ended before it was known whether the family works again";
+        let failure = Some(RungFailure::NotRecovered);
+        push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, 0, text));
+        conclude(context, record, rollback, alarmed)?;
     }
+    Ok(())
+}
 
-    /// Takes a sequence in. Tells whether it is known now.
-    pub(crate) fn takes_in(&self, resumption: &mut Resumption, report: &SequenceReport) -> bool {
-        let Resumption { predecessor, record, events, sequences, .. } = resumption;
-        *sequences += 1;
-        for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
-            record.resumed_tasks += 1;
-            events.extend(safety_events(&done.record));
-            events.extend(moved_on(&done.record, self.context.profile.runtime.unsafe_continuation_max_ms));
-        }
-        let replaced = self.record.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);
-        record.resumed_tasks >= RESUME_TASKS
-            || !events.is_empty()
-            || replaced
-            || *sequences >= RESUME_SEQUENCES_MAX
+/// Takes a sequence in. Tells whether it is known now.
+pub(crate) fn takes_in(
+    context: &Context,
+    record: &Record,
+    resumption: &mut Resumption,
+    report: &SequenceReport,
+) -> bool {
+    let Resumption { predecessor, record: rollback, events, sequences, .. } = resumption;
+    *sequences += 1;
+    for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
+        rollback.resumed_tasks += 1;
+        events.extend(safety_events(&done.record));
+        events.extend(moved_on(&done.record, context.profile.runtime.unsafe_continuation_max_ms));
     }
+    let replaced = record.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);
+    rollback.resumed_tasks >= RESUME_TASKS
+        || !events.is_empty()
+        || replaced
+        || *sequences >= RESUME_SEQUENCES_MAX
+}
 
-    pub(crate) fn close_resumption(&mut self, resumption: Resumption) -> Result<(), Fault> {
-        let Resumption { mut record, events, from_ms, .. } = resumption;
-        let recovered = record.resumed_tasks > 0 && events.is_empty();
-        record.recovered = Some(recovered);
-        let text = match (events.first(), record.resumed_tasks) {
-            (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
-            (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
-            (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
-        };
-        let rate = u64::from(holdpoint_body::RATE_HZ);
-        let ticks = (self.record.now_ms() - from_ms) * rate / 1000;
-        let failure = (!recovered).then_some(RungFailure::NotRecovered);
-        self.push_rung(&mut record, RungRecord::new(Rung::Resume, failure, ticks, text));
-        self.conclude(record)
-    }
+/// Closes the record: it is known now whether the family works again.
+pub(crate) fn close(context: &Context, record: &mut Record, resumption: Resumption) -> Result<(), Fault> {
+    let Resumption { record: mut rollback, events, from_ms, alarmed, .. } = resumption;
+    let recovered = rollback.resumed_tasks > 0 && events.is_empty();
+    rollback.recovered = Some(recovered);
+    let text = match (events.first(), rollback.resumed_tasks) {
+        (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
+        (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
+        (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
+    };
+    let rate = u64::from(holdpoint_body::RATE_HZ);
+    let ticks = (record.now_ms() - from_ms) * rate / 1000;
+    let failure = (!recovered).then_some(RungFailure::NotRecovered);
+    push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, ticks, text));
+    conclude(context, record, rollback, alarmed)
 }
 
 /// Motion after a stop, as the monitor counts it.

@@ -5,24 +5,27 @@
 //! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use holdpoint_governance::alarms::AlarmKey;
-use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
-use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{ActiveCause, Change};
+use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
 
-use super::live::Live;
+use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
+use crate::binding::terms_of;
+use crate::context::Context;
+use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::{LedgerError, Note};
+use crate::monitors::Monitors;
 use crate::record::Record;
+use crate::world::LiveWorld;
 use crate::world::descent::Descent;
 use crate::world::painter::Sketch;
 use crate::world::portrait;
@@ -33,12 +36,23 @@ pub(crate) fn trigger(record: &Record, kind: TriggerKind, text: impl Into<String
     Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
 }
 
-impl Live<'_> {
+/// What takes a version off: it moves the arm and the binding, and ends the watch.
+pub struct Rollback<'a> {
+    /// What is judged under.
+    pub context: &'a Context,
+    pub record: &'a mut Record,
+    pub dossiers: &'a Dossiers,
+    pub monitors: &'a mut Monitors,
+    /// Arm, agent and world.
+    pub world: &'a mut LiveWorld,
+}
+
+impl Rollback<'_> {
     /// Takes an active version off: first its command authority, then the arm to a safe pose, then
     /// the binding, then the record. `trip` is the task that was stopped for it, where one was. What comes back is
     /// to be looked at: the first tasks under the predecessor; nothing if there was nothing to do, or the family
     /// is safe-stopped.
-    pub(crate) fn roll_back(
+    pub(crate) fn run(
         &mut self,
         id: &CapabilityId,
         trigger: Trigger,
@@ -69,7 +83,7 @@ impl Live<'_> {
             recovered: None,
             resumed_tasks: 0,
         };
-        self.rung(&mut record, Rung::RevokeAuthority, None, "the version gives no command any more");
+        rung(self.record, &mut record, Rung::RevokeAuthority, None, "the version gives no command any more");
         let descent = self.come_to_rest(id, trip, &mut record)?;
         self.monitors.remove(&id.family);
         if !descent.held() {
@@ -79,7 +93,13 @@ impl Live<'_> {
             return self.safe_stop(id, version, record).map(|()| None);
         };
         let failure = self.policy_failure();
-        self.rung(&mut record, Rung::VerifyPolicy, failure, "policy table and context against the profile");
+        rung(
+            self.record,
+            &mut record,
+            Rung::VerifyPolicy,
+            failure,
+            "policy table and context against the profile",
+        );
         if failure.is_some() {
             return self.safe_stop(id, version, record).map(|()| None);
         }
@@ -87,7 +107,7 @@ impl Live<'_> {
         let restored_ticks = descent.ticks + ready.ticks;
         self.record.advance(ready.ms);
         let is_ready = ready.goes_on();
-        self.push_rung(&mut record, ready);
+        push_rung(self.record, &mut record, ready);
         if !is_ready {
             return self.safe_stop(id, version, record).map(|()| None);
         }
@@ -101,10 +121,12 @@ impl Live<'_> {
             ..Note::because(record.trigger.text.clone())
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
-            Ok(_) => self.rung(&mut record, Rung::SwapBinding, None, "the predecessor is bound again"),
+            Ok(_) => {
+                rung(self.record, &mut record, Rung::SwapBinding, None, "the predecessor is bound again");
+            }
             Err(Fault::Ledger(LedgerError::Store(error))) => {
                 let text = format!("the swap could not be written: {}", error.sentence());
-                self.rung(&mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
+                rung(self.record, &mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
                 return self.safe_stop(id, version, record).map(|()| None);
             }
             Err(fault) => return Err(fault),
@@ -120,7 +142,7 @@ impl Live<'_> {
         record: &mut RollbackRecord,
     ) -> Result<Descent, Fault> {
         let leaving = self.record.capability(id)?;
-        let terms = self.terms_of(&leaving);
+        let terms = self.terms(&leaving);
         let sketch = self.sketch(&leaving, &terms);
         let descended = match self.world.cell.rig_mut() {
             Some(rig) => {
@@ -140,7 +162,7 @@ impl Live<'_> {
         record.time_to_safe_ms = descent.safe_ticks.map(ticks_to_ms);
         record.unsafe_continuation_ms = ticks_to_ms(descent.motion_ticks);
         for rung in &descent.rungs {
-            self.push_rung(record, rung.clone());
+            push_rung(self.record, record, rung.clone());
         }
         Ok(descent)
     }
@@ -178,11 +200,11 @@ impl Live<'_> {
         match loaded {
             Ok(predecessor) => {
                 let text = format!("{} is in the store and true to its digest", predecessor.id());
-                self.rung(record, Rung::LoadPredecessor, None, &text);
+                rung(self.record, record, Rung::LoadPredecessor, None, &text);
                 Some(predecessor)
             }
             Err((failure, text)) => {
-                self.rung(record, Rung::LoadPredecessor, Some(failure), &text);
+                rung(self.record, record, Rung::LoadPredecessor, Some(failure), &text);
                 None
             }
         }
@@ -200,7 +222,7 @@ impl Live<'_> {
     }
 
     fn ready(&mut self, predecessor: &Capability) -> RungRecord {
-        let terms = self.terms_of(predecessor);
+        let terms = self.terms(predecessor);
         let sketch = self.sketch(predecessor, &terms);
         let ready = match self.world.cell.rig_mut() {
             Some(rig) => {
@@ -216,36 +238,17 @@ impl Live<'_> {
         })
     }
 
+    /// What a version runs under now.
+    fn terms(&self, version: &Capability) -> SkillTerms {
+        terms_of(self.context, self.dossiers, self.monitors, version)
+    }
+
     /// Draws the ladder, where pictures are wanted.
     fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<Sketch> {
         let pictures = self.world.pictures.clone()?;
         let envelope = portrait::envelope(terms.envelope());
         let sequence = self.world.cell.sequences().saturating_sub(1);
         Some(Sketch::new(pictures, self.record.clock().clone(), sequence, of.id(), envelope))
-    }
-
-    /// The terminal record: what came of it is known now.
-    pub(crate) fn conclude(&mut self, record: RollbackRecord) -> Result<(), Fault> {
-        let id = record.candidate.clone();
-        self.record.write(vec![evidence(&record)?], Vec::new())?;
-        if record.recovered == Some(false) {
-            let priority = self.context.profile.alarms.safe_stopped;
-            let text = format!("{} is back to its predecessor and does not work safely", id.family);
-            self.record.raise(AlarmKey::NotRecovered(id.family.clone()), priority, true, &text);
-        }
-        if !self.world.is_paced() {
-            self.raise_rolled_back(&record);
-        }
-        let end = record.post_status.into();
-        self.record.tell(told(record));
-        self.record.close_audit(&id, end)
-    }
-
-    pub(crate) fn raise_rolled_back(&mut self, record: &RollbackRecord) {
-        let id = &record.candidate;
-        let priority = self.context.profile.alarms.rolled_back;
-        let text = format!("{id} was taken off: {}", record.trigger.text);
-        self.record.raise(AlarmKey::RolledBack(id.clone()), priority, true, &text);
     }
 
     /// A rung failed or there is nothing to go back to.
@@ -273,42 +276,8 @@ impl Live<'_> {
         let priority = self.context.profile.alarms.safe_stopped;
         let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
         self.record.raise(AlarmKey::SafeStopped(id.family.clone()), priority, true, &text);
-        self.record.tell(told(record));
+        self.record.tell(event(record));
         self.record.close_audit(id, PostStatus::SafeStopped.into())
-    }
-
-    fn rung(&mut self, record: &mut RollbackRecord, rung: Rung, failure: Option<RungFailure>, text: &str) {
-        self.push_rung(record, RungRecord::new(rung, failure, 0, text));
-    }
-
-    pub(crate) fn push_rung(&mut self, record: &mut RollbackRecord, rung: RungRecord) {
-        self.record.tell(EventKind::Rung {
-            version: record.candidate.clone(),
-            rung: rung.rung,
-            ok: rung.failure.is_none(),
-            failure: rung.failure,
-            ms: rung.ms,
-            text: rung.text.clone(),
-        });
-        record.rungs.push(rung);
-    }
-}
-
-fn evidence(record: &RollbackRecord) -> Result<Change, Fault> {
-    let json = serde_json::to_string(record)?;
-    let digest = Digest::of_json("holdpoint.rollback.v2", record)?;
-    Ok(Change::PutEvidence { version: record.candidate.clone(), kind: EvidenceKind::Rollback, json, digest })
-}
-
-fn told(record: RollbackRecord) -> EventKind {
-    EventKind::RolledBack {
-        version: record.candidate.clone(),
-        restored: record.predecessor.clone(),
-        trigger: record.trigger.text.clone(),
-        time_to_safe_ms: record.time_to_safe_ms,
-        time_to_rollback_ms: record.time_to_restored_ms,
-        recovered: record.recovered == Some(true),
-        record: Box::new(record),
     }
 }
 

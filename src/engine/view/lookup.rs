@@ -3,11 +3,12 @@
 //! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
 
 use super::evidence::{behavior, drills, modes};
-use crate::dossier::Dossier;
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
 use crate::explain;
 use crate::explain::difference::differences;
 use crate::fault::Fault;
-use crate::pipeline::Pipeline;
+use crate::record::Record;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
@@ -31,138 +32,147 @@ const TRAIL_MAX: usize = 500;
 /// The longest text that is looked for, bytes.
 const TEXT_BYTES_MAX: usize = 256;
 
-impl Pipeline {
-    /// A page of the registry.
-    pub(crate) fn registry_page(
-        &self,
-        group: VersionGroup,
-        text: &str,
-        offset: u64,
-        limit: u64,
-    ) -> Result<Reply, Fault> {
-        if let Some(refused) = too_long("text", text) {
-            return Ok(refused);
-        }
-        let filter = VersionFilter {
-            group,
-            text: (!text.is_empty()).then(|| text.to_owned()),
-            offset: usize::try_from(offset).unwrap_or(usize::MAX),
-            limit: rows(limit),
-            ..VersionFilter::default()
-        };
-        let (found, total) = self.record.ledger().store().views()?.versions(&filter)?;
-        let thresholds = self.context.thresholds();
-        let page = RegistryPage { rows: found, total: total as u64, thresholds };
-        Ok(Reply::Registry { page })
+/// A page of the registry.
+pub(crate) fn registry_page(
+    context: &Context,
+    record: &Record,
+    group: VersionGroup,
+    text: &str,
+    offset: u64,
+    limit: u64,
+) -> Result<Reply, Fault> {
+    if let Some(refused) = too_long("text", text) {
+        return Ok(refused);
     }
+    let filter = VersionFilter {
+        group,
+        text: (!text.is_empty()).then(|| text.to_owned()),
+        offset: usize::try_from(offset).unwrap_or(usize::MAX),
+        limit: rows(limit),
+        ..VersionFilter::default()
+    };
+    let (found, total) = record.ledger().store().views()?.versions(&filter)?;
+    let thresholds = context.thresholds();
+    let page = RegistryPage { rows: found, total: total as u64, thresholds };
+    Ok(Reply::Registry { page })
+}
 
-    /// A page of the audit log, the newest first.
-    pub(crate) fn audit_page(&self, before: Option<u64>, subject: &str, limit: u64) -> Result<Reply, Fault> {
-        if let Some(refused) = too_long("subject", subject) {
-            return Ok(refused);
-        }
-        let views = self.record.ledger().store().views()?;
-        let filter = AuditFilter {
-            before_seq: before,
-            subject: (!subject.is_empty()).then(|| subject.to_owned()),
-            limit: rows(limit),
-            newest_first: true,
-            ..AuditFilter::default()
-        };
-        let rows = bounded(views.audit(&filter)?);
-        let head = views.head()?.seq;
-        Ok(Reply::Audit { page: AuditPage { rows, head } })
+/// A page of the audit log, the newest first.
+pub(crate) fn audit_page(
+    record: &Record,
+    before: Option<u64>,
+    subject: &str,
+    limit: u64,
+) -> Result<Reply, Fault> {
+    if let Some(refused) = too_long("subject", subject) {
+        return Ok(refused);
     }
+    let views = record.ledger().store().views()?;
+    let filter = AuditFilter {
+        before_seq: before,
+        subject: (!subject.is_empty()).then(|| subject.to_owned()),
+        limit: rows(limit),
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let rows = bounded(views.audit(&filter)?);
+    let head = views.head()?.seq;
+    Ok(Reply::Audit { page: AuditPage { rows, head } })
+}
 
-    /// Checks the whole chain, the registry against it, and what is sealed into it.
-    pub(crate) fn verify_audit(&self) -> Result<Reply, Fault> {
-        let layout = self.record.ledger().store().layout();
-        let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-        let head = self.record.ledger().store().views()?.head()?.seq;
-        let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
-            Ok(report) => Verified {
-                holds: true,
-                records: report.records,
-                text: format!(
-                    "every record follows from the one before; {} checkpoints{}, {} approvals and {} batches match",
-                    report.checkpoints,
-                    if report.key_given { "" } else { " (signatures not checked: no public key)" },
-                    report.approvals,
-                    report.batches
-                ),
-            },
-            Err(error) => Verified { holds: false, records: head, text: error.sentence() },
-        };
-        Ok(Reply::Verified { verified })
-    }
+/// Checks the whole chain, the registry against it, and what is sealed into it.
+pub(crate) fn verify_audit(record: &Record) -> Result<Reply, Fault> {
+    let layout = record.ledger().store().layout();
+    let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
+    let head = record.ledger().store().views()?.head()?.seq;
+    let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
+        Ok(report) => Verified {
+            holds: true,
+            records: report.records,
+            text: format!(
+                "every record follows from the one before; {} checkpoints{}, {} approvals and {} batches match",
+                report.checkpoints,
+                if report.key_given { "" } else { " (signatures not checked: no public key)" },
+                report.approvals,
+                report.batches
+            ),
+        },
+        Err(error) => Verified { holds: false, records: head, text: error.sentence() },
+    };
+    Ok(Reply::Verified { verified })
+}
 
-    /// Everything about one version.
-    pub(crate) fn detail(&self, id: &CapabilityId) -> Result<Reply, Fault> {
-        let views = self.record.ledger().store().views()?;
-        let Some(stored) = views.version(id)? else {
-            return Ok(Reply::Refused {
-                code: Refusal::NotFound,
-                text: format!("there is no version {id} in the registry"),
-                hint: Some("see `holdpoint registry list`".to_owned()),
-            });
-        };
-        let dossier = self.dossiers.of(id).cloned().or_else(|| newest_dossier(&stored.evidence));
-        let dossier = dossier.unwrap_or_default();
-        let (_, _, member) = self.record.ledger().version(id)?;
-        let capability = &member.capability;
-        let against = self.against(id);
-        let explained = explain::explain(&views, id)?;
-        let filter = AuditFilter {
-            subject: Some(id.to_string()),
-            limit: TRAIL_MAX,
-            newest_first: true,
-            ..AuditFilter::default()
-        };
-        let mut audit = bounded(views.audit(&filter)?);
-        audit.iter_mut().for_each(shorten);
-        let assessed = dossier.kappas.is_some();
-        let detail = Detail {
-            version: id.clone(),
-            against: against.as_ref().map(Capability::id),
-            parent: stored.parent.clone(),
-            digest: stored.candidate_digest,
-            summary: capability.submission.summary.clone(),
-            author: stored.summary.author.clone(),
-            provenance: stored.summary.provenance,
-            risk: stored.summary.risk,
-            registered_ms: stored.registered_ms,
-            dimensions: dossier.dimensions(&self.context.profile),
-            composite: dossier.composite(&self.context.profile),
-            reasons: reasons(&dossier),
-            conditions: dossier.conditions.clone(),
-            differences: against.map_or_else(Vec::new, |active| differing(&active, capability)),
-            behavior: behavior(&dossier),
-            modes: modes(&dossier),
-            drills: drills(&dossier),
-            decisions: explained.map_or_else(Vec::new, |all| all.decisions),
-            audit,
-            evidence: if assessed { Some(dossier.digest()?) } else { None },
-            untested: if assessed { crate::people::approvals::untested(&dossier) } else { Vec::new() },
-        };
-        Ok(Reply::Detail { detail: Box::new(detail) })
-    }
+/// Everything about one version.
+pub(crate) fn detail(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+) -> Result<Reply, Fault> {
+    let views = record.ledger().store().views()?;
+    let Some(stored) = views.version(id)? else {
+        return Ok(Reply::Refused {
+            code: Refusal::NotFound,
+            text: format!("there is no version {id} in the registry"),
+            hint: Some("see `holdpoint registry list`".to_owned()),
+        });
+    };
+    let dossier = dossiers.of(id).cloned().or_else(|| newest_dossier(&stored.evidence));
+    let dossier = dossier.unwrap_or_default();
+    let (_, _, member) = record.ledger().version(id)?;
+    let capability = &member.capability;
+    let against = against(record, id);
+    let explained = explain::explain(&views, id)?;
+    let filter = AuditFilter {
+        subject: Some(id.to_string()),
+        limit: TRAIL_MAX,
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let mut audit = bounded(views.audit(&filter)?);
+    audit.iter_mut().for_each(shorten);
+    let assessed = dossier.kappas.is_some();
+    let detail = Detail {
+        version: id.clone(),
+        against: against.as_ref().map(Capability::id),
+        parent: stored.parent.clone(),
+        digest: stored.candidate_digest,
+        summary: capability.submission.summary.clone(),
+        author: stored.summary.author.clone(),
+        provenance: stored.summary.provenance,
+        risk: stored.summary.risk,
+        registered_ms: stored.registered_ms,
+        dimensions: dossier.dimensions(&context.profile),
+        composite: dossier.composite(&context.profile),
+        reasons: reasons(&dossier),
+        conditions: dossier.conditions.clone(),
+        differences: against.map_or_else(Vec::new, |active| differing(&active, capability)),
+        behavior: behavior(&dossier),
+        modes: modes(&dossier),
+        drills: drills(&dossier),
+        decisions: explained.map_or_else(Vec::new, |all| all.decisions),
+        audit,
+        evidence: if assessed { Some(dossier.digest()?) } else { None },
+        untested: if assessed { crate::people::approvals::untested(&dossier) } else { Vec::new() },
+    };
+    Ok(Reply::Detail { detail: Box::new(detail) })
+}
 
-    /// What a version would replace, or has replaced.
-    fn against(&self, id: &CapabilityId) -> Option<Capability> {
-        let entry = self.record.ledger().family(&id.family).ok()?;
-        let (_, standing, _) = entry.find(id)?;
-        let other = match standing.state {
-            State::Active | State::Superseded | State::RolledBack => standing.predecessor,
-            State::Registered
-            | State::Validated
-            | State::Sandboxed
-            | State::Shadowed
-            | State::Demoted
-            | State::Rejected => entry.state.active(),
-        };
-        let member = entry.members.get(usize::from(other?.0))?;
-        Some(member.capability.clone()).filter(|other| other.id() != *id)
-    }
+/// What a version would replace, or has replaced.
+fn against(record: &Record, id: &CapabilityId) -> Option<Capability> {
+    let entry = record.ledger().family(&id.family).ok()?;
+    let (_, standing, _) = entry.find(id)?;
+    let other = match standing.state {
+        State::Active | State::Superseded | State::RolledBack => standing.predecessor,
+        State::Registered
+        | State::Validated
+        | State::Sandboxed
+        | State::Shadowed
+        | State::Demoted
+        | State::Rejected => entry.state.active(),
+    };
+    let member = entry.members.get(usize::from(other?.0))?;
+    Some(member.capability.clone()).filter(|other| other.id() != *id)
 }
 
 /// Rows of a page: at least one, at most [`PAGE_MAX`].

@@ -1,16 +1,31 @@
 //! The snapshot: how things stand.
 
 use super::evidence::{pairs, shadow};
-use crate::dossier::Dossier;
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
 use crate::ledger::FamilyEntry;
-use crate::pipeline::Pipeline;
-use crate::world;
+use crate::monitors::Monitors;
+use crate::people::approvals::Approvals;
+use crate::record::Record;
+use crate::world::{self, LiveWorld};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
 
-impl Pipeline {
-    #[must_use]
-    pub fn snapshot(&self) -> Snapshot {
+/// What a snapshot is taken of.
+pub(crate) struct View<'a> {
+    pub(crate) context: &'a Context,
+    /// Seed of the run.
+    pub(crate) seed: u64,
+    pub(crate) record: &'a Record,
+    pub(crate) dossiers: &'a Dossiers,
+    pub(crate) approvals: &'a Approvals,
+    pub(crate) monitors: &'a Monitors,
+    pub(crate) world: &'a LiveWorld,
+}
+
+impl View<'_> {
+    /// How things stand.
+    pub(crate) fn snapshot(&self) -> Snapshot {
         let mut candidates = Vec::new();
         let mut families = Vec::new();
         for (family, entry) in self.record.ledger().families() {
@@ -48,13 +63,13 @@ impl Pipeline {
             at_ms: self.record.now_ms(),
             profile: self.context.profile.name,
             robot: self.context.cell.model.name.clone(),
-            seed: self.trials.seed(),
+            seed: self.seed,
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
             holding: self.record.holding().map(ToOwned::to_owned),
             families,
             candidates,
-            prompts: self.approvals.views(&self.context, &self.record, &self.dossiers),
+            prompts: self.approvals.views(self.context, self.record, self.dossiers),
             alarms: self.alarm_views(),
             live: self.live_view(),
             questions: self.monitors.questions(),

@@ -12,9 +12,10 @@ pub trait Listener {
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
 }
 
-pub struct Nobody;
+/// The listener where nobody looks on.
+pub struct NoListener;
 
-impl Listener for Nobody {
+impl Listener for NoListener {
     fn before_task(&mut self, _: &World, _: TaskKind, _: u64) {}
     fn tick(&mut self, _: &World, _: TaskKind, _: &Tick<'_>) -> Supervision {
         Supervision::Continue

@@ -67,8 +67,8 @@ impl SequenceReport {
     }
 }
 
-/// The arm with its body and the agent: what works a sequence. There is one, and it is either at home in its
-/// [`LiveCell`] or out on an [`Outing`].
+/// The arm with its body and the agent: what works a sequence. There is one, held by its [`LiveCell`]
+/// or by the [`RunningSequence`] that is worked.
 pub(crate) struct Rig {
     arm: Arm<InstrumentedWorld>,
     agent: Agent,
@@ -99,7 +99,7 @@ pub struct LiveCell {
 }
 
 /// A sequence about to be worked, with all it takes; it may be worked on another thread.
-pub(crate) struct Outing {
+pub(crate) struct RunningSequence {
     rig: Box<Rig>,
     scene: Arc<Scene>,
     distribution: Arc<Distribution>,
@@ -160,7 +160,7 @@ impl LiveCell {
         self.sequences = sequence;
     }
 
-    /// Sets in a drift, or ends it, from the next sequence on.
+    /// Lets a drift set in, or ends it, from the next sequence on.
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
@@ -191,17 +191,17 @@ impl LiveCell {
         self.sequences
     }
 
-    /// Arm and agent; absent while they are out.
+    /// Arm and agent; absent while a sequence has them.
     pub(crate) fn rig_mut(&mut self) -> Option<&mut Rig> {
         self.rig.as_deref_mut()
     }
 
-    /// Lets arm and agent out for one sequence; `None` if they are out already.
-    pub(crate) fn let_out(&mut self) -> Option<Outing> {
+    /// Gives arm and agent to one sequence; `None` if another has them.
+    pub(crate) fn start_sequence(&mut self) -> Option<RunningSequence> {
         let rig = self.rig.take()?;
         let sequence = self.sequences;
         self.sequences += 1;
-        Some(Outing {
+        Some(RunningSequence {
             rig,
             scene: Arc::clone(&self.cell.scene),
             distribution: Arc::clone(&self.distribution),
@@ -211,8 +211,8 @@ impl LiveCell {
     }
 
     /// Takes arm and agent back.
-    pub(crate) fn take_back(&mut self, outing: Outing) {
-        self.rig = Some(outing.rig);
+    pub(crate) fn take_back(&mut self, running: RunningSequence) {
+        self.rig = Some(running.rig);
     }
 
     /// Works one pick-align-place sequence, under the monitors if a supervisor stands for them.
@@ -224,16 +224,16 @@ impl LiveCell {
         listener: &mut dyn Listener,
         supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
-        let Some(mut outing) = self.let_out() else {
+        let Some(mut running) = self.start_sequence() else {
             return SequenceReport { failed: true, ..SequenceReport::empty(seed) };
         };
-        let report = outing.run(view, terms, seed, listener, supervisor);
-        self.take_back(outing);
+        let report = running.run(view, terms, seed, listener, supervisor);
+        self.take_back(running);
         report
     }
 }
 
-impl Outing {
+impl RunningSequence {
     pub(crate) fn run<V: ActiveView>(
         &mut self,
         view: &V,

@@ -68,14 +68,14 @@ impl SharedPace {
 }
 
 /// Waits until it is time for a tick.
-struct Pacer {
+struct Throttle {
     pace: Arc<SharedPace>,
     times: Option<f64>,
     from: Instant,
     from_tick: u64,
 }
 
-impl Pacer {
+impl Throttle {
     fn new(pace: Arc<SharedPace>) -> Self {
         Self { times: pace.get(), pace, from: Instant::now(), from_tick: 0 }
     }
@@ -110,7 +110,7 @@ pub(crate) struct Escort {
     shadow: Option<Shadow>,
     switch: Arc<Switch>,
     clock: Clock,
-    pacer: Pacer,
+    throttle: Throttle,
     started: u64,
     stopped: Option<Stopped>,
 }
@@ -123,7 +123,16 @@ impl Escort {
         (switch, pace): (Arc<Switch>, Arc<SharedPace>),
         clock: Clock,
     ) -> Self {
-        Self { painter, number, shadow, switch, clock, pacer: Pacer::new(pace), started: 0, stopped: None }
+        Self {
+            painter,
+            number,
+            shadow,
+            switch,
+            clock,
+            throttle: Throttle::new(pace),
+            started: 0,
+            stopped: None,
+        }
     }
 
     /// After the sequence: the arm at rest, how it was stopped, and what shadow came to.
@@ -154,7 +163,7 @@ impl Listener for Escort {
         self.started = world.tick();
         self.painter.before_task(world, task, seed, self.shadow.as_mut());
         if self.shadow.is_some() {
-            self.pacer.rebase(world.tick());
+            self.throttle.rebase(world.tick());
         }
     }
 
@@ -173,7 +182,7 @@ impl Listener for Escort {
         if self.stopped.is_some() {
             return Supervision::Abort;
         }
-        self.pacer.wait(world.tick());
+        self.throttle.wait(world.tick());
         asked
     }
 }
@@ -202,14 +211,14 @@ mod tests {
     fn ticks_keep_to_the_clock() {
         let pace = Arc::new(SharedPace::default());
         pace.set(Some(10.0));
-        let mut pacer = Pacer::new(Arc::clone(&pace));
+        let mut throttle = Throttle::new(Arc::clone(&pace));
         let begun = Instant::now();
         // 240 ticks are a simulated second, a tenth of a real one at this pace.
-        (1..=u64::from(RATE_HZ)).for_each(|tick| pacer.wait(tick));
+        (1..=u64::from(RATE_HZ)).for_each(|tick| throttle.wait(tick));
         assert!(begun.elapsed() >= Duration::from_millis(90), "{:?}", begun.elapsed());
         pace.set(None);
         let begun = Instant::now();
-        (1..=100 * u64::from(RATE_HZ)).for_each(|tick| pacer.wait(tick));
+        (1..=100 * u64::from(RATE_HZ)).for_each(|tick| throttle.wait(tick));
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     }
 }

@@ -10,7 +10,7 @@ use holdpoint_body::TaskKind;
 use holdpoint_sim::world::World;
 
 use super::listener::Listener;
-use super::live::{LiveCell, Outing, SequenceReport};
+use super::live::{LiveCell, RunningSequence, SequenceReport};
 use super::portrait;
 use super::shadow::ShadowTrace;
 use super::supervisor::{Questions, SequenceSupervisor};
@@ -47,7 +47,7 @@ impl Actives {
 pub(crate) struct Begun {
     index: u64,
     seed: u64,
-    outing: Outing,
+    running: RunningSequence,
     actives: Actives,
     terms: Vec<(CapabilityId, SkillTerms)>,
     spare: SkillTerms,
@@ -58,7 +58,7 @@ pub(crate) struct Begun {
 /// A sequence that was worked.
 pub(crate) struct Worked {
     pub(crate) index: u64,
-    pub(crate) outing: Outing,
+    pub(crate) running: RunningSequence,
     pub(crate) report: SequenceReport,
     pub(crate) supervisor: SequenceSupervisor,
     pub(crate) link_up: bool,
@@ -110,21 +110,21 @@ impl Begun {
     }
 
     pub(crate) fn work(self, listener: &mut dyn Listener) -> Worked {
-        let Self { index, seed, mut outing, actives, terms, spare, mut supervisor, link_up } = self;
+        let Self { index, seed, mut running, actives, terms, spare, mut supervisor, link_up } = self;
         let choose = |capability: &Capability| {
             let id = capability.id();
             let known = terms.iter().find(|(known, _)| *known == id);
             known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
-        let report = outing.run(&actives, &choose, seed, listener, Some(&mut supervisor));
-        Worked { index, outing, report, supervisor, link_up, stopped: None, shadow: None }
+        let report = running.run(&actives, &choose, seed, listener, Some(&mut supervisor));
+        Worked { index, running, report, supervisor, link_up, stopped: None, shadow: None }
     }
 }
 
-/// Lets arm, agent and monitors out for one sequence. `terms_of` says what a version runs under.
+/// Gives arm, agent and monitors to one sequence. `terms_of` says what a version runs under.
 ///
 /// # Errors
-/// If they are out already.
+/// If another sequence has them.
 pub(crate) fn begin(
     context: &Context,
     record: &Record,
@@ -147,9 +147,10 @@ pub(crate) fn begin(
     let link_up = cell.link_is_up();
     // The engine's own copy is looked at meanwhile and changed by nobody.
     let supervisor = SequenceSupervisor::new(monitors.clone(), record.clock().clone(), link_up);
-    let outing =
-        cell.let_out().ok_or_else(|| Fault::Impossible("the live world is at work already".to_owned()))?;
-    let index = outing.sequence();
+    let running = cell
+        .start_sequence()
+        .ok_or_else(|| Fault::Impossible("the live world is at work already".to_owned()))?;
+    let index = running.sequence();
     let seed = episode_seed(seed, Purpose::Live, index);
-    Ok(Begun { index, seed, outing, actives: Actives(actives), terms, spare, supervisor, link_up })
+    Ok(Begun { index, seed, running, actives: Actives(actives), terms, spare, supervisor, link_up })
 }

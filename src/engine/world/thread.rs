@@ -56,7 +56,7 @@ impl LiveThread {
 
     /// Whether a sequence is being worked.
     #[must_use]
-    pub const fn is_out(&self) -> bool {
+    pub const fn is_running(&self) -> bool {
         self.running.is_some()
     }
 
@@ -86,11 +86,11 @@ impl LiveThread {
         self.pace.set(times);
     }
 
-    /// Lets a sequence out.
+    /// Works a sequence on a thread of its own.
     ///
     /// # Errors
     /// If no thread starts.
-    pub(crate) fn set_off(
+    pub(crate) fn start(
         &mut self,
         mut begun: Begun,
         shadow: Option<Shadow>,
@@ -105,7 +105,7 @@ impl LiveThread {
         self.switch.begin(self.number);
         let work = move || {
             let mut worked = begun.work(&mut escort);
-            let (stopped, shadow) = escort.conclude(worked.outing.world(), &worked.report);
+            let (stopped, shadow) = escort.conclude(worked.running.world(), &worked.report);
             worked.stopped = stopped;
             worked.shadow = shadow;
             worked
@@ -117,8 +117,8 @@ impl LiveThread {
         Ok(())
     }
 
-    /// The sequence that is over; `None` while one runs, and if none does.
-    pub(crate) fn landed(&mut self, wait: bool) -> Option<Result<Worked, Fault>> {
+    /// The sequence that is over; `None` while one runs, and if none was started.
+    pub(crate) fn finished(&mut self, wait: bool) -> Option<Result<Worked, Fault>> {
         let thread = self.running.take_if(|thread| wait || thread.is_finished())?;
         self.switch.end();
         let failed = |_| Fault::Impossible("the live world's thread failed".to_owned());

@@ -19,6 +19,7 @@ use holdpoint_engine::ledger::Ledger;
 use holdpoint_engine::pipeline::Pipeline;
 use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pipeline::rehearsal::Rehearsal;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
@@ -246,8 +247,8 @@ impl Activated {
         let copy = self.copy()?;
         let mut pipeline = setting.pipeline(self.seed, copy.path())?;
         pipeline.drain_events();
-        pipeline.begin_rehearsal(self.next_sequence);
-        pipeline.set_drift(Some(drift)).map_err(StartError::from)?;
+        let mut rehearsal = pipeline.rehearse(self.next_sequence);
+        rehearsal.set_drift(Some(drift)).map_err(StartError::from)?;
         let mut watched = WatchedRun { id: Some(self.id.clone()), ..WatchedRun::default() };
         for _ in 0..setting.horizon + AFTER_SEQUENCES {
             let over = if watched.record.is_some() {
@@ -258,8 +259,8 @@ impl Activated {
             if over {
                 break;
             }
-            pipeline.work_watched()?;
-            watched.take(&mut pipeline)?;
+            rehearsal.work_watched()?;
+            watched.take(&mut rehearsal)?;
         }
         let WatchedRun { first, under, after, record, .. } = watched;
         let mut result = CellResult { effect, first, under, rollback: record, after, recovered: false };
@@ -296,13 +297,12 @@ impl Activated {
         drift: Option<Drift>,
     ) -> Result<Vec<Option<bool>>, ExperimentError> {
         let copy = self.copy()?;
-        let mut pipeline = setting.pipeline(self.seed, copy.path())?;
-        pipeline.begin_rehearsal(self.next_sequence);
-        pipeline.set_drift(drift).map_err(StartError::from)?;
+        let mut rehearsal = setting.pipeline(self.seed, copy.path())?.rehearse(self.next_sequence);
+        rehearsal.set_drift(drift).map_err(StartError::from)?;
         let mut bad = Vec::new();
         for _ in 0..setting.pairs {
-            let report = pipeline.work_unwatched();
-            let verdicts = pipeline.take_verdicts();
+            let report = rehearsal.work_unwatched();
+            let verdicts = rehearsal.take_verdicts();
             bad.push(report.tasks.iter().find(|done| done.id == self.id).map(|done| {
                 let seen = verdicts.iter().any(|(_, id, verdict)| *id == self.id && verdict.is_unsafe());
                 seen || !done.record.success
@@ -347,10 +347,10 @@ struct WatchedRun {
 
 impl WatchedRun {
     /// Takes the events and the ground truth of what was worked.
-    fn take(&mut self, pipeline: &mut Pipeline) -> Result<(), ExperimentError> {
-        let verdicts = pipeline.take_verdicts();
+    fn take(&mut self, rehearsal: &mut Rehearsal) -> Result<(), ExperimentError> {
+        let verdicts = rehearsal.take_verdicts();
         let Some(ours) = self.id.clone() else { return Ok(()) };
-        for event in pipeline.drain_events() {
+        for event in rehearsal.drain_events() {
             match event {
                 EventKind::Sequence { index, tasks, .. } => {
                     let is_unsafe = |task: &TaskSummary| {

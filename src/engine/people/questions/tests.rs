@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::beside::Timing;
 use crate::pipeline::Pipeline;
+use crate::pipeline::concurrent::Timing;
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
 use holdpoint_governance::alarms::{AlarmKey, AlarmState, Priority};
@@ -27,7 +27,7 @@ fn go_on(id: &CapabilityId) -> Command {
 
 fn records(pipeline: &Pipeline, kind: RecordKind) -> usize {
     let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
-    pipeline.record.ledger().store().views().unwrap().audit(&filter).unwrap().len()
+    pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().len()
 }
 
 fn wait_for_a_question(pipeline: &mut Pipeline) {
@@ -41,40 +41,40 @@ fn a_question_is_answered_and_may_come_again() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    assert!(pipeline.monitors.questions().is_empty());
+    assert!(pipeline.live().monitors.questions().is_empty());
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let asked = pipeline.monitors.questions();
+    let asked = pipeline.live().monitors.questions();
     assert_eq!(asked.len(), 1);
     assert_eq!(asked[0].version, id);
     assert!(!asked[0].reasons.is_empty());
-    assert!(asked[0].deadline_ms > pipeline.record.now_ms());
+    assert!(asked[0].deadline_ms > pipeline.record().now_ms());
     pipeline.drain_events();
 
     let reply = pipeline.command(go_on(&id));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    assert!(pipeline.monitors.questions().is_empty());
+    assert!(pipeline.live().monitors.questions().is_empty());
     assert_eq!(records(pipeline, RecordKind::MonitorAnswer), 1);
     let events = pipeline.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
-    let alarm = pipeline.record.alarms.get(&AlarmKey::Escalated(id.clone())).unwrap();
+    let alarm = pipeline.record().alarms.get(&AlarmKey::Escalated(id.clone())).unwrap();
     assert!(!alarm.condition, "what was asked is answered");
-    assert_eq!(pipeline.monitors.of(&id).unwrap().told, MonitorAction::Continue);
+    assert_eq!(pipeline.live().monitors.of(&id).unwrap().told, MonitorAction::Continue);
 
     // The link is still down: people are asked anew, with the alarm, and again after a restriction.
     for _ in 0..2 {
         pipeline.live().look_at_monitors().unwrap();
-        if pipeline.monitors.questions().is_empty() {
+        if pipeline.live().monitors.questions().is_empty() {
             wait_for_a_question(pipeline);
         }
-        assert_eq!(pipeline.monitors.questions().len(), 1);
+        assert_eq!(pipeline.live().monitors.questions().len(), 1);
         let told = pipeline.drain_events();
         assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
         assert!(told.iter().any(|event| matches!(event, EventKind::Alarm { .. })), "{told:?}");
         assert!(matches!(pipeline.command(go_on(&id)), Reply::Accepted { .. }));
     }
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
@@ -82,10 +82,10 @@ fn silence_has_a_priority_of_its_own() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    Arc::make_mut(&mut pipeline.context.profile).alarms.telemetry_silent = Priority::Low;
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let alarm = pipeline.record.alarms.get(&AlarmKey::Escalated(id)).unwrap();
+    let alarm = pipeline.record().alarms.get(&AlarmKey::Escalated(id)).unwrap();
     assert_eq!(alarm.priority, Priority::Low);
 }
 
@@ -95,8 +95,8 @@ fn a_refused_command_changes_no_dossier() {
     let active = bench.activate("align-improved");
     let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
     let pipeline = &mut bench.pipeline;
-    pipeline.dossiers.edit(&active).held = true;
-    let before = pipeline.dossiers.of(&active).cloned();
+    pipeline.live().dossiers.edit(&active).held = true;
+    let before = pipeline.live().dossiers.of(&active).cloned();
     for version in [&unknown, &active] {
         let (version, by) = (version.clone(), "ada".to_owned());
         let operation = Operation { version, by, reason: "looked".to_owned() };
@@ -108,16 +108,16 @@ fn a_refused_command_changes_no_dossier() {
             assert!(matches!(reply, Reply::Refused { .. }), "{command:?}: {reply:?}");
         }
     }
-    assert!(pipeline.dossiers.of(&unknown).is_none(), "an unknown version has no dossier");
-    assert_eq!(pipeline.dossiers.of(&active), before.as_ref());
+    assert!(pipeline.live().dossiers.of(&unknown).is_none(), "an unknown version has no dossier");
+    assert_eq!(pipeline.live().dossiers.of(&active), before.as_ref());
     // A superseded version is not demoted, and no profile is closed to it in passing either.
     let superseded: CapabilityId = "align@1.0.0".parse().unwrap();
     let (version, by) = (superseded.clone(), "ada".to_owned());
     let operation = Operation { version, by, reason: "looked".to_owned() };
-    let before = pipeline.dossiers.of(&superseded).cloned();
+    let before = pipeline.live().dossiers.of(&superseded).cloned();
     let reply = pipeline.command(Command::Demote { operation, profiles: vec![ProfileName::Real] });
     assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
-    assert_eq!(pipeline.dossiers.of(&superseded), before.as_ref());
+    assert_eq!(pipeline.live().dossiers.of(&superseded), before.as_ref());
 }
 
 #[test]
@@ -125,9 +125,9 @@ fn a_late_answer_is_none() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let deadline_ms = pipeline.monitors.questions()[0].deadline_ms;
+    let deadline_ms = pipeline.live().monitors.questions()[0].deadline_ms;
     pipeline.jump_to(deadline_ms);
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
 }
@@ -142,11 +142,11 @@ fn an_alarm_is_closed_once_it_is_over() {
     let reset =
         Command::ResetAlarm { alarm: key.to_string(), by: "ada".to_owned(), reason: "looked".to_owned() };
     assert!(matches!(pipeline.command(reset.clone()), Reply::Accepted { .. }));
-    let open = |pipeline: &Pipeline| pipeline.record.alarms.open().iter().any(|alarm| alarm.key == key);
+    let open = |pipeline: &Pipeline| pipeline.record().alarms.open().iter().any(|alarm| alarm.key == key);
     assert!(!open(pipeline));
     assert_eq!(records(pipeline, RecordKind::AlarmReset), 1);
     assert!(matches!(pipeline.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn an_alarm_is_set_aside_for_a_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
-    pipeline.record.raise(key.clone(), Priority::Low, false, "a test");
+    pipeline.live().record.raise(key.clone(), Priority::Low, false, "a test");
     let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
         alarm: key.to_string(),
         by: "ada".to_owned(),
@@ -166,13 +166,13 @@ fn an_alarm_is_set_aside_for_a_time() {
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{bad:?}: {reply:?}");
     }
     assert!(matches!(pipeline.command(shelve(60_000, "known")), Reply::Accepted { .. }));
-    let state = |pipeline: &Pipeline| pipeline.record.alarms.get(&key).unwrap().state();
+    let state = |pipeline: &Pipeline| pipeline.record().alarms.get(&key).unwrap().state();
     assert_eq!(state(pipeline), AlarmState::Shelved);
     let unshelve = Command::UnshelveAlarm { alarm: key.to_string(), by: "ada".to_owned() };
     assert!(matches!(pipeline.command(unshelve.clone()), Reply::Accepted { .. }));
     assert_eq!(state(pipeline), AlarmState::Unacknowledged);
     assert!(matches!(pipeline.command(unshelve), Reply::Refused { code: Refusal::NotNow, .. }));
-    assert_eq!(pipeline.record.holding(), None);
+    assert_eq!(pipeline.record().holding(), None);
 }
 
 #[test]
@@ -180,21 +180,22 @@ fn a_question_is_told_while_its_sequence_still_runs() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.record.set_clock(Clock::real(0));
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().record.set_clock(Clock::real(0));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     // A watch that was never read is silent from the start, so its first task raises the question.
     pipeline.pace_live_world(Some(1.0), Arc::new(|_| {}));
     let until = std::time::Instant::now() + std::time::Duration::from_mins(1);
-    while pipeline.monitors.questions().is_empty() && pipeline.monitors.iter().next().is_some() {
+    while pipeline.live().monitors.questions().is_empty() && pipeline.live().monitors.iter().next().is_some()
+    {
         assert!(std::time::Instant::now() < until, "nobody asks");
         pipeline.advance();
         std::thread::yield_now();
     }
-    assert!(pipeline.monitors.has_question(&id));
-    let out = pipeline.world.is_out();
+    assert!(pipeline.live().monitors.has_question(&id));
+    let running = pipeline.live().world.is_running();
     let told = pipeline.drain_events();
     assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
-    assert_eq!(pipeline.timing(&go_on(&id)), if out { Timing::Stop } else { Timing::Now });
+    assert_eq!(pipeline.timing(&go_on(&id)), if running { Timing::Stop } else { Timing::Now });
     pipeline.end();
-    assert!(!pipeline.world.is_out());
+    assert!(!pipeline.live().world.is_running());
 }

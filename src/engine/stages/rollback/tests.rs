@@ -19,12 +19,15 @@ use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::live::LiveFault;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
-use holdpoint_registry::Store;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{Change, Store};
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 
@@ -71,20 +74,23 @@ impl Bench {
         let id = Capability::load(name, package.clone()).unwrap().id();
         let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-        let version = pipeline.record.ledger().version(&id).unwrap().0;
+        let version = pipeline.record().ledger().version(&id).unwrap().0;
         for stage in Stage::ALL {
             pipeline
+                .live()
                 .record
                 .transition(&id.family, LifecycleEvent::Start { version, stage }, Note::because("test"))
                 .unwrap();
             pipeline
+                .live()
                 .record
                 .transition(&id.family, LifecycleEvent::Pass { version, stage }, Note::because("test"))
                 .unwrap();
         }
-        pipeline.dossiers.edit(&id).twins = vec![GOOD; 40];
-        let now_tick = pipeline.record.now_tick();
-        let watched = Watched::new(&id, pipeline.dossiers.of(&id), &pipeline.context, now_tick).unwrap();
+        pipeline.live().dossiers.edit(&id).twins = vec![GOOD; 40];
+        let now_tick = pipeline.record().now_tick();
+        let live = pipeline.live();
+        let watched = Watched::new(&id, live.dossiers.of(&id), live.context, now_tick).unwrap();
         let digest = Digest::of_parts("test", &[b"gate"]);
         let gate = Change::PutEvidence {
             version: id.clone(),
@@ -97,8 +103,8 @@ impl Bench {
             before: vec![gate],
             ..Note::because("test")
         };
-        pipeline.record.transition(&id.family, LifecycleEvent::Activate { version }, note).unwrap();
-        pipeline.monitors.insert(watched);
+        pipeline.live().record.transition(&id.family, LifecycleEvent::Activate { version }, note).unwrap();
+        pipeline.live().monitors.insert(watched);
         pipeline.drain_events();
         id
     }
@@ -121,7 +127,7 @@ impl Bench {
             _ => None,
         });
         let record = told.expect("a rollback was told");
-        let views = self.pipeline.record.ledger().store().views().unwrap();
+        let views = self.pipeline.record().ledger().store().views().unwrap();
         let kept = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
         assert_eq!(serde_json::from_str::<RollbackRecord>(&kept.json).unwrap(), record);
         let rungs: Vec<Rung> = events
@@ -148,14 +154,14 @@ impl Bench {
         assert_eq!(record.rungs.last().unwrap().failure, Some(failure), "nothing is tried after it");
         assert_eq!((record.post_status, record.recovered), (PostStatus::SafeStopped, Some(false)));
         assert_eq!(record.time_to_restored_ticks, None);
-        let family = self.pipeline.record.ledger().family(&record.candidate.family).unwrap();
+        let family = self.pipeline.record().ledger().family(&record.candidate.family).unwrap();
         assert!(family.state.safe_stopped && family.active().is_none());
     }
 
     fn assert_restored(&self, record: &RollbackRecord) {
         assert_eq!(record.stopped_by(), None, "{:?}", record.rungs);
         assert_eq!(record.post_status, PostStatus::RolledBack);
-        let active = self.pipeline.record.active_of(&record.candidate.family).map(|active| active.id());
+        let active = self.pipeline.record().active_of(&record.candidate.family).map(|active| active.id());
         assert_eq!(active, record.predecessor);
         let (safe, restored) = (record.time_to_safe_ticks.unwrap(), record.time_to_restored_ticks.unwrap());
         assert!(safe < restored, "{safe} {restored}");
@@ -165,7 +171,7 @@ impl Bench {
 
     /// Moves the tool without any version, and leaves it moving or standing.
     fn move_tool(&mut self, position: [f64; 3], ticks: u32) {
-        let body = self.pipeline.world.cell.rig_mut().unwrap().arm_mut().body_mut();
+        let body = self.pipeline.live().world.cell.rig_mut().unwrap().arm_mut().body_mut();
         let mut pose = body.telemetry().tool;
         pose.position = position;
         body.step(&Motion::ToolPose { pose, max_speed_m_s: 0.4 }).unwrap();
@@ -175,7 +181,7 @@ impl Bench {
     }
 
     fn break_arm(&mut self, fault: InjectedFault) {
-        self.pipeline.world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
+        self.pipeline.live().world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
     }
 }
 
@@ -186,7 +192,7 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     let id = bench.activate("align-low-transit");
     for _ in 0..40 {
         assert_eq!(bench.pipeline.advance(), Progress::Worked);
-        if bench.pipeline.monitors.iter().next().is_none() {
+        if bench.pipeline.live().monitors.iter().next().is_none() {
             break;
         }
     }
@@ -226,7 +232,7 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
         }
         let operation = Operation { version: id, by: "ann".to_owned(), reason: "drill".to_owned() };
         bench.pipeline.command(Command::Rollback(operation));
-        (bench.pipeline.drain_events(), bench.pipeline.record.now_ms())
+        (bench.pipeline.drain_events(), bench.pipeline.record().now_ms())
     });
     assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
     let taken = taken.lock().unwrap();
@@ -252,7 +258,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
     // The task was stopped 40 ticks ago, and its hook has not brought the arm to a stand since.
-    let world_tick = bench.pipeline.world.cell.rig_mut().unwrap().world().tick() - 40;
+    let world_tick = bench.pipeline.live().world.cell.rig_mut().unwrap().world().tick() - 40;
     let stopped = RecoveryReport {
         stopped_by: StoppedBy::Nothing,
         ticks_to_standstill: 40,
@@ -260,7 +266,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
         violation: None,
     };
     let trip = Trip { event: Some(SafetyEvent::KeepOut), world_tick, tick: 0, stopped: Some(stopped) };
-    let trigger = trigger(&bench.pipeline.record, TriggerKind::SafetyEvent, "test");
+    let trigger = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, "test");
     bench.pipeline.live().take_off(&id, trigger, Some(&trip), Leave::RolledBack).unwrap();
     let record = bench.record();
     assert_eq!(record.rungs[1].failure, Some(RungFailure::HookFailed), "{:?}", record.rungs);
@@ -302,7 +308,7 @@ fn a_jammed_joint_blocks_the_retreat() {
 fn a_predecessor_that_was_changed_in_the_store_is_not_bound() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    let database = bench.pipeline.record.ledger().store().layout().database();
+    let database = bench.pipeline.record().ledger().store().layout().database();
     assert!(database.starts_with(bench.folder.path()));
     let other = rusqlite::Connection::open(database).unwrap();
     // Whoever can write the file can take away what guards it.
@@ -325,7 +331,7 @@ fn policies_that_are_not_the_profiles_end_the_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let other = Profile::builtin(ProfileName::Human).unwrap();
-    bench.pipeline.context.table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
+    bench.pipeline.context_mut().table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
     let record = bench.by_operator(&id);
     bench.assert_stopped(&record, RungFailure::PolicyMismatch);
 }
@@ -334,7 +340,7 @@ fn policies_that_are_not_the_profiles_end_the_ladder() {
 fn a_swap_that_cannot_be_written_ends_the_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    let database = bench.pipeline.record.ledger().store().layout().database();
+    let database = bench.pipeline.record().ledger().store().layout().database();
     let trigger = "CREATE TRIGGER refuse BEFORE UPDATE OF active ON family WHEN NEW.active IS NOT NULL
                    BEGIN SELECT RAISE(ABORT, 'injected'); END";
     rusqlite::Connection::open(database).and_then(|other| other.execute_batch(trigger)).unwrap();
@@ -358,7 +364,7 @@ fn a_predecessor_that_is_no_safer_is_said() {
 fn silence_asks_then_restricts_then_rolls_back() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");
-    bench.pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     let mut said = Vec::new();
     let mut record = None;
     for _ in 0..60 {
@@ -378,7 +384,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
     let record = record.unwrap();
     assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
     bench.assert_restored(&record);
-    let waited_s = bench.pipeline.context.profile.monitor.escalation_deadline_s;
+    let waited_s = bench.pipeline.live().context.profile.monitor.escalation_deadline_s;
     let at_s = record.trigger.tick as f64 / f64::from(RATE_HZ);
     // A deadline that passes while another version is at work is acted on after that sequence.
     assert!((waited_s..waited_s + 15.0).contains(&at_s), "rolled back at {at_s} s");
@@ -389,10 +395,10 @@ fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
     let mut bench = Bench::new();
     bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     // Nothing is worked: only time passes, from one deadline to the next.
     let mut steps = 0;
-    while pipeline.monitors.iter().next().is_some() {
+    while pipeline.live().monitors.iter().next().is_some() {
         let next_ms = pipeline.next_deadline_ms().expect("silence has a deadline");
         pipeline.jump_to(next_ms);
         assert!(pipeline.live().look_at_monitors().unwrap(), "due at {next_ms}");

@@ -1,4 +1,4 @@
-//! The pipeline beside a live world that has a thread of its own: who does what when.
+//! The pipeline while the live world works on a thread of its own: who does what when.
 //!
 //! What has to happen between two sequences waits for the end of the one that runs, what takes authority away stops
 //! the arm first. Decides nothing about versions.
@@ -9,9 +9,9 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::command::Command;
 
+use super::{Pipeline, Progress, Work};
 use crate::fault::Fault;
-use crate::pipeline::{Pipeline, Progress, Work};
-use crate::stages::confirmation;
+use crate::stages::{confirmation, resume};
 use crate::world::sequence::{Shadowed, Worked};
 use holdpoint_text::Hint;
 
@@ -27,7 +27,7 @@ pub(crate) enum Timing {
 impl Pipeline {
     /// When a command may be carried out.
     pub(crate) fn timing(&self, command: &Command) -> Timing {
-        if !self.world.is_out() {
+        if !self.world.is_running() {
             return Timing::Now;
         }
         let is_active = |id: &CapabilityId| {
@@ -68,24 +68,24 @@ impl Pipeline {
         }
     }
 
-    /// Ends the sequence that is over. Tells whether arm and agent are at home then; `wait` waits for them. A fault
+    /// Ends the sequence that is over. Tells whether no sequence runs any more; `wait` waits for its end. A fault
     /// on the way makes the engine hold.
-    pub(crate) fn come_home(&mut self, wait: bool) -> bool {
-        let landed = self.world.thread.as_mut().and_then(|thread| thread.landed(wait));
-        if let Some(landed) = landed
-            && let Err(fault) = landed.and_then(|worked| self.land(worked))
+    pub(crate) fn collect_sequence(&mut self, wait: bool) -> bool {
+        let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(wait));
+        if let Some(finished) = finished
+            && let Err(fault) = finished.and_then(|worked| self.finish_sequence(worked))
         {
             self.hold(&fault.sentence());
         }
-        !self.world.is_out()
+        !self.world.is_running()
     }
 
-    /// One slice of a paced engine.
-    pub(crate) fn paced_slice(&mut self) -> Result<Progress, Fault> {
-        if self.world.is_out() {
-            let landed = self.world.thread.as_mut().and_then(|thread| thread.landed(false));
-            if let Some(landed) = landed {
-                self.land(landed?)?;
+    /// One slice of an engine whose live world has a thread of its own.
+    pub(super) fn concurrent_slice(&mut self) -> Result<Progress, Fault> {
+        if self.world.is_running() {
+            let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(false));
+            if let Some(finished) = finished {
+                self.finish_sequence(finished?)?;
                 return Ok(Progress::Worked);
             }
             if self.live().look_at_questions()? || self.activation().look_at_deadlines()? {
@@ -95,12 +95,12 @@ impl Pipeline {
             if self.between_sequences()? {
                 return Ok(Progress::Worked);
             }
-            self.set_off()?;
+            self.start_sequence()?;
         }
-        self.evaluate_beside()
+        self.evaluate_meanwhile()
     }
 
-    /// What may only be done while nothing is out. One thing at a time; tells whether there was one.
+    /// What may only be done while no sequence runs. One thing at a time; tells whether there was one.
     fn between_sequences(&mut self) -> Result<bool, Fault> {
         if self.look_at_deadlines()? || self.activation().take_granted()? {
             return Ok(true);
@@ -127,7 +127,7 @@ impl Pipeline {
     }
 
     /// Work that the live world does not wait for.
-    fn evaluate_beside(&mut self) -> Result<Progress, Fault> {
+    fn evaluate_meanwhile(&mut self) -> Result<Progress, Fault> {
         match self.work.take() {
             Some(Work::Sandbox(run)) => {
                 self.sandbox_slice(run)?;
@@ -150,7 +150,7 @@ impl Pipeline {
     }
 
     /// Lets the live world work the next sequence, with the candidate in shadow if there is one.
-    fn set_off(&mut self) -> Result<(), Fault> {
+    fn start_sequence(&mut self) -> Result<(), Fault> {
         if self.world.thread.as_ref().is_none_or(crate::world::thread::LiveThread::rests) {
             return Ok(());
         }
@@ -160,16 +160,16 @@ impl Pipeline {
         let clock = self.record.clock().clone();
         let pictures = self.world.pictures.clone().unwrap_or_else(|| Arc::new(|_| ()));
         let Some(thread) = &mut self.world.thread else { return Ok(()) };
-        thread.set_off(begun, along, pictures, clock)
+        thread.start(begun, along, pictures, clock)
     }
 
     /// The sequence is over: what it was for happens now.
-    fn land(&mut self, mut worked: Worked) -> Result<(), Fault> {
+    fn finish_sequence(&mut self, mut worked: Worked) -> Result<(), Fault> {
         let shadowed = worked.shadow.take();
         self.world.stopped.clone_from(&worked.stopped);
         if self.record.holding().is_some() {
-            // Arm and agent come home; nothing is concluded from what they did.
-            self.world.cell.take_back(worked.outing);
+            // Arm and agent are taken back; nothing is concluded from what they did.
+            self.world.cell.take_back(worked.running);
             return Ok(());
         }
         let nothing = worked.report.tasks.is_empty();
@@ -179,7 +179,7 @@ impl Pipeline {
         let mut live = self.live();
         live.look_at_questions()?;
         let report = live.end_sequence(worked)?;
-        live.look_at_resumptions(&report)?;
+        resume::look_at(&self.context, &mut self.record, &mut self.resumptions, &report)?;
         match shadowed {
             Some(Shadowed { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
             None => Ok(()),

@@ -1,42 +1,46 @@
-//! What an experiment may do with a pipeline that a deployment does not: let a drift set in, look at ground truth,
-//! and work the live world with or without the monitors.
+//! What an experiment may do with a pipeline that a deployment may not: let a drift set in without a record, look at
+//! ground truth, and work the live world with or without the monitors.
 //!
-//! The work itself is the pipeline's own; nothing here decides or shortens anything.
+//! A rehearsal uses its pipeline up, so a running engine has none of this. The work itself is the pipeline's own;
+//! nothing here decides or shortens anything.
 
 use holdpoint_body::TaskKind;
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::Drift;
 use holdpoint_sim::referee::RefereeLimits;
 
+use super::Pipeline;
 use crate::binding::terms_of;
 use crate::fault::Fault;
-use crate::pipeline::Pipeline;
 use crate::trial::seeds::{Purpose, episode_seed};
-use crate::world::listener::Nobody;
+use crate::world::listener::NoListener;
 use crate::world::live::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
+/// A pipeline in the hands of an experiment.
+pub struct Rehearsal(Pipeline);
+
 impl Pipeline {
-    /// From now on a referee looks on; the live world goes on with this sequence number.
-    pub fn begin_rehearsal(&mut self, sequence: u64) {
+    /// From now on it serves an experiment and nothing else: a referee looks on, and the live world goes on with this
+    /// sequence number.
+    #[must_use]
+    pub fn rehearse(mut self, sequence: u64) -> Rehearsal {
         self.world.cell.call_referee(RefereeLimits::default());
         self.world.cell.skip_to(sequence);
+        Rehearsal(self)
     }
+}
 
-    /// Sequences that the live world has begun.
-    #[must_use]
-    pub const fn sequences(&self) -> u64 {
-        self.world.cell.sequences()
-    }
-
-    /// Lets a drift set in, or ends it.
+impl Rehearsal {
+    /// Lets a drift set in, or ends it. Nothing of it is written.
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
     pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
-        self.world.cell.set_drift(drift)
+        self.0.world.cell.set_drift(drift)
     }
 
     /// One sequence under the monitors, after a look at their deadlines: what a slice of the engine's does.
@@ -44,35 +48,35 @@ impl Pipeline {
     /// # Errors
     /// [`Fault`] of the pipeline's own.
     pub fn work_watched(&mut self) -> Result<SequenceReport, Fault> {
-        self.look_at_deadlines()?;
-        self.live().sequence(None)
+        self.0.look_at_deadlines()?;
+        self.0.live().sequence(None)
     }
 
     /// One sequence of the versions that are active now, with nobody who would take one off. Nothing is written.
     pub fn work_unwatched(&mut self) -> SequenceReport {
-        let seed = episode_seed(self.trials.seed(), Purpose::Live, self.world.cell.sequences());
+        let Pipeline { context, trials, record, dossiers, monitors, world, .. } = &mut self.0;
+        let seed = episode_seed(trials.seed(), Purpose::Live, world.cell.sequences());
         let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
             .into_iter()
-            .filter_map(|task| self.record.active_of(&Family::from(task)))
-            .map(|active| (active.id(), terms_of(&self.context, &self.dossiers, &self.monitors, &active)))
+            .filter_map(|task| record.active_of(&Family::from(task)))
+            .map(|active| (active.id(), terms_of(context, dossiers, monitors, &active)))
             .collect();
-        let spare = self.context.terms();
+        let spare = context.terms();
         let choose = |capability: &Capability| {
             let id = capability.id();
             let known = terms.iter().find(|(known, _)| *known == id);
             known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
-        self.world.cell.run_sequence(self.record.ledger(), &choose, seed, &mut Nobody, None)
+        world.cell.run_sequence(record.ledger(), &choose, seed, &mut NoListener, None)
     }
 
     /// Ground truth since the last call.
     pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
-        self.world.cell.take_verdicts()
+        self.0.world.cell.take_verdicts()
     }
 
-    /// The version of a family that is in control.
-    #[must_use]
-    pub fn in_control(&self, family: &Family) -> Option<CapabilityId> {
-        self.record.active_of(family).map(|active| active.id())
+    /// Events since the last call, in order.
+    pub fn drain_events(&mut self) -> Vec<EventKind> {
+        self.0.drain_events()
     }
 }

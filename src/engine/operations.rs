@@ -1,0 +1,185 @@
+//! What people and scripts ask for: registration, the operator's verbs, and what a trial does to the live world.
+//!
+//! Functions over the parts they need. What is refused has changed nothing.
+
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+
+use crate::context::Context;
+use crate::fault::Fault;
+use crate::ledger::Note;
+use crate::record::Record;
+use crate::stages::monitoring::Live;
+use crate::stages::rollback;
+use crate::world::LiveWorld;
+use crate::world::live::LiveFault;
+use crate::world::supervisor::Trip;
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::rollback::TriggerKind;
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::{Operation, Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{ActiveCause, StoreError};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Untrusted;
+
+/// Paces of the live world, simulated seconds in a second.
+const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
+/// The longest reason and name of a person, bytes.
+const REASON_BYTES_MAX: usize = 4096;
+
+/// Stage 1: a candidate enters the registry. It is not executable and no view of the agent shows it.
+pub(crate) fn register(
+    context: &Context,
+    record: &mut Record,
+    name: &str,
+    package: Package,
+) -> Result<Reply, Fault> {
+    let shown = Untrusted::new(name).line().into_string();
+    let candidate = match Capability::load(&shown, package) {
+        Ok(candidate) => candidate,
+        Err(error) => {
+            return Ok(Reply::refused(Refusal::BadInput, &error));
+        }
+    };
+    let id = candidate.id();
+    let event = registered_event(&candidate);
+    let note = Note::because("submitted");
+    record.register(candidate, false, context.needs_approval(), note)?;
+    record.tell(event);
+    accepted(&id, "registered")
+}
+
+/// What is told of a version that was taken in.
+pub(crate) fn registered_event(capability: &Capability) -> EventKind {
+    let submission = &capability.submission;
+    EventKind::Registered {
+        version: capability.id(),
+        digest: capability.digest(),
+        author: submission.author.clone(),
+        provenance: submission.provenance,
+        risk: submission.estimated_risk,
+        parent: submission.parent.as_ref().map(ToString::to_string),
+    }
+}
+
+/// The version an operation is about, if the operation is well formed and there is such a version.
+pub(crate) fn checked(record: &Record, operation: &Operation) -> Result<CapabilityId, Fault> {
+    let long = operation.reason.len() > REASON_BYTES_MAX || operation.by.len() > REASON_BYTES_MAX;
+    if operation.reason.trim().is_empty() || operation.by.trim().is_empty() || long {
+        return Err(Fault::Store(StoreError::Invalid {
+            what: "reason and name",
+            value: String::new(),
+            allowed: "1 to 4096 bytes each".to_owned(),
+        }));
+    }
+    record.ledger().version(&operation.version)?;
+    Ok(operation.version.clone())
+}
+
+/// An operation that is one event of the lifecycle and nothing else.
+pub(crate) fn transition(
+    record: &mut Record,
+    operation: &Operation,
+    done: &str,
+    event: impl Fn(VersionRef) -> LifecycleEvent,
+) -> Result<Reply, Fault> {
+    let id = checked(record, operation)?;
+    let (version, _, _) = record.ledger().version(&id)?;
+    let note = Note::because(format!("{done} by {}: {}", operation.by, operation.reason));
+    let event = event(version);
+    let cause = matches!(event, LifecycleEvent::Rearm { .. }).then_some(ActiveCause::Rearm);
+    record.transition(&id.family, event, Note { cause, ..note })?;
+    accepted(&id, done)
+}
+
+/// An operator takes an active version off.
+pub(crate) fn roll_back(live: &mut Live<'_>, operation: &Operation, leave: Leave) -> Result<Reply, Fault> {
+    let id = checked(live.record, operation)?;
+    let (_, standing, _) = live.record.ledger().version(&id)?;
+    if standing.state != State::Active {
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("{id} is {}; only an active version is rolled back", standing.state),
+            hint: Some("reject or demote a candidate instead".to_owned()),
+        });
+    }
+    let trigger = format!("operator {}: {}", operation.by, operation.reason);
+    live.dossiers.edit(&id).reasons =
+        vec![Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, trigger.clone())];
+    let trigger = rollback::trigger(live.record, TriggerKind::Operator, trigger);
+    // If the arm was stopped for this in a task of the version, time counts from the tick of the stop.
+    let stopped = live.world.stopped.take().filter(|stopped| stopped.id.as_ref() == Some(&id));
+    let trip = stopped.map(|stopped| Trip {
+        event: None,
+        world_tick: stopped.world_tick,
+        tick: stopped.tick,
+        stopped: stopped.report,
+    });
+    live.take_off(&id, trigger, trip.as_ref(), leave)?;
+    accepted(&id, if leave == Leave::Demoted { "demoted" } else { "rolled back" })
+}
+
+/// A drift sets in, or ends.
+pub(crate) fn drift(
+    record: &mut Record,
+    world: &mut LiveWorld,
+    kind: Option<DriftKind>,
+    magnitude: Option<Magnitude>,
+) -> Result<Reply, Fault> {
+    let drift = match (kind, magnitude) {
+        (None, _) => None,
+        (Some(kind), Some(magnitude)) => Some(Drift { kind, magnitude }),
+        (Some(kind), None) => {
+            let allowed = Magnitude::ALL.map(Magnitude::name).join(", ");
+            let text = format!("how much {kind} drifts is not said; allowed: {allowed}");
+            return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+        }
+    };
+    world.cell.set_drift(drift)?;
+    let much = magnitude.map_or("", Magnitude::name);
+    let body = serde_json::json!({ "kind": kind, "magnitude": much }).to_string();
+    record.note(RecordKind::Drift, String::new(), body)?;
+    record.tell(EventKind::Drift { kind, magnitude });
+    Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
+}
+
+/// How fast the live world works from the next sequence on.
+pub(crate) fn set_pace(record: &mut Record, world: &mut LiveWorld, times: Option<f64>) -> Reply {
+    let refuse = |code, text: String| Reply::Refused { code, text, hint: None };
+    if !world.is_paced() {
+        let text = "the live world of this engine works in step with it and has no pace".to_owned();
+        return refuse(Refusal::NotNow, text);
+    }
+    if let Some(times) = times.filter(|times| !PACE_ALLOWED.contains(times)) {
+        let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
+        return refuse(
+            Refusal::BadInput,
+            format!("the pace {times} is not allowed; {least} to {most}, or none, are"),
+        );
+    }
+    world.set_pace(times);
+    record.tell(EventKind::Pace { times });
+    Reply::Accepted { text: "the live world works at the new pace".to_owned(), version: None }
+}
+
+/// Breaks something in the live world, or mends it.
+pub(crate) fn live_fault(
+    record: &mut Record,
+    world: &mut LiveWorld,
+    fault: Option<LiveFault>,
+) -> Result<Reply, Fault> {
+    world.cell.set_fault(fault);
+    let body = serde_json::json!({ "fault": fault }).to_string();
+    record.note(RecordKind::LiveFault, String::new(), body)?;
+    record.tell(EventKind::LiveFault { fault });
+    Ok(Reply::Accepted { text: "the fault has set in".to_owned(), version: None })
+}
+
+#[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
+pub(crate) fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, Fault> {
+    Ok(Reply::Accepted { text: format!("{id} is {done}"), version: Some(id.clone()) })
+}
