@@ -7,6 +7,7 @@
 
 pub mod bench_episode;
 pub mod distribution;
+pub mod dynamics;
 pub mod episode;
 pub mod error;
 pub mod fault;

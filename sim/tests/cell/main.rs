@@ -7,6 +7,7 @@
 )]
 
 mod determinism;
+mod dynamics;
 mod fidelity;
 mod inputs;
 mod kinematics;
