@@ -1,6 +1,6 @@
 //! Times the engine comparison's episode and prints one JSON line like the peers' scripts.
 //!
-//! Usage: `peer_episode [EPISODES] [full|adaptive|single]`; single thread, thread CPU time.
+//! Usage: `peer_episode [EPISODES] [full|adaptive|single|reduced]`; single thread, thread CPU time.
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
 use holdpoint_sim::Fidelity;
@@ -20,7 +20,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "full" => Fidelity::Full,
         "adaptive" => Fidelity::Adaptive,
         "single" => Fidelity::Single,
-        other => return Err(format!("mode \"{other}\"; full, adaptive or single").into()),
+        "reduced" => Fidelity::Reduced,
+        other => return Err(format!("mode \"{other}\"; full, adaptive, single or reduced").into()),
     };
     let bench = PeerBench::new(fidelity)?;
     bench.run(episodes)?; // warm-up, as the peers do

@@ -1,6 +1,6 @@
 //! Times one tick of a whole world (servo, physics, sensors, telemetry) by phase of a grasp.
 //!
-//! Usage: `tick_cost [EPISODES] [full|adaptive|single]`; thread CPU time, one JSON line.
+//! Usage: `tick_cost [EPISODES] [full|adaptive|single|reduced]`; thread CPU time, one JSON line.
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
 use holdpoint_body::{Command, Pose, TaskKind};
@@ -20,7 +20,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None | Some("full") => Fidelity::Full,
         Some("adaptive") => Fidelity::Adaptive,
         Some("single") => Fidelity::Single,
-        Some(other) => return Err(format!("mode \"{other}\"; full, adaptive or single").into()),
+        Some("reduced") => Fidelity::Reduced,
+        Some(other) => return Err(format!("mode \"{other}\"; full, adaptive, single or reduced").into()),
     };
     let (scene, distribution) = (Scene::cell()?, Distribution::sandbox()?);
     let mut world = World::with_config(&RobotModel::builtin("arm7")?, &scene, WorldConfig { fidelity })?;

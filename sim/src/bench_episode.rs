@@ -13,18 +13,20 @@ use nalgebra::Isometry3;
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::build::{self, CellFixtures};
-use crate::effort::{self, Fidelity, SolverEffort};
+use crate::effort::Fidelity;
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::handles::Handles;
-use crate::motors::{self, Reference};
+use crate::motors::{Drives, Reference};
 use crate::readout;
+use crate::reduced::Reduced;
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
+use crate::stepper::Stepper;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
-use holdpoint_body::{JointVec, Pose, TICK_SECS};
+use holdpoint_body::{Pose, TICK_SECS};
 
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
@@ -95,6 +97,8 @@ pub struct PeerOutcome {
     pub ik_iterations: u64,
     /// Final distance to the target, m.
     pub place_error_m: f64,
+    /// Ticks in which the physics engine rested.
+    pub rested_ticks: u32,
 }
 
 /// The comparison's robot, and how hard its solver works.
@@ -125,6 +129,11 @@ impl PeerBench {
     /// # Errors
     /// [`SimError`] when the cell cannot be built.
     pub fn run(&self, seed: u64) -> Result<PeerOutcome, SimError> {
+        self.play(seed, |_| {})
+    }
+
+    /// Runs one episode and shows every tick before it is computed.
+    fn play(&self, seed: u64, mut watch: impl FnMut(&mut Stage<'_>)) -> Result<PeerOutcome, SimError> {
         let plan = EpisodePlan::new(seed);
         let [cx, cy, cyaw] = plan.cube;
         let cube = Pose::from(&upright(cx, cy, CUBE_HALF_M, cyaw));
@@ -138,6 +147,12 @@ impl PeerBench {
             self_contacts: false,
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;
+        let stepper = Stepper::new(self.fidelity, &self.robot, &physics, &handles, false);
+        let mut reduced = None;
+        let centre = |reduced: &Option<Reduced>, physics: &PhysicsWorld| {
+            let held = reduced.as_ref().and_then(Reduced::object);
+            held.unwrap_or_else(|| readout::object_state(physics, &handles)).0.translation
+        };
         let options = IkOptions {
             iterations_max: 20,
             tolerance: 1e-4,
@@ -146,47 +161,185 @@ impl PeerBench {
             restarts: 0,
         };
         let mut q = self.robot.home.clone();
-        let (mut segment, mut ik_iterations, mut lifted) = (0, 0, false);
+        let (mut segment, mut ik_iterations, mut lifted, mut rested_ticks) = (0, 0, false, 0);
         for step in 1..=STEPS {
             let (goal, opening) = plan.goal(step, &mut segment);
             let solved =
                 self.robot.geometry.chain.solve_frame(&Transform::new(&goal), &q, &self.robot.home, &options);
             ik_iterations += solved.iterations as u64 + 1;
-            self.command(&mut physics, &handles, &solved.q, &q, opening);
+            // Joint targets with their rate, and the fingers' step change.
+            let reference =
+                |(at, old): (&f64, &f64)| Reference { position: *at, speed: (at - old) / TICK_SECS };
+            let drives = Drives {
+                arm: solved.q.iter().zip(&q).map(reference).collect(),
+                finger: Reference { position: opening, speed: 0.0 },
+                finger_force_n: self.robot.gripper.force_max_n,
+            };
             q = solved.q;
-            physics.step();
+            watch(&mut Stage {
+                stepper: &stepper,
+                reduced: &mut reduced,
+                physics: &physics,
+                handles: &handles,
+                drives: &drives,
+            });
+            rested_ticks += u32::from(stepper.tick(&mut reduced, &mut physics, &handles, &drives));
             if step == LIFT_CHECK_STEP {
-                lifted = readout::object_state(&physics, &handles).0.translation.z >= CUBE_HALF_M + 0.10;
+                lifted = centre(&reduced, &physics).z >= CUBE_HALF_M + 0.10;
             }
         }
-        let cube = readout::object_state(&physics, &handles).0.translation;
+        let cube = centre(&reduced, &physics);
         let place_error_m = libm::hypot(cube.x - plan.target[0], cube.y - plan.target[1]);
         let placed = lifted && place_error_m <= 0.02 && (cube.z - CUBE_HALF_M).abs() <= 0.01;
-        Ok(PeerOutcome { lifted, placed, ik_iterations, place_error_m })
+        Ok(PeerOutcome { lifted, placed, ik_iterations, place_error_m, rested_ticks })
+    }
+}
+
+/// A tick about to be computed.
+#[cfg_attr(not(test), expect(dead_code, reason = "what tests look at"))]
+struct Stage<'a> {
+    stepper: &'a Stepper,
+    reduced: &'a mut Option<Reduced>,
+    physics: &'a PhysicsWorld,
+    handles: &'a Handles,
+    drives: &'a Drives,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effort::{self, SolverEffort};
+    use crate::readout::JointState;
+
+    /// Largest difference of positions and of speeds of the arm, then of the fingers.
+    fn apart(a: &JointState, b: &JointState) -> [f64; 4] {
+        let most = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
+        let finger =
+            |part: usize| (0..2).map(|i| (a.fingers[i][part] - b.fingers[i][part]).abs()).fold(0.0, f64::max);
+        [most(&a.q, &b.q), most(&a.dq, &b.dq), finger(0), finger(1)]
     }
 
-    /// Joint targets with their rate, and the fingers' step change.
-    fn command(
-        &self,
-        physics: &mut PhysicsWorld,
-        handles: &Handles,
-        q: &JointVec,
-        before: &JointVec,
-        opening: f64,
-    ) {
-        let Some((multibody, _)) = physics.multibody_joints.get_mut(handles.first_joint) else { return };
-        for (i, id) in handles.link_ids.iter().enumerate() {
-            let Some(link) = multibody.link_mut(*id) else { continue };
-            motors::engage_limit(&mut link.joint, i < q.len());
-            if let (Some(angle), Some(old)) = (q.get(i), before.get(i)) {
-                let speed = (angle - old) / TICK_SECS;
-                motors::drive_joint(multibody, *id, Reference { position: *angle, speed });
-            } else {
-                let reference = Reference { position: opening, speed: 0.0 };
-                motors::drive_finger(&mut link.joint, reference, self.robot.gripper.force_max_n);
-            }
+    /// From the same state, one tick of the engine and one without it.
+    #[test]
+    fn a_tick_without_the_engine_is_the_engines() {
+        let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
+        for seed in 0..3 {
+            let mut before: Option<Reduced> = None;
+            let (mut free, mut held) = (0, 0);
+            let mut worst = [[0.0_f64; 6]; 2];
+            bench
+                .play(seed, |stage| {
+                    let cell = stage.stepper.cell().expect("in this fidelity");
+                    if let Some(own) = before.take() {
+                        let engine = readout::joint_state(stage.physics, stage.handles, &bench.robot);
+                        let row = &mut worst[usize::from(own.holds())];
+                        for (most, value) in row.iter_mut().zip(apart(&cell.joint_state(&own), &engine)) {
+                            *most = most.max(value);
+                        }
+                        if let Some((pose, _, _)) = own.object() {
+                            let (at, _, _) = readout::object_state(stage.physics, stage.handles);
+                            row[4] = row[4].max((pose.translation.vector - at.translation.vector).norm());
+                            let forces = readout::contact_forces(stage.physics, stage.handles, 7).pad_n;
+                            let ours = own.forces(&readout::ContactForces::default()).pad_n;
+                            row[5] = row[5].max((forces[0] - ours[0]).abs()).max((forces[1] - ours[1]).abs());
+                        }
+                    }
+                    // The engine takes every tick; the other dynamics start from its state each time.
+                    *stage.reduced = None;
+                    let situation = effort::situation(stage.physics, stage.handles);
+                    let effort = SolverEffort::of(Fidelity::Reduced, situation);
+                    if let Some(mut own) = cell.enter(stage.physics, stage.handles, situation, effort)
+                        && cell.tick(&mut own, stage.drives, 1.0)
+                    {
+                        if own.holds() {
+                            held += 1;
+                        } else {
+                            free += 1;
+                        }
+                        before = Some(own);
+                    }
+                })
+                .expect("the episode runs");
+            println!(
+                "seed {seed}: {free} free, {held} held; q, dq, finger q, finger dq, object, pad N: {worst:?}"
+            );
+            assert!(free > 350 && held > 300, "{free} {held}");
+            let [free, held] = worst;
+            assert!(free[0] < 2e-6 && free[1] < 3e-4, "{free:?}");
+            assert!(free[2] < 1e-7 && free[3] < 1e-5, "{free:?}");
+            assert!(held[0] < 2e-6 && held[1] < 1e-3, "{held:?}");
+            assert!(held[4] < 2e-5 && held[5] < 0.6, "{held:?}");
         }
-        let situation = effort::situation(physics, handles);
-        SolverEffort::of(self.fidelity, situation).apply(physics);
+    }
+
+    /// Out of the engine and back without a tick between: the same state, to the bit.
+    #[test]
+    fn handing_over_and_back_changes_nothing() {
+        let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
+        let mut compared = 0;
+        bench
+            .play(5, |stage| {
+                let cell = stage.stepper.cell().expect("in this fidelity");
+                *stage.reduced = None;
+                let situation = effort::situation(stage.physics, stage.handles);
+                let effort = SolverEffort::of(Fidelity::Reduced, situation);
+                let Some(own) = cell.enter(stage.physics, stage.handles, situation, effort) else { return };
+                compared += 1;
+                if compared % 50 != 0 {
+                    return;
+                }
+                let bytes = postcard::to_allocvec(stage.physics).expect("it is written");
+                let mut copy: PhysicsWorld = postcard::from_bytes(&bytes).expect("and read");
+                cell.leave(&own, &mut copy, stage.handles);
+                let state =
+                    |physics: &PhysicsWorld| readout::joint_state(physics, stage.handles, &bench.robot);
+                assert_eq!(state(&copy), state(stage.physics));
+                let (a, b) = (
+                    readout::object_state(&copy, stage.handles),
+                    readout::object_state(stage.physics, stage.handles),
+                );
+                assert!((a.0.translation.vector - b.0.translation.vector).norm() < 1e-9);
+                assert!(a.0.rotation.angle_to(&b.0.rotation) < 1e-6);
+                assert_eq!((a.1, a.2), (b.1, b.2));
+            })
+            .expect("the episode runs");
+        assert!(compared > 700, "{compared}");
+    }
+
+    /// Where ticks change hands, positions go on as the speeds say and speeds as in the ticks around.
+    #[test]
+    fn nothing_jumps_where_ticks_change_hands() {
+        let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
+        for seed in 0..4 {
+            let mut track: Vec<(bool, JointState)> = Vec::new();
+            bench
+                .play(seed, |stage| {
+                    let cell = stage.stepper.cell().expect("in this fidelity");
+                    let state = match &*stage.reduced {
+                        Some(own) => cell.joint_state(own),
+                        None => readout::joint_state(stage.physics, stage.handles, &bench.robot),
+                    };
+                    track.push((stage.reduced.is_some(), state));
+                })
+                .expect("the episode runs");
+            let change = |i: usize| {
+                let (a, b) = (&track[i - 1].1, &track[i].1);
+                let drift = (0..7).map(|j| (b.q[j] - a.q[j] - TICK_SECS * b.dq[j]).abs()).fold(0.0, f64::max);
+                let speed = (0..7).map(|j| (b.dq[j] - a.dq[j]).abs()).fold(0.0, f64::max);
+                (drift, speed)
+            };
+            let mut changes = 0;
+            for i in 8..track.len() - 8 {
+                if track[i].0 == track[i - 1].0 {
+                    continue;
+                }
+                changes += 1;
+                let (drift, speed) = change(i);
+                let usual = (i - 6..i + 7).filter(|j| *j != i).map(|j| change(j).1).fold(0.0, f64::max);
+                assert!(drift < 2e-5, "seed {seed}, tick {i}: {drift} rad");
+                assert!(speed < 2.0 * usual + 2e-3, "seed {seed}, tick {i}: {speed} rad/s, else {usual}");
+            }
+            assert!((4..40).contains(&changes), "seed {seed}: {changes} changes");
+        }
     }
 }

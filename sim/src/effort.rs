@@ -22,6 +22,11 @@ pub enum Fidelity {
     /// One step per tick everywhere. Grips and places as well, but forces between a gripped object
     /// and what it stands on come out lower than the reference's.
     Single,
+    /// The physics engine rests where the arm is near nothing, and where all it is near is the
+    /// object that it holds: the arm's own dynamics in joint coordinates, and the pads' contacts,
+    /// take these ticks. Where anything else is near, the engine works as in `Adaptive`. Same
+    /// outcomes as the reference.
+    Reduced,
 }
 
 /// Solver settings of one tick.
@@ -44,9 +49,9 @@ impl SolverEffort {
     /// The effort of a tick that begins in the given situation.
     pub fn of(fidelity: Fidelity, situation: Situation) -> Self {
         match (fidelity, situation) {
-            (Fidelity::Full, _) | (Fidelity::Adaptive, Situation::Contact) => Self::FULL,
-            (Fidelity::Adaptive, Situation::Held) | (Fidelity::Single, _) => Self::HELD,
-            (Fidelity::Adaptive, Situation::Free) => Self::FREE,
+            (Fidelity::Full, _) | (Fidelity::Adaptive | Fidelity::Reduced, Situation::Contact) => Self::FULL,
+            (Fidelity::Adaptive | Fidelity::Reduced, Situation::Held) | (Fidelity::Single, _) => Self::HELD,
+            (Fidelity::Adaptive | Fidelity::Reduced, Situation::Free) => Self::FREE,
         }
     }
 

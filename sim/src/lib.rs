@@ -19,14 +19,18 @@ pub mod world;
 
 mod build;
 mod effort;
+mod grip;
 mod handles;
 mod motors;
 pub mod number;
 mod perception;
 pub mod readout;
+mod reduced;
 pub mod referee;
 mod servo;
 mod state;
+mod stepper;
+mod survey;
 mod urdf;
 
 pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};

@@ -7,9 +7,13 @@
     reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
+use arrayvec::ArrayVec;
 use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, MultibodyLink};
+use rapier3d::pipeline::PhysicsWorld;
+use serde::{Deserialize, Serialize};
 
-use holdpoint_body::TICK_SECS;
+use crate::handles::Handles;
+use holdpoint_body::{MAX_JOINTS, TICK_SECS};
 
 /// The free axis of an arm joint.
 const TURN: usize = JointAxis::AngX as usize;
@@ -18,15 +22,67 @@ const TURN: usize = JointAxis::AngX as usize;
 /// further in one tick (48 rad/s), so leaving it out until then changes no bit of the outcome.
 const LIMIT_NEAR_RAD: f32 = 0.2;
 /// The same for a finger, m (1.2 m/s).
-const LIMIT_NEAR_M: f32 = 0.005;
+pub const LIMIT_NEAR_M: f32 = 0.005;
 
 /// Where one motor is to go.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reference {
     /// Position, rad or m.
     pub position: f64,
     /// Speed, rad/s or m/s.
     pub speed: f64,
+}
+
+/// What the motors are told in one tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drives {
+    /// The arm's joints.
+    pub arm: ArrayVec<Reference, MAX_JOINTS>,
+    /// Either finger.
+    pub finger: Reference,
+    /// Largest force of a finger, N.
+    pub finger_force_n: f64,
+}
+
+impl Drives {
+    /// Tells the engine's motors.
+    pub fn apply(&self, physics: &mut PhysicsWorld, handles: &Handles) {
+        let Some((multibody, _)) = physics.multibody_joints.get_mut(handles.first_joint) else { return };
+        for (i, id) in handles.link_ids.iter().enumerate() {
+            let Some(link) = multibody.link_mut(*id) else { continue };
+            engage_limit(&mut link.joint, i < self.arm.len());
+            if let Some(reference) = self.arm.get(i) {
+                drive_joint(multibody, *id, *reference);
+            } else {
+                drive_finger(&mut link.joint, self.finger, self.finger_force_n);
+            }
+        }
+    }
+}
+
+/// The motor law of one arm joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    /// Position gain, N m/rad.
+    pub stiffness: f64,
+    /// Damping, N m s/rad.
+    pub damping: f64,
+    /// Largest torque, N m.
+    pub torque_max: f64,
+}
+
+impl Law {
+    /// Rest position of the spring that stands for the motor in this tick, rad.
+    ///
+    /// The torque limit is kept by holding the spring back by what the motor law would ask for in
+    /// excess, were the joint to go on as it does. `told_speed` is the reference's speed of the tick
+    /// before: a change of speed is mostly followed within the tick.
+    pub fn rest(&self, reference: Reference, told_speed: f64, at: f64, speed: f64) -> f64 {
+        let ahead = at + speed * TICK_SECS;
+        let torque = self.stiffness * (reference.position - ahead) + self.damping * (told_speed - speed);
+        let excess = torque - torque.clamp(-self.torque_max, self.torque_max);
+        reference.position + (self.damping * reference.speed - excess) / self.stiffness
+    }
 }
 
 /// Makes an arm joint's motor a spring and a damper of its dynamics, solved implicitly with them
@@ -42,25 +98,29 @@ pub fn make_spring(multibody: &mut Multibody, link_id: usize, joint_damping: f32
     multibody.damping_mut()[at] = joint_damping + damping;
 }
 
-/// Hands a reference to an arm joint.
-///
-/// The torque limit is kept by holding the spring back by what the motor law would ask for in
-/// excess, were the joint to go on as it does.
+/// Hands a reference to an arm joint, within its torque limit (see [`Law::rest`]).
 pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: Reference) {
     let Some(link) = multibody.link(link_id) else { return };
     let motor = link.joint.data.motors[TURN];
     let speed = f64::from(multibody.joint_velocity(link)[0]);
-    let ahead = f64::from(link.joint().coords()[TURN]) + speed * TICK_SECS;
-    let (kp, kd) = (f64::from(motor.stiffness), f64::from(motor.damping));
-    // The old speed: a change of speed is mostly followed within the tick.
-    let torque = kp * (reference.position - ahead) + kd * (f64::from(motor.target_vel) - speed);
-    let most = f64::from(motor.max_force);
-    let excess = torque - torque.clamp(-most, most);
+    let law = Law {
+        stiffness: f64::from(motor.stiffness),
+        damping: f64::from(motor.damping),
+        torque_max: f64::from(motor.max_force),
+    };
+    let at = f64::from(link.joint().coords()[TURN]);
+    let rest = law.rest(reference, f64::from(motor.target_vel), at, speed);
     let Some(link) = multibody.link_mut(link_id) else { return };
     let motor = &mut link.joint.data.motors[TURN];
     (motor.target_pos, motor.target_vel) = (reference.position as f32, reference.speed as f32);
-    let rest = reference.position + (kd * reference.speed - excess) / kp;
-    link.joint.set_spring(TURN, kp as f32, rest as f32);
+    link.joint.set_spring(TURN, law.stiffness as f32, rest as f32);
+}
+
+/// Position that an arm joint's motor was told last, rad.
+pub fn told(physics: &PhysicsWorld, handles: &Handles, joint: usize) -> f64 {
+    let multibody = physics.multibody_joints.get(handles.first_joint).map(|(multibody, _)| multibody);
+    let link = handles.link_ids.get(joint).and_then(|id| multibody?.link(*id));
+    link.map_or(0.0, |link| f64::from(link.joint().data.motors[TURN].target_pos))
 }
 
 /// Torque that the motor law asks for in the present state, N m; the motor gives at most its limit.

@@ -9,8 +9,7 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::Vector3;
-use rapier3d::dynamics::JointAxis;
+use nalgebra::{Isometry3, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
@@ -18,13 +17,15 @@ use crate::build;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::{Faults, RUNAWAY_RAD_S};
-use crate::handles::{Handles, from_rapier};
-use crate::motors::{self, Reference};
+use crate::handles::Handles;
+use crate::motors::{self, Drives, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
+use crate::reduced::Reduced;
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
+use crate::stepper::Stepper;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{BodyError, Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
@@ -56,6 +57,8 @@ const DISTANCE_DIVERGED_M: f64 = 20.0;
 pub struct WorldState {
     pub physics: PhysicsWorld,
     pub handles: Handles,
+    /// The arm's state, and that of what it holds, in ticks in which the engine rests.
+    pub reduced: Option<Reduced>,
     pub setup: EpisodeSetup,
     pub task: TaskKind,
     pub tick: u64,
@@ -85,6 +88,7 @@ impl WorldState {
         Ok(Self {
             physics,
             handles,
+            reduced: None,
             setup: setup.clone(),
             task: setup.task,
             tick: 0,
@@ -106,7 +110,7 @@ impl WorldState {
 
     /// Tick 0: whatever led to the start is forgotten.
     pub fn begin(&mut self) {
-        self.object_start_z = readout::object_state(&self.physics, &self.handles).0.translation.z;
+        self.object_start_z = self.object().0.translation.z;
         if self.grip.reference_m.is_some() {
             // In-hand displacement counts from the start of the episode.
             self.grip.reference_m = None;
@@ -120,39 +124,46 @@ impl WorldState {
         }
     }
 
+    /// Pose, speed (m/s) and spin (rad/s) of the object.
+    pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
+        let held = self.reduced.as_ref().and_then(Reduced::object);
+        held.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
+    }
+
     /// Applies the push that is due.
-    pub fn push_object(&mut self) {
+    pub fn push_object(&mut self, stepper: &Stepper) {
         for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
+            let impulse = Vector3::from(push.impulse_n_s);
+            if self.reduced.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
+                continue;
+            }
+            stepper.wake(&mut self.reduced, &mut self.physics, &self.handles);
             if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
                 body.apply_impulse(crate::handles::to_vector(&push.impulse_n_s), true);
             }
         }
     }
 
-    /// Hands the servo's reference to the motors.
-    pub fn drive(&mut self) {
-        let Some((multibody, _)) = self.physics.multibody_joints.get_mut(self.handles.first_joint) else {
-            return;
+    /// The servo's reference as the motors get it.
+    pub fn drives(&self) -> Drives {
+        let told = |joint| match &self.reduced {
+            Some(reduced) => reduced.told(joint),
+            None => motors::told(&self.physics, &self.handles, joint),
         };
-        let g = &self.servo.gripper;
-        for (i, id) in self.handles.link_ids.iter().enumerate() {
-            let Some(link) = multibody.link_mut(*id) else { continue };
-            motors::engage_limit(&mut link.joint, i < self.servo.q.len());
-            if let (Some(q), Some(dq)) = (self.servo.q.get(i), self.servo.dq.get(i)) {
-                let told = f64::from(link.joint.data.motors[JointAxis::AngX as usize].target_pos);
-                let reference = if self.faults.stuck_joint == Some(i) {
-                    Reference { position: told, speed: 0.0 }
-                } else if self.faults.runaway_joint == Some(i) {
-                    Reference { position: told + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
-                } else {
-                    Reference { position: *q, speed: *dq }
-                };
-                motors::drive_joint(multibody, *id, reference);
+        let arm = self.servo.q.iter().zip(&self.servo.dq).enumerate().map(|(i, (q, dq))| {
+            if self.faults.stuck_joint == Some(i) {
+                Reference { position: told(i), speed: 0.0 }
+            } else if self.faults.runaway_joint == Some(i) {
+                Reference { position: told(i) + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
             } else {
-                let reference = Reference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s };
-                let force = if self.faults.grip_lost { 0.0 } else { g.force_n };
-                motors::drive_finger(&mut link.joint, reference, force);
+                Reference { position: *q, speed: *dq }
             }
+        });
+        let g = &self.servo.gripper;
+        Drives {
+            arm: arm.collect(),
+            finger: Reference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s },
+            finger_force_n: if self.faults.grip_lost { 0.0 } else { g.force_n },
         }
     }
 
@@ -163,6 +174,7 @@ impl WorldState {
 
     /// Follows the object in the hand from the moment the grip has closed.
     pub fn follow_grip(&mut self, robot: &RobotModel) {
+        let object = self.object().0;
         let grip = &mut self.grip;
         if self.forces.gripped() {
             grip.pressed_ticks = grip.pressed_ticks.saturating_add(1);
@@ -183,7 +195,6 @@ impl WorldState {
             return;
         }
         let tool: Transform = robot.geometry.chain.frames(&self.joints.q).tool;
-        let object = from_rapier(self.physics.bodies[self.handles.object].position());
         let local: Vector3<f64> = tool.rotation.transpose() * (object.translation.vector - tool.origin);
         let reference = Vector3::from(*grip.reference_m.get_or_insert(local.into()));
         grip.slip_m = (local - reference).norm();
@@ -197,7 +208,7 @@ impl WorldState {
                 return diverged(format!("joint at \"{q}\" rad, \"{dq}\" rad/s"));
             }
         }
-        let (object, speed, spin) = readout::object_state(&self.physics, &self.handles);
+        let (object, speed, spin) = self.object();
         let distance = object.translation.vector.norm();
         // Comparisons with what is not a number are false.
         let usable = distance < DISTANCE_DIVERGED_M && speed < OBJECT_SPEED_DIVERGED_M_S && spin.is_finite();

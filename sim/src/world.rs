@@ -10,15 +10,16 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::effort::{self, SolverEffort};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::InjectedFault;
 use crate::perception::sensor_errors;
 use crate::readout::{self, ContactForces, JointState};
+use crate::reduced::Reduced;
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::state::{WorldState, check_command};
+use crate::stepper::Stepper;
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
     TICK_SECS, TaskKind, Telemetry, Twist,
@@ -41,6 +42,7 @@ pub struct World {
     robot: Arc<RobotModel>,
     scene: Arc<Scene>,
     config: WorldConfig,
+    stepper: Stepper,
     state: WorldState,
     observation: Observation,
 }
@@ -95,7 +97,8 @@ impl World {
         let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
         let state = WorldState::new(&robot, &scene, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
-        let mut world = Self { robot, scene, config, state, observation };
+        let stepper = Stepper::new(config.fidelity, &robot, &state.physics, &state.handles, true);
+        let mut world = Self { robot, scene, config, stepper, state, observation };
         world.settle_start()?;
         Ok(world)
     }
@@ -106,6 +109,7 @@ impl World {
     /// [`SimError::InvalidStart`] when a held start is out of reach or the object does not hold.
     pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
         self.state = WorldState::new(&self.robot, &self.scene, setup)?;
+        self.prepare();
         self.settle_start()
     }
 
@@ -151,7 +155,7 @@ impl World {
         s.task = task;
         s.task_start = s.tick;
         s.stop_declared = None;
-        s.object_start_z = readout::object_state(&s.physics, &s.handles).0.translation.z;
+        s.object_start_z = s.object().0.translation.z;
         self.fill_observation();
     }
 
@@ -225,8 +229,7 @@ impl World {
             }
         }
         s.servo.advance(&self.robot, available);
-        s.push_object();
-        s.drive();
+        s.push_object(&self.stepper);
         self.physics_tick()?;
         self.state.tick += 1;
         self.sense();
@@ -263,7 +266,7 @@ impl World {
         let s = &self.state;
         let frames = self.robot.geometry.chain.frames(&s.joints.q);
         let twist = self.robot.geometry.chain.jacobian(&frames).twist(&s.joints.dq);
-        let (object, object_speed_m_s, _) = readout::object_state(&s.physics, &s.handles);
+        let (object, object_speed_m_s, _) = s.object();
         let finger = |i: usize| {
             let slide = Isometry3::translation(0.0, 0.0, s.joints.fingers[i][0]);
             let last = frames.links[frames.count.saturating_sub(1)].isometry();
@@ -330,7 +333,7 @@ impl World {
     /// True pose and speed (m/s) of the object.
     #[must_use]
     pub fn object(&self) -> (Isometry3<f64>, f64) {
-        let (pose, speed, _) = readout::object_state(&self.state.physics, &self.state.handles);
+        let (pose, speed, _) = self.state.object();
         (pose, speed)
     }
 
@@ -344,7 +347,7 @@ impl World {
     #[must_use]
     pub fn task_succeeded(&self) -> bool {
         let (s, t) = (&self.state, &self.scene.tolerance);
-        let (object, speed, _) = readout::object_state(&s.physics, &s.handles);
+        let (object, speed, _) = s.object();
         let target = s.setup.target.isometry();
         let half = self.scene.object.half_m;
         let in_hand = s.forces.gripped() && s.grip.reference_m.is_some() && s.grip.slip_m < t.in_hand_m;
@@ -400,6 +403,7 @@ impl World {
         }
         self.config = config;
         self.state = state;
+        self.prepare();
         self.fill_observation();
         Ok(())
     }
@@ -414,7 +418,15 @@ impl World {
             p.into_iter().chain(r).chain(v).chain(w).flat_map(|value| value.to_bits().to_le_bytes())
         });
         let servo = s.servo.q.iter().chain(&s.servo.dq).flat_map(|value| value.to_bits().to_le_bytes());
-        crate::robot::fnv1a(bodies.chain(servo).chain(s.tick.to_le_bytes()))
+        let reduced =
+            s.reduced.iter().flat_map(Reduced::numbers).flat_map(|value| value.to_bits().to_le_bytes());
+        crate::robot::fnv1a(bodies.chain(servo).chain(reduced).chain(s.tick.to_le_bytes()))
+    }
+
+    /// Makes what follows from the state and does not change with it.
+    fn prepare(&mut self) {
+        let s = &self.state;
+        self.stepper = Stepper::new(self.config.fidelity, &self.robot, &s.physics, &s.handles, true);
     }
 
     /// Closes on a held object and checks that it holds; then takes the first reading.
@@ -443,12 +455,11 @@ impl World {
                 self.state.set_object_gravity(1.0);
             }
             self.state.servo.advance(&robot, true);
-            self.state.drive();
             self.physics_tick()?;
             self.state.follow_grip(&robot);
         }
         let s = &self.state;
-        let speed = readout::object_state(&s.physics, &s.handles).1;
+        let speed = s.object().1;
         let problem = if !s.forces.gripped() {
             "the pads do not press on the object".to_owned()
         } else if s.grip.slip_m > 0.002 {
@@ -463,11 +474,15 @@ impl World {
 
     fn physics_tick(&mut self) -> Result<(), BodyError> {
         let s = &mut self.state;
-        let situation = effort::situation(&s.physics, &s.handles);
-        SolverEffort::of(self.config.fidelity, situation).apply(&mut s.physics);
-        s.physics.step();
-        s.joints = readout::joint_state(&s.physics, &s.handles, &self.robot);
-        s.forces = readout::contact_forces(&s.physics, &s.handles, self.robot.geometry.joint_count());
+        let drives = s.drives();
+        let rested = self.stepper.tick(&mut s.reduced, &mut s.physics, &s.handles, &drives);
+        (s.joints, s.forces) = match (&s.reduced, self.stepper.cell()) {
+            (Some(reduced), Some(cell)) if rested => (cell.joint_state(reduced), reduced.forces(&s.forces)),
+            _ => (
+                readout::joint_state(&s.physics, &s.handles, &self.robot),
+                readout::contact_forces(&s.physics, &s.handles, self.robot.geometry.joint_count()),
+            ),
+        };
         s.check_finite()
     }
 
@@ -475,7 +490,7 @@ impl World {
         let s = &mut self.state;
         s.follow_grip(&self.robot);
         s.errors = sensor_errors(&mut s.setup.sensors);
-        let (object, _, _) = readout::object_state(&s.physics, &s.handles);
+        let (object, _, _) = s.object();
         s.camera.tick(s.tick, &object, &s.setup.target.isometry());
         self.fill_observation();
     }

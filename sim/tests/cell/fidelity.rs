@@ -39,7 +39,8 @@ fn outcomes_are_those_of_the_full_effort() {
         World::with_config(&robot, &scene(), WorldConfig { fidelity }).expect("the world builds")
     };
     let mut reference = world(Fidelity::Full);
-    let mut cheaper = [Fidelity::Adaptive, Fidelity::Single].map(|fidelity| (fidelity, world(fidelity)));
+    let mut cheaper =
+        [Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced].map(|fidelity| (fidelity, world(fidelity)));
     for seed in 100..106 {
         let a = sequence(&mut reference, seed);
         for (fidelity, world) in &mut cheaper {
@@ -56,7 +57,7 @@ fn outcomes_are_those_of_the_full_effort() {
 
 #[test]
 fn the_comparison_episode_is_solved_in_every_mode() {
-    for fidelity in [Fidelity::Full, Fidelity::Adaptive, Fidelity::Single] {
+    for fidelity in [Fidelity::Full, Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced] {
         let bench = PeerBench::new(fidelity).expect("the robot parses");
         for seed in 0..8 {
             let PeerOutcome { lifted, placed, place_error_m, .. } =

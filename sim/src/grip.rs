@@ -1,0 +1,400 @@
+//! The constraints of a tick that the arm's own dynamics solve: finger motors, their coupling and
+//! ends, and the pads on the object.
+//!
+//! The same laws as the physics engine's rows, in f64: soft constraints after Catto (*Soft
+//! Constraints*, GDC 2011), projected Gauss-Seidel, friction after the positions have moved. Rows
+//! live in coordinates in which every inertia is the identity (see [`Factor`]), so that one vector
+//! both reads a row's speed and takes its impulse. Units SI; poses and directions in the base frame
+//! unless a name says otherwise.
+
+use arrayvec::ArrayVec;
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::dynamics::{DOFS_MAX, Dofs, Factor, Motion, Placement, Wrench};
+use crate::motors::Reference;
+use holdpoint_body::TICK_SECS;
+
+/// The most contact points on both pads together.
+pub const CONTACTS_MAX: usize = 16;
+/// Degrees of freedom of arm and object together.
+const WIDTH: usize = DOFS_MAX + 6;
+/// What a row reads and moves.
+type Coordinates = [f64; WIDTH];
+
+/// A spring and damper in place of a rigid constraint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Softness {
+    /// Natural frequency, Hz.
+    pub frequency_hz: f64,
+    /// Damping ratio.
+    pub ratio: f64,
+}
+
+impl Softness {
+    /// Joint limits and couplings: as good as rigid.
+    const RIGID: Self = Self { frequency_hz: 1e6, ratio: 1.0 };
+
+    /// Share of an error taken back per second, and the compliance relative to the row's own.
+    fn gains(self) -> (f64, f64) {
+        let speed = core::f64::consts::TAU * self.frequency_hz;
+        let rate = speed / (TICK_SECS * speed + 2.0 * self.ratio);
+        let rest = 1.0 / (TICK_SECS * rate) - 1.0;
+        (rate, rest * rest / ((1.0 + rest) * 4.0 * self.ratio * self.ratio))
+    }
+}
+
+/// A free rigid body with the same inertia about every axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FreeBody {
+    /// Centre.
+    pub position: Vector3<f64>,
+    /// Orientation.
+    pub rotation: UnitQuaternion<f64>,
+    /// Velocity of the centre, m/s.
+    pub linear: Vector3<f64>,
+    /// Angular velocity, rad/s.
+    pub angular: Vector3<f64>,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Inertia about any axis, kg m^2.
+    pub inertia_kg_m2: f64,
+}
+
+/// One point of a pad on the object, as the engine's collision detection last found it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GripContact {
+    /// Finger 0 or 1.
+    pub side: usize,
+    /// The point of the pad, finger frame.
+    pub on_finger: Vector3<f64>,
+    /// The point of the object, object frame.
+    pub on_object: Vector3<f64>,
+    /// Direction of the force on the finger, finger frame.
+    pub direction: Vector3<f64>,
+    /// Coulomb coefficient.
+    pub friction: f64,
+    /// Normal impulse of the last tick, N s.
+    pub impulse: f64,
+    /// Friction impulse on the finger of the last tick, N s.
+    pub tangent: Vector3<f64>,
+}
+
+/// What the two fingers are told, and their constants.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingerMotors {
+    /// Opening and its speed, per finger.
+    pub reference: Reference,
+    /// Largest force, N.
+    pub force_n: f64,
+    /// Position gain, N/m.
+    pub stiffness_n_m: f64,
+    /// Damping, N s/m.
+    pub damping_n_s_m: f64,
+    /// Travel, m.
+    pub stroke_m: [f64; 2],
+    /// Distance from an end within which the end bounds the motor's speed, m.
+    pub near_end_m: f64,
+}
+
+/// A row with a bounded impulse.
+struct JointRow {
+    row: Coordinates,
+    inverse: f64,
+    gain: f64,
+    bias: f64,
+    bias_relaxed: f64,
+    least: f64,
+    most: f64,
+    impulse: f64,
+}
+
+/// The rows of one contact point: along the normal, then along two tangents.
+struct ContactRow {
+    side: usize,
+    rows: [Coordinates; 3],
+    inverse: [f64; 3],
+    bias: f64,
+    bias_relaxed: f64,
+    impulse: [f64; 3],
+    tangents: [Vector3<f64>; 2],
+    friction: f64,
+}
+
+/// Everything that acts in one tick besides the arm's own dynamics.
+pub struct Rows {
+    joints: ArrayVec<JointRow, 5>,
+    contacts: ArrayVec<ContactRow, CONTACTS_MAX>,
+    cfm: f64,
+}
+
+fn dot(a: &Coordinates, b: &Coordinates) -> f64 {
+    // Four sums at a time: the order is fixed, so the result is too.
+    let mut sums = [0.0; 4];
+    for (a, b) in a.chunks_exact(4).zip(b.chunks_exact(4)) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+fn push(u: &mut Coordinates, row: &Coordinates, impulse: f64) {
+    for (value, share) in u.iter_mut().zip(row) {
+        *value += share * impulse;
+    }
+}
+
+/// A row on the arm in the factor's coordinates.
+fn on_arm(factor: &Factor, row: &Dofs) -> Coordinates {
+    let mut wide = [0.0; WIDTH];
+    wide[..DOFS_MAX].copy_from_slice(&factor.forward(row));
+    wide
+}
+
+impl JointRow {
+    fn solve(&mut self, u: &mut Coordinates, relaxed: bool) {
+        let bias = if relaxed { self.bias_relaxed } else { self.bias };
+        let speed = bias + dot(&self.row, u);
+        let total =
+            (self.impulse + self.inverse * (speed - self.gain * self.impulse)).clamp(self.least, self.most);
+        let change = total - self.impulse;
+        self.impulse = total;
+        push(u, &self.row, -change);
+    }
+}
+
+impl ContactRow {
+    fn press(&mut self, u: &mut Coordinates, cfm: f64, relaxed: bool) {
+        let bias = if relaxed { self.bias_relaxed } else { self.bias };
+        let speed = dot(&self.rows[0], u) + bias;
+        let total = cfm * (self.impulse[0] - self.inverse[0] * speed).max(0.0);
+        let change = total - self.impulse[0];
+        self.impulse[0] = total;
+        push(u, &self.rows[0], change);
+    }
+
+    fn rub(&mut self, u: &mut Coordinates) {
+        let wanted = [1, 2].map(|i| self.impulse[i] - self.inverse[i] * dot(&self.rows[i], u));
+        let (size, most) =
+            (libm::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), self.friction * self.impulse[0]);
+        let share = if size > most { most / size } else { 1.0 };
+        for (i, value) in [(1, wanted[0] * share), (2, wanted[1] * share)] {
+            push(u, &self.rows[i], value - self.impulse[i]);
+            self.impulse[i] = value;
+        }
+    }
+}
+
+impl Rows {
+    /// The fingers' rows: motor and violated end of each, and their coupling.
+    pub fn fingers(factor: &Factor, joints: usize, q: &Dofs, motors: &FingerMotors) -> Self {
+        let mut rows = Self { joints: ArrayVec::new(), contacts: ArrayVec::new(), cfm: 1.0 };
+        let (rigid_rate, rigid_cfm) = Softness::RIGID.gains();
+        let (k, d) = (motors.stiffness_n_m, motors.damping_n_s_m);
+        let rate = k / (TICK_SECS * k + d);
+        let compliance = 1.0 / (TICK_SECS * (TICK_SECS * k + d));
+        let most = motors.force_n * TICK_SECS;
+        for side in 0..2 {
+            let (dof, stroke) = (joints + side, motors.stroke_m[side]);
+            let at = q[dof];
+            let mut unit = [0.0; DOFS_MAX];
+            unit[dof] = 1.0;
+            let row = on_arm(factor, &unit);
+            let own = dot(&row, &row);
+            let near = !(at > motors.near_end_m && at < stroke - motors.near_end_m);
+            let mut speed = motors.reference.speed;
+            if near {
+                speed = speed.max(-at / TICK_SECS).min((stroke - at) / TICK_SECS);
+            }
+            let bias = (at - motors.reference.position) * rate - speed;
+            rows.joints.push(JointRow {
+                row,
+                inverse: 1.0 / (own + compliance),
+                gain: compliance,
+                bias,
+                bias_relaxed: bias,
+                least: -most,
+                most,
+                impulse: 0.0,
+            });
+            let past = (at - stroke).max(0.0) - (-at).max(0.0);
+            if past != 0.0 {
+                rows.joints.push(JointRow {
+                    row,
+                    inverse: 1.0 / (own * (1.0 + rigid_cfm)),
+                    gain: own * rigid_cfm,
+                    bias: past * rigid_rate,
+                    bias_relaxed: 0.0,
+                    least: if past < 0.0 { f64::NEG_INFINITY } else { 0.0 },
+                    most: if past > 0.0 { f64::INFINITY } else { 0.0 },
+                    impulse: 0.0,
+                });
+            }
+            if side == 0 {
+                let mut pair = [0.0; DOFS_MAX];
+                (pair[joints], pair[joints + 1]) = (-1.0, 1.0);
+                let row = on_arm(factor, &pair);
+                rows.joints.push(JointRow {
+                    row,
+                    inverse: 1.0 / dot(&row, &row),
+                    gain: 0.0,
+                    bias: (q[joints + 1] - q[joints]) * rigid_rate,
+                    bias_relaxed: 0.0,
+                    least: f64::NEG_INFINITY,
+                    most: f64::INFINITY,
+                    impulse: 0.0,
+                });
+            }
+        }
+        rows
+    }
+
+    /// Adds the pads on the object, and starts them from the last tick's impulses.
+    pub fn grip(
+        &mut self,
+        factor: &Factor,
+        joints: usize,
+        place: &Placement,
+        (object, softness): (&FreeBody, Softness),
+        contacts: &[GripContact],
+        u: &mut Coordinates,
+    ) {
+        /// Most speed with which a penetration is pushed out, m/s.
+        const CORRECTION_M_S: f64 = 3.0;
+        let (rate, compliance) = softness.gains();
+        self.cfm = 1.0 / (1.0 + compliance);
+        let shares = (1.0 / libm::sqrt(object.mass_kg), 1.0 / libm::sqrt(object.inertia_kg_m2));
+        for contact in contacts.iter().take(CONTACTS_MAX) {
+            let finger = joints + contact.side;
+            let frame = &place.frames[finger];
+            let arm = object.rotation * contact.on_object;
+            let (on_finger, on_object) = (frame.point(&contact.on_finger), object.position + arm);
+            let point = (on_finger + on_object) * 0.5;
+            let direction = frame.rotation * contact.direction;
+            let tangents = tangents(&direction, &contact.tangent);
+            let lever = point - object.position;
+            let rows = [direction, tangents[0], tangents[1]].map(|along| {
+                let wrench = Wrench::at(&point, &along);
+                let mut row = [0.0; DOFS_MAX];
+                for (value, axis) in row.iter_mut().zip(&place.axes).take(joints) {
+                    *value = Motion::dot(axis, &wrench);
+                }
+                row[finger] = place.axes[finger].dot(&wrench);
+                let mut row = on_arm(factor, &row);
+                let (force, moment) = (along * -shares.0, lever.cross(&along) * -shares.1);
+                row[DOFS_MAX..DOFS_MAX + 3].copy_from_slice(force.as_slice());
+                row[DOFS_MAX + 3..].copy_from_slice(moment.as_slice());
+                row
+            });
+            let gap = (on_finger - on_object).dot(&direction);
+            let slack = gap.max(0.0) / TICK_SECS;
+            let impulse =
+                [contact.impulse, contact.tangent.dot(&tangents[0]), contact.tangent.dot(&tangents[1])];
+            for (row, impulse) in rows.iter().zip(impulse) {
+                push(u, row, impulse);
+            }
+            let inverse = [0, 1, 2].map(|i| 1.0 / dot(&rows[i], &rows[i]));
+            self.contacts.push(ContactRow {
+                side: contact.side,
+                rows,
+                inverse,
+                bias: slack + (rate * gap).clamp(-CORRECTION_M_S, 0.0),
+                bias_relaxed: slack,
+                impulse,
+                tangents,
+                friction: contact.friction,
+            });
+        }
+    }
+
+    /// Sweeps before the positions move.
+    pub fn solve(&mut self, u: &mut Coordinates, sweeps: usize) {
+        for _ in 0..sweeps {
+            for row in &mut self.joints {
+                row.solve(u, false);
+            }
+            for contact in &mut self.contacts {
+                contact.press(u, self.cfm, false);
+            }
+        }
+    }
+
+    /// The sweep after the positions have moved: without what pulled errors back, with friction.
+    pub fn relax(&mut self, u: &mut Coordinates) {
+        for row in &mut self.joints {
+            row.solve(u, true);
+        }
+        // One pad after the other, pressure before friction, as the engine does it.
+        for pad in self.contacts.chunk_by_mut(|a, b| a.side == b.side) {
+            for contact in pad.iter_mut() {
+                contact.press(u, 1.0, true);
+            }
+            for contact in pad.iter_mut() {
+                contact.rub(u);
+            }
+        }
+    }
+
+    /// Writes the impulses back for the next tick; normal force on each finger, N.
+    pub fn store(&self, contacts: &mut [GripContact]) -> [f64; 2] {
+        let mut force = [0.0; 2];
+        for (contact, row) in contacts.iter_mut().zip(&self.contacts) {
+            contact.impulse = row.impulse[0];
+            contact.tangent = row.tangents[0] * row.impulse[1] + row.tangents[1] * row.impulse[2];
+            force[contact.side] += row.impulse[0] / TICK_SECS;
+        }
+        force
+    }
+}
+
+/// Two directions square to the normal and to one another, the first along the present friction.
+fn tangents(normal: &Vector3<f64>, along: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let flat = along - normal * normal.dot(along);
+    let size = flat.norm();
+    let first = if size > 1e-9 {
+        flat / size
+    } else {
+        // The base axis furthest from the normal.
+        let axis = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+        (axis - normal * normal.dot(&axis)).normalize()
+    };
+    [first, normal.cross(&first)]
+}
+
+/// Speeds of arm and object as the rows see them.
+pub fn coordinates(factor: &Factor, dq: &Dofs, object: Option<&FreeBody>) -> Coordinates {
+    let mut u = [0.0; WIDTH];
+    u[..DOFS_MAX].copy_from_slice(&factor.whiten(dq));
+    if let Some(object) = object {
+        let (linear, angular) =
+            (object.linear * libm::sqrt(object.mass_kg), object.angular * libm::sqrt(object.inertia_kg_m2));
+        u[DOFS_MAX..DOFS_MAX + 3].copy_from_slice(linear.as_slice());
+        u[DOFS_MAX + 3..].copy_from_slice(angular.as_slice());
+    }
+    u
+}
+
+/// The arm's speeds in what the rows have solved.
+pub fn arm_speeds(factor: &Factor, u: &Coordinates) -> Dofs {
+    let mut y = [0.0; DOFS_MAX];
+    y.copy_from_slice(&u[..DOFS_MAX]);
+    factor.backward(&y)
+}
+
+impl FreeBody {
+    /// Takes its speeds from what the rows have solved.
+    pub fn take_speeds(&mut self, u: &Coordinates) {
+        let (linear, angular) = (1.0 / libm::sqrt(self.mass_kg), 1.0 / libm::sqrt(self.inertia_kg_m2));
+        self.linear = Vector3::new(u[DOFS_MAX], u[DOFS_MAX + 1], u[DOFS_MAX + 2]) * linear;
+        self.angular = Vector3::new(u[DOFS_MAX + 3], u[DOFS_MAX + 4], u[DOFS_MAX + 5]) * angular;
+    }
+
+    /// Moves for one tick.
+    pub fn advance(&mut self) {
+        self.position += self.linear * TICK_SECS;
+        let turn = nalgebra::Quaternion::from_parts(0.0, self.angular * (0.5 * TICK_SECS));
+        let next = self.rotation.into_inner() + turn * self.rotation.into_inner();
+        self.rotation = UnitQuaternion::new_normalize(next);
+    }
+}
