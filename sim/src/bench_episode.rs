@@ -9,7 +9,7 @@
     reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::build::{self, CellFixtures};
@@ -18,8 +18,8 @@ use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::handles::Handles;
 use crate::motors::{Drives, Reference};
-use crate::readout;
-use crate::reduced::Reduced;
+use crate::readout::{self, ContactForces};
+use crate::reduced::{Hands, Reduced};
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
@@ -31,6 +31,10 @@ use holdpoint_body::{Pose, TICK_SECS};
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
 const LIFT_CHECK_STEP: u32 = 624;
+/// The grip has closed.
+const HELD_FROM_STEP: u32 = 470;
+/// The fingers open.
+const OPEN_STEP: u32 = 888;
 const CUBE_HALF_M: f64 = 0.025;
 const OPEN_M: f64 = 0.04;
 
@@ -101,6 +105,19 @@ pub struct PeerOutcome {
     pub rested_ticks: u32,
 }
 
+/// What happened on the way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PeerTrace {
+    /// Hardest contact of the robot, or of what it grips, with its surroundings, N.
+    pub peak_force_n: f64,
+    /// Hardest contact of the cube with the table while a pad touches it, N.
+    pub impact_n: f64,
+    /// Furthest displacement of the cube in the hand, m.
+    pub slip_m: f64,
+    /// Height from which the cube was let go, m.
+    pub drop_m: f64,
+}
+
 /// The comparison's robot, and how hard its solver works.
 pub struct PeerBench {
     robot: RobotModel,
@@ -132,6 +149,44 @@ impl PeerBench {
         self.play(seed, |_| {})
     }
 
+    /// Runs one episode and measures what happened on the way.
+    ///
+    /// # Errors
+    /// As [`PeerBench::run`].
+    pub fn run_traced(&self, seed: u64) -> Result<(PeerOutcome, PeerTrace), SimError> {
+        let joints = self.robot.geometry.joint_count();
+        let mut trace = PeerTrace::default();
+        let (mut step, mut reference, mut let_go) = (0_u32, None, 0.0);
+        let mut forces = ContactForces::default();
+        let mut rest = 0.0;
+        let outcome = self.play(seed, |stage| {
+            step += 1;
+            let object = stage.object();
+            let (q, now) = match (&stage.hands.own, stage.stepper.cell()) {
+                (Some(own), Some(cell)) => (cell.joint_state(own), own.forces(&forces)),
+                _ => (
+                    readout::joint_state(stage.physics, stage.handles, &self.robot),
+                    readout::contact_forces(stage.physics, stage.handles, joints),
+                ),
+            };
+            forces = now;
+            trace.peak_force_n = trace.peak_force_n.max(forces.surroundings_n());
+            if forces.contacts.pad_object {
+                trace.impact_n = trace.impact_n.max(forces.object_surroundings_n);
+                let_go = object.z;
+            }
+            rest = object.z;
+            if (HELD_FROM_STEP..OPEN_STEP).contains(&step) {
+                let tool = self.robot.geometry.chain.frames(&q.q).tool;
+                let local = tool.rotation.transpose() * (object - tool.origin);
+                let from = *reference.get_or_insert(local);
+                trace.slip_m = trace.slip_m.max((local - from).norm());
+            }
+        })?;
+        trace.drop_m = (let_go - rest).max(0.0);
+        Ok((outcome, trace))
+    }
+
     /// Runs one episode and shows every tick before it is computed.
     fn play(&self, seed: u64, mut watch: impl FnMut(&mut Stage<'_>)) -> Result<PeerOutcome, SimError> {
         let plan = EpisodePlan::new(seed);
@@ -148,9 +203,9 @@ impl PeerBench {
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;
         let stepper = Stepper::new(self.fidelity, &self.robot, &physics, &handles, false);
-        let mut reduced = None;
-        let centre = |reduced: &Option<Reduced>, physics: &PhysicsWorld| {
-            let held = reduced.as_ref().and_then(Reduced::object);
+        let mut hands = Hands::default();
+        let centre = |hands: &Hands, physics: &PhysicsWorld| {
+            let held = hands.own.as_ref().and_then(Reduced::object);
             held.unwrap_or_else(|| readout::object_state(physics, &handles)).0.translation
         };
         let options = IkOptions {
@@ -178,17 +233,17 @@ impl PeerBench {
             q = solved.q;
             watch(&mut Stage {
                 stepper: &stepper,
-                reduced: &mut reduced,
+                hands: &mut hands,
                 physics: &physics,
                 handles: &handles,
                 drives: &drives,
             });
-            rested_ticks += u32::from(stepper.tick(&mut reduced, &mut physics, &handles, &drives));
+            rested_ticks += u32::from(stepper.tick(&mut hands, &mut physics, &handles, &drives));
             if step == LIFT_CHECK_STEP {
-                lifted = centre(&reduced, &physics).z >= CUBE_HALF_M + 0.10;
+                lifted = centre(&hands, &physics).z >= CUBE_HALF_M + 0.10;
             }
         }
-        let cube = centre(&reduced, &physics);
+        let cube = centre(&hands, &physics);
         let place_error_m = libm::hypot(cube.x - plan.target[0], cube.y - plan.target[1]);
         let placed = lifted && place_error_m <= 0.02 && (cube.z - CUBE_HALF_M).abs() <= 0.01;
         Ok(PeerOutcome { lifted, placed, ik_iterations, place_error_m, rested_ticks })
@@ -196,13 +251,21 @@ impl PeerBench {
 }
 
 /// A tick about to be computed.
-#[cfg_attr(not(test), expect(dead_code, reason = "what tests look at"))]
 struct Stage<'a> {
     stepper: &'a Stepper,
-    reduced: &'a mut Option<Reduced>,
+    hands: &'a mut Hands,
     physics: &'a PhysicsWorld,
     handles: &'a Handles,
+    #[cfg_attr(not(test), expect(dead_code, reason = "for tests, which compute the tick themselves"))]
     drives: &'a Drives,
+}
+
+impl Stage<'_> {
+    /// Centre of the object.
+    fn object(&self) -> Vector3<f64> {
+        let held = self.hands.own.as_ref().and_then(Reduced::object);
+        held.unwrap_or_else(|| readout::object_state(self.physics, self.handles)).0.translation.vector
+    }
 }
 
 #[cfg(test)]
@@ -245,7 +308,7 @@ mod tests {
                         }
                     }
                     // The engine takes every tick; the other dynamics start from its state each time.
-                    *stage.reduced = None;
+                    stage.hands.own = None;
                     let situation = effort::situation(stage.physics, stage.handles);
                     let effort = SolverEffort::of(Fidelity::Reduced, situation);
                     if let Some(mut own) = cell.enter(stage.physics, stage.handles, situation, effort)
@@ -280,7 +343,7 @@ mod tests {
         bench
             .play(5, |stage| {
                 let cell = stage.stepper.cell().expect("in this fidelity");
-                *stage.reduced = None;
+                stage.hands.own = None;
                 let situation = effort::situation(stage.physics, stage.handles);
                 let effort = SolverEffort::of(Fidelity::Reduced, situation);
                 let Some(own) = cell.enter(stage.physics, stage.handles, situation, effort) else { return };
@@ -288,6 +351,9 @@ mod tests {
                 if compared % 50 != 0 {
                     return;
                 }
+                let bytes = postcard::to_allocvec(&own).expect("it is written");
+                let read: Reduced = postcard::from_bytes(&bytes).expect("and read");
+                assert_eq!(postcard::to_allocvec(&read).expect("it is written"), bytes);
                 let bytes = postcard::to_allocvec(stage.physics).expect("it is written");
                 let mut copy: PhysicsWorld = postcard::from_bytes(&bytes).expect("and read");
                 cell.leave(&own, &mut copy, stage.handles);
@@ -315,11 +381,11 @@ mod tests {
             bench
                 .play(seed, |stage| {
                     let cell = stage.stepper.cell().expect("in this fidelity");
-                    let state = match &*stage.reduced {
+                    let state = match &stage.hands.own {
                         Some(own) => cell.joint_state(own),
                         None => readout::joint_state(stage.physics, stage.handles, &bench.robot),
                     };
-                    track.push((stage.reduced.is_some(), state));
+                    track.push((stage.hands.own.is_some(), state));
                 })
                 .expect("the episode runs");
             let change = |i: usize| {

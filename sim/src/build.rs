@@ -35,9 +35,6 @@ const OBJECT: Group = Group::GROUP_4;
 const FIXTURE: Group = Group::GROUP_5;
 const CLUTTER: Group = Group::GROUP_6;
 
-/// Sweeps after the positions have moved.
-pub const RELAXATIONS: usize = 1;
-
 /// An empty world with the settings that hold a gripped cube.
 pub fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
@@ -45,7 +42,7 @@ pub fn empty_world() -> PhysicsWorld {
     p.dt = TICK_SECS as f32;
     p.num_solver_iterations = SolverEffort::FULL.substeps;
     p.num_internal_pgs_iterations = SolverEffort::FULL.sweeps;
-    p.num_internal_stabilization_iterations = RELAXATIONS;
+    p.num_internal_stabilization_iterations = 1;
     p.contact_softness = SpringCoefficients::new(120.0, 5.0);
     p.static_contact_softness = SpringCoefficients::new(240.0, 5.0);
     // With recycled contacts a gripped cube walks out of the hand (12 of 20 placed, against 20).

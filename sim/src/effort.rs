@@ -57,8 +57,9 @@ impl SolverEffort {
 
     /// Applies the settings.
     pub fn apply(self, physics: &mut PhysicsWorld) {
-        physics.integration_parameters.num_solver_iterations = self.substeps;
-        physics.integration_parameters.num_internal_pgs_iterations = self.sweeps;
+        let p = &mut physics.integration_parameters;
+        p.num_solver_iterations = self.substeps;
+        p.num_internal_pgs_iterations = self.sweeps;
     }
 }
 

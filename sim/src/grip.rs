@@ -2,7 +2,7 @@
 //! ends, and the pads on the object.
 //!
 //! The same laws as the physics engine's rows, in f64: soft constraints after Catto (*Soft
-//! Constraints*, GDC 2011), projected Gauss-Seidel, friction after the positions have moved. Rows
+//! Constraints*, GDC 2011), projected Gauss-Seidel, friction only in the sweep after the positions have moved. Rows
 //! live in coordinates in which every inertia is the identity (see [`Factor`]), so that one vector
 //! both reads a row's speed and takes its impulse. Units SI; poses and directions in the base frame
 //! unless a name says otherwise.
@@ -44,16 +44,49 @@ impl Softness {
     }
 }
 
+/// Vectors in a snapshot: three numbers.
+mod plain {
+    use nalgebra::Vector3;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(v: &Vector3<f64>, out: S) -> Result<S::Ok, S::Error> {
+        [v.x, v.y, v.z].serialize(out)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vector3<f64>, D::Error> {
+        Ok(Vector3::from(<[f64; 3]>::deserialize(from)?))
+    }
+}
+
+/// Orientations in a snapshot: x, y, z, w, to the bit.
+mod plain_turn {
+    use nalgebra::{Quaternion, UnitQuaternion};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(r: &UnitQuaternion<f64>, out: S) -> Result<S::Ok, S::Error> {
+        [r.i, r.j, r.k, r.w].serialize(out)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<UnitQuaternion<f64>, D::Error> {
+        let [i, j, k, w] = <[f64; 4]>::deserialize(from)?;
+        Ok(UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)))
+    }
+}
+
 /// A free rigid body with the same inertia about every axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FreeBody {
     /// Centre.
+    #[serde(with = "plain")]
     pub position: Vector3<f64>,
     /// Orientation.
+    #[serde(with = "plain_turn")]
     pub rotation: UnitQuaternion<f64>,
     /// Velocity of the centre, m/s.
+    #[serde(with = "plain")]
     pub linear: Vector3<f64>,
     /// Angular velocity, rad/s.
+    #[serde(with = "plain")]
     pub angular: Vector3<f64>,
     /// Mass, kg.
     pub mass_kg: f64,
@@ -67,16 +100,20 @@ pub struct GripContact {
     /// Finger 0 or 1.
     pub side: usize,
     /// The point of the pad, finger frame.
+    #[serde(with = "plain")]
     pub on_finger: Vector3<f64>,
     /// The point of the object, object frame.
+    #[serde(with = "plain")]
     pub on_object: Vector3<f64>,
     /// Direction of the force on the finger, finger frame.
+    #[serde(with = "plain")]
     pub direction: Vector3<f64>,
     /// Coulomb coefficient.
     pub friction: f64,
     /// Normal impulse of the last tick, N s.
     pub impulse: f64,
     /// Friction impulse on the finger of the last tick, N s.
+    #[serde(with = "plain")]
     pub tangent: Vector3<f64>,
 }
 
@@ -311,27 +348,29 @@ impl Rows {
     /// Sweeps before the positions move.
     pub fn solve(&mut self, u: &mut Coordinates, sweeps: usize) {
         for _ in 0..sweeps {
-            for row in &mut self.joints {
-                row.solve(u, false);
-            }
-            for contact in &mut self.contacts {
-                contact.press(u, self.cfm, false);
-            }
+            self.sweep(u, false);
         }
     }
 
     /// The sweep after the positions have moved: without what pulled errors back, with friction.
     pub fn relax(&mut self, u: &mut Coordinates) {
+        self.sweep(u, true);
+    }
+
+    fn sweep(&mut self, u: &mut Coordinates, relaxed: bool) {
         for row in &mut self.joints {
-            row.solve(u, true);
+            row.solve(u, relaxed);
         }
+        let cfm = if relaxed { 1.0 } else { self.cfm };
         // One pad after the other, pressure before friction, as the engine does it.
         for pad in self.contacts.chunk_by_mut(|a, b| a.side == b.side) {
             for contact in pad.iter_mut() {
-                contact.press(u, 1.0, true);
+                contact.press(u, cfm, relaxed);
             }
-            for contact in pad.iter_mut() {
-                contact.rub(u);
+            if relaxed {
+                for contact in pad.iter_mut() {
+                    contact.rub(u);
+                }
             }
         }
     }

@@ -32,6 +32,7 @@ mod state;
 mod stepper;
 mod survey;
 mod urdf;
+mod warm;
 
 pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
 pub use episode::EpisodeSetup;

@@ -24,6 +24,7 @@ use crate::motors::{self, Drives, Reference};
 use crate::readout::{self, ContactForces, JointState};
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
+use crate::warm::{WarmPoint, WarmStart};
 use holdpoint_body::{MAX_JOINTS, TICK_SECS};
 
 /// A pad's contact points may slide this far before the engine finds them anew, m.
@@ -32,8 +33,31 @@ const SLIDE_MAX_M: f64 = 0.001;
 const IN_HAND_ROOM_M: f64 = 0.006;
 /// Room that a survey must find for the engine to be left, m.
 const ENTRY_ROOM_M: f64 = 0.002;
-/// An object slower than this stands still: m/s and rad/s.
+/// An object slower than this, for so many ticks, stands still: m/s and rad/s. One that rocks is slow
+/// for a tick or two at every turn.
 const STILL: (f32, f32) = (0.002, 0.05);
+const STILL_TICKS: u32 = 8;
+
+/// Who has the state.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Hands {
+    /// The state of arm and held object while the engine rests.
+    pub own: Option<Reduced>,
+    /// Ticks of the engine since the object last moved.
+    still_ticks: u32,
+}
+
+impl Hands {
+    /// Whether the object has stood still for long enough; called after every tick of the engine.
+    pub fn object_stands(&mut self, physics: &PhysicsWorld, handles: &Handles) -> bool {
+        let still = physics
+            .bodies
+            .get(handles.object)
+            .is_some_and(|body| body.linvel().length() < STILL.0 && body.angvel().length() < STILL.1);
+        self.still_ticks = if still { self.still_ticks.saturating_add(1) } else { 0 };
+        self.still_ticks >= STILL_TICKS
+    }
+}
 
 /// What of a cell does not change within an episode.
 pub struct ReducedCell {
@@ -120,9 +144,6 @@ impl ReducedCell {
         let (multibody, _) = physics.multibody_joints.get(handles.first_joint)?;
         let body = physics.bodies.get(handles.object)?;
         let held = situation == Situation::Held;
-        if !held && (body.linvel().length() >= STILL.0 || body.angvel().length() >= STILL.1) {
-            return None;
-        }
         let n = self.dynamics.joints();
         let (mut q, mut dq) = ([0.0; DOFS_MAX], [0.0; DOFS_MAX]);
         let mut arm = ArrayVec::new();
@@ -327,7 +348,13 @@ impl ReducedCell {
         }
         multibody.apply_displacements(&change);
         multibody.forward_kinematics(&physics.bodies, false);
-        multibody.update_rigid_bodies(&mut physics.bodies, true);
+        for id in &handles.link_ids {
+            let Some(link) = multibody.link(*id) else { continue };
+            // Said as a change of position, which the collision shapes follow before the next step.
+            if let Some(body) = physics.bodies.get_mut(link.rigid_body_handle()) {
+                body.set_position(*link.local_to_world(), true);
+            }
+        }
         if state.grip.is_some()
             && let Some(body) = physics.bodies.get_mut(handles.object)
         {
@@ -337,6 +364,25 @@ impl ReducedCell {
             body.set_rotation(Rotation::from_xyzw(r.i, r.j, r.k, r.w), true);
             body.set_linvel(slim(&o.linear), true);
             body.set_angvel(slim(&o.angular), true);
+        }
+    }
+
+    /// What the contacts of the engine's next tick start from, after one with `before` substeps and, if
+    /// the engine rested, after the last state without it.
+    pub fn warm_start(&self, last: Option<&Reduced>, before: usize, effort: SolverEffort) -> WarmStart {
+        let share = 1.0 / effort.substeps as f64;
+        let points = last.and_then(|state| state.grip.as_ref()).map(|grip| {
+            let warm = |contact: &GripContact| WarmPoint {
+                on_object: slim(&contact.on_object),
+                impulse: (contact.impulse * share) as f32,
+                tangent: slim(&(contact.tangent * share)),
+            };
+            grip.contacts.iter().map(warm).collect()
+        });
+        WarmStart {
+            scale: before as f32 / effort.substeps as f32,
+            points: points.unwrap_or_default(),
+            object_half: self.surveyor.object_half(),
         }
     }
 
@@ -377,6 +423,7 @@ impl Reduced {
     }
 
     /// Whether an object is held.
+    #[cfg(test)]
     pub fn holds(&self) -> bool {
         self.grip.is_some()
     }

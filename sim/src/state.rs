@@ -21,7 +21,7 @@ use crate::handles::Handles;
 use crate::motors::{self, Drives, Reference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
-use crate::reduced::Reduced;
+use crate::reduced::{Hands, Reduced};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
@@ -57,8 +57,8 @@ const DISTANCE_DIVERGED_M: f64 = 20.0;
 pub struct WorldState {
     pub physics: PhysicsWorld,
     pub handles: Handles,
-    /// The arm's state, and that of what it holds, in ticks in which the engine rests.
-    pub reduced: Option<Reduced>,
+    /// Whether the engine has the state of arm and object, or rests.
+    pub hands: Hands,
     pub setup: EpisodeSetup,
     pub task: TaskKind,
     pub tick: u64,
@@ -88,7 +88,7 @@ impl WorldState {
         Ok(Self {
             physics,
             handles,
-            reduced: None,
+            hands: Hands::default(),
             setup: setup.clone(),
             task: setup.task,
             tick: 0,
@@ -126,7 +126,7 @@ impl WorldState {
 
     /// Pose, speed (m/s) and spin (rad/s) of the object.
     pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
-        let held = self.reduced.as_ref().and_then(Reduced::object);
+        let held = self.hands.own.as_ref().and_then(Reduced::object);
         held.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
     }
 
@@ -134,10 +134,10 @@ impl WorldState {
     pub fn push_object(&mut self, stepper: &Stepper) {
         for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
             let impulse = Vector3::from(push.impulse_n_s);
-            if self.reduced.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
+            if self.hands.own.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
                 continue;
             }
-            stepper.wake(&mut self.reduced, &mut self.physics, &self.handles);
+            stepper.wake(&mut self.hands, &mut self.physics, &self.handles);
             if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
                 body.apply_impulse(crate::handles::to_vector(&push.impulse_n_s), true);
             }
@@ -146,7 +146,7 @@ impl WorldState {
 
     /// The servo's reference as the motors get it.
     pub fn drives(&self) -> Drives {
-        let told = |joint| match &self.reduced {
+        let told = |joint| match &self.hands.own {
             Some(reduced) => reduced.told(joint),
             None => motors::told(&self.physics, &self.handles, joint),
         };

@@ -1,40 +1,16 @@
 //! One tick of physics: who computes it, and when the state changes hands.
 
+use rapier3d::parry::query::DefaultQueryDispatcher;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::effort::{self, Fidelity, SolverEffort};
+use crate::effort::{self, Fidelity, Situation, SolverEffort};
 use crate::handles::Handles;
 use crate::motors::Drives;
-use crate::reduced::{Reduced, ReducedCell};
+use crate::reduced::{Hands, ReducedCell};
 use crate::robot::RobotModel;
 
-/// How the engine takes a grip over. Its own impulses in the pads are those from before it rested,
-/// and their friction is not what holds the object now: in this one tick friction is solved together
-/// with the pressure, before anything moves.
-struct Takeover {
-    sweeps: usize,
-    relaxations: usize,
-}
-
-const TAKEOVER: Takeover = Takeover { sweeps: 24, relaxations: 4 };
-
-impl Takeover {
-    fn apply(&self, physics: &mut PhysicsWorld) {
-        let p = &mut physics.integration_parameters;
-        p.friction_in_bias_pass = true;
-        p.num_internal_pgs_iterations = self.sweeps;
-        p.num_internal_stabilization_iterations = self.relaxations;
-    }
-
-    fn revert(physics: &mut PhysicsWorld) {
-        let p = &mut physics.integration_parameters;
-        p.friction_in_bias_pass = false;
-        p.num_internal_stabilization_iterations = crate::build::RELAXATIONS;
-    }
-}
-
 /// Advances a cell in one fidelity. Follows from robot, cell and fidelity alone; what changes from
-/// tick to tick is the engine's world and an `Option<Reduced>` beside it.
+/// tick to tick is the engine's world and the [`Hands`] beside it.
 pub struct Stepper {
     fidelity: Fidelity,
     cell: Option<ReducedCell>,
@@ -59,45 +35,51 @@ impl Stepper {
         self.cell.as_ref()
     }
 
-    /// One tick under the given drives; `reduced` is the state while the engine rests. Whether it
+    /// One tick under the given drives; `hands` says who has the state. Whether the engine
     /// rested in this tick.
     pub fn tick(
         &self,
-        reduced: &mut Option<Reduced>,
+        hands: &mut Hands,
         physics: &mut PhysicsWorld,
         handles: &Handles,
         drives: &Drives,
     ) -> bool {
         let weight =
             || physics.bodies.get(handles.object).map_or(1.0, |body| f64::from(body.gravity_scale()));
-        if let (Some(cell), Some(state)) = (&self.cell, reduced.as_mut())
+        if let (Some(cell), Some(state)) = (&self.cell, hands.own.as_mut())
             && cell.tick(state, drives, weight())
         {
             return true;
         }
-        let held = reduced.as_ref().is_some_and(Reduced::holds);
-        self.wake(reduced, physics, handles);
+        let last = hands.own.take();
+        if let (Some(cell), Some(state)) = (&self.cell, &last) {
+            cell.leave(state, physics, handles);
+        }
         drives.apply(physics, handles);
         let situation = effort::situation(physics, handles);
         let effort = SolverEffort::of(self.fidelity, situation);
+        let before = physics.integration_parameters.num_solver_iterations;
         effort.apply(physics);
-        if held {
-            TAKEOVER.apply(physics);
-        }
-        physics.step();
-        if held {
-            Takeover::revert(physics);
+        // Where force and impulse are as the engine remembers them there is nothing to put right.
+        let warm = self.cell.as_ref().filter(|_| last.is_some() || before != effort.substeps);
+        if let Some(cell) = warm {
+            physics.narrow_phase.set_query_dispatcher(cell.warm_start(last.as_ref(), before, effort));
+            physics.step();
+            physics.narrow_phase.set_query_dispatcher(DefaultQueryDispatcher);
+        } else {
+            physics.step();
         }
         if let Some(cell) = &self.cell {
             let situation = effort::situation(physics, handles);
-            *reduced = cell.enter(physics, handles, situation, effort);
+            let ready = hands.object_stands(physics, handles) || situation == Situation::Held;
+            hands.own = ready.then(|| cell.enter(physics, handles, situation, effort)).flatten();
         }
         false
     }
 
     /// Gives the state back to the engine, if it rests.
-    pub fn wake(&self, reduced: &mut Option<Reduced>, physics: &mut PhysicsWorld, handles: &Handles) {
-        if let (Some(cell), Some(state)) = (&self.cell, reduced.take()) {
+    pub fn wake(&self, hands: &mut Hands, physics: &mut PhysicsWorld, handles: &Handles) {
+        if let (Some(cell), Some(state)) = (&self.cell, hands.own.take()) {
             cell.leave(&state, physics, handles);
         }
     }

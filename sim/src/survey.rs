@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use rapier3d::geometry::{Collider, InteractionGroups, SharedShape};
-use rapier3d::math::Pose as RapierPose;
+use rapier3d::math::{Pose as RapierPose, Vector};
 use rapier3d::parry::query;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
@@ -226,6 +226,12 @@ impl Surveyor {
             }
         }
         least
+    }
+
+    /// Half extents of the object as the engine has them.
+    pub fn object_half(&self) -> Vector {
+        let cuboid = self.object.as_ref().and_then(|(shape, _, _)| shape.as_cuboid().map(|c| c.half_extents));
+        cuboid.unwrap_or(Vector::ZERO)
     }
 
     fn link_to_fixture(&self, place: &Placement, link: usize, fixture: &Fixture, mut least: f64) -> f64 {

@@ -295,6 +295,12 @@ impl World {
         &self.state.forces
     }
 
+    /// Whether the physics engine rests: the next tick begins without it.
+    #[must_use]
+    pub fn engine_rests(&self) -> bool {
+        self.state.hands.own.is_some()
+    }
+
     /// What stands in the cell in this episode: the parts of the tray, then the clutter. Pose of the middle and half
     /// extents, m.
     #[must_use]
@@ -419,7 +425,7 @@ impl World {
         });
         let servo = s.servo.q.iter().chain(&s.servo.dq).flat_map(|value| value.to_bits().to_le_bytes());
         let reduced =
-            s.reduced.iter().flat_map(Reduced::numbers).flat_map(|value| value.to_bits().to_le_bytes());
+            s.hands.own.iter().flat_map(Reduced::numbers).flat_map(|value| value.to_bits().to_le_bytes());
         crate::robot::fnv1a(bodies.chain(servo).chain(reduced).chain(s.tick.to_le_bytes()))
     }
 
@@ -475,8 +481,8 @@ impl World {
     fn physics_tick(&mut self) -> Result<(), BodyError> {
         let s = &mut self.state;
         let drives = s.drives();
-        let rested = self.stepper.tick(&mut s.reduced, &mut s.physics, &s.handles, &drives);
-        (s.joints, s.forces) = match (&s.reduced, self.stepper.cell()) {
+        let rested = self.stepper.tick(&mut s.hands, &mut s.physics, &s.handles, &drives);
+        (s.joints, s.forces) = match (&s.hands.own, self.stepper.cell()) {
             (Some(reduced), Some(cell)) if rested => (cell.joint_state(reduced), reduced.forces(&s.forces)),
             _ => (
                 readout::joint_state(&s.physics, &s.handles, &self.robot),

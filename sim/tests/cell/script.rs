@@ -17,11 +17,27 @@ pub fn canonical() -> Distribution {
     Distribution::canonical().expect("the distribution parses")
 }
 
+/// What scripted work is done on: a world, or a world that is looked at after every tick.
+pub trait Cell {
+    fn tick(&mut self, command: &Command);
+    fn world(&mut self) -> &mut World;
+}
+
+impl Cell for World {
+    fn tick(&mut self, command: &Command) {
+        self.step(command).expect("step");
+    }
+
+    fn world(&mut self) -> &mut World {
+        self
+    }
+}
+
 /// Gives a command once and lets it act for some ticks.
-pub fn act(world: &mut World, command: &Command, ticks: u32) {
-    world.step(command).expect("step");
+pub fn act(cell: &mut impl Cell, command: &Command, ticks: u32) {
+    cell.tick(command);
     for _ in 1..ticks {
-        world.step(&Command::Hold).expect("step");
+        cell.tick(&Command::Hold);
     }
 }
 
@@ -34,18 +50,19 @@ pub fn fingers(width_m: f64, force_n: f64) -> Command {
 }
 
 /// Hover, descend, close, lift.
-pub fn grasp(world: &mut World) {
-    let (object, _) = world.object();
+pub fn grasp(cell: &mut impl Cell) {
+    let (object, _) = cell.world().object();
     let p = object.translation.vector;
     let yaw = wrap_quarter_turn(yaw_of(&object));
-    act(world, &arm(&tool_down(p.x, p.y, 0.15, yaw), 0.5), 480);
-    act(world, &arm(&tool_down(p.x, p.y, 0.028, yaw), 0.2), 300);
-    act(world, &fingers(0.0, 30.0), 150);
-    act(world, &arm(&tool_down(p.x, p.y, 0.18, yaw), 0.2), 360);
+    act(cell, &arm(&tool_down(p.x, p.y, 0.15, yaw), 0.5), 480);
+    act(cell, &arm(&tool_down(p.x, p.y, 0.028, yaw), 0.2), 300);
+    act(cell, &fingers(0.0, 30.0), 150);
+    act(cell, &arm(&tool_down(p.x, p.y, 0.18, yaw), 0.2), 360);
 }
 
 /// Brings the held object `height_m` above its seat, square to the tray.
-pub fn bring_over_tray(world: &mut World, height_m: f64, speed_m_s: f64, ticks: u32) {
+pub fn bring_over_tray(cell: &mut impl Cell, height_m: f64, speed_m_s: f64, ticks: u32) {
+    let world = cell.world();
     let truth = world.truth();
     let (tool, object, target) = (truth.tool.isometry(), truth.object.isometry(), truth.target.isometry());
     let turn = wrap_quarter_turn(yaw_of(&target) - yaw_of(&object));
@@ -53,20 +70,20 @@ pub fn bring_over_tray(world: &mut World, height_m: f64, speed_m_s: f64, ticks: 
     let height = t.z + world.scene().object.half_m + height_m;
     let goal = upright(t.x, t.y, height, yaw_of(&object) + turn);
     let command = arm(&(goal * (tool.inverse() * object).inverse()), speed_m_s);
-    act(world, &command, ticks);
+    act(cell, &command, ticks);
 }
 
-pub fn align(world: &mut World) {
-    let hover = world.scene().tolerance.hover_m;
-    bring_over_tray(world, hover, 0.3, 480);
-    bring_over_tray(world, hover, 0.1, 120);
+pub fn align(cell: &mut impl Cell) {
+    let hover = cell.world().scene().tolerance.hover_m;
+    bring_over_tray(cell, hover, 0.3, 480);
+    bring_over_tray(cell, hover, 0.1, 120);
 }
 
 /// Lower, open, retreat.
-pub fn place(world: &mut World) {
-    bring_over_tray(world, 0.001, 0.1, 300);
-    act(world, &fingers(0.07, 30.0), 120);
-    let mut up = world.truth().tool.isometry();
+pub fn place(cell: &mut impl Cell) {
+    bring_over_tray(cell, 0.001, 0.1, 300);
+    act(cell, &fingers(0.07, 30.0), 120);
+    let mut up = cell.world().truth().tool.isometry();
     up.translation.z += 0.12;
-    act(world, &arm(&up, 0.2), 240);
+    act(cell, &arm(&up, 0.2), 240);
 }
