@@ -71,6 +71,7 @@ pub enum Engine {
 pub enum Mode {
     Full,
     Adaptive,
+    Reduced,
 }
 
 impl Mode {
@@ -78,16 +79,18 @@ impl Mode {
         match self {
             Self::Full => Fidelity::Full,
             Self::Adaptive => Fidelity::Adaptive,
+            Self::Reduced => Fidelity::Reduced,
         }
     }
 }
 
 impl Engine {
     /// Who works in a round, in turn.
-    const ALL: [Self; 6] = [
-        Self::Holdpoint(Mode::Adaptive),
+    const ALL: [Self; 7] = [
+        Self::Holdpoint(Mode::Reduced),
         Self::MujocoNative,
         Self::PyBullet,
+        Self::Holdpoint(Mode::Adaptive),
         Self::Holdpoint(Mode::Full),
         Self::MujocoNativeFast,
         Self::MujocoPython,
@@ -99,6 +102,7 @@ impl Engine {
         match self {
             Self::Holdpoint(Mode::Full) => "Holdpoint, full",
             Self::Holdpoint(Mode::Adaptive) => "Holdpoint, adaptive",
+            Self::Holdpoint(Mode::Reduced) => "Holdpoint, reduced",
             Self::PyBullet => "PyBullet",
             Self::MujocoPython => "MuJoCo, Python loop",
             Self::MujocoNative => "MuJoCo, native C",
