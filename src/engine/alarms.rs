@@ -117,7 +117,7 @@ impl Record {
                     subject: alarm.group.to_string(),
                     state,
                     priority,
-                    text: alarm.text.line().into_string(),
+                    text: alarm.text.raw().to_owned(),
                 });
                 stored.push(Change::AlarmChange {
                     alarm: alarm.key.to_string(),

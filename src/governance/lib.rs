@@ -210,6 +210,7 @@ pub mod exports;
 pub mod gate;
 pub mod ids;
 pub mod interface;
+pub mod kappa;
 pub mod lifecycle;
 pub mod manifest;
 pub mod metrics;

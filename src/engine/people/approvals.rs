@@ -22,7 +22,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::PromptView;
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, AuditBody, Change};
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::Hint;
 
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -298,7 +298,7 @@ impl Approvals {
             version: id,
             by: said.who.clone(),
             decision: said.decision,
-            reason: Untrusted::new(said.reason).line().into_string(),
+            reason: said.reason,
             have,
             needed,
         });

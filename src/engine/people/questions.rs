@@ -14,7 +14,6 @@ use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer, normal_rates};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_text::Untrusted;
 
 /// Somebody answers a monitor's question: the version goes on, its charts begin anew.
 pub(crate) fn go_on(
@@ -50,8 +49,8 @@ pub(crate) fn go_on(
     record.note(RecordKind::MonitorAnswer, id.to_string(), body.to_string())?;
     record.tell(EventKind::Continued {
         version: id.clone(),
-        by: Untrusted::new(operation.by.clone()).line().into_string(),
-        reason: Untrusted::new(operation.reason.clone()).line().into_string(),
+        by: operation.by.clone(),
+        reason: operation.reason.clone(),
     });
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::Escalated(id.clone()) });
     Ok(Reply::Accepted { text: format!("{id} goes on"), version: Some(id) })

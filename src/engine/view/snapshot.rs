@@ -108,7 +108,7 @@ impl View<'_> {
                 subject: alarm.group.to_string(),
                 state: alarm.state(),
                 priority: alarm.priority,
-                text: alarm.text.line().into_string(),
+                text: alarm.text.raw().to_owned(),
                 since_ms: alarm.first_ms,
                 state_below: alarm.state_below(),
                 latching: alarm.latching,
@@ -116,7 +116,7 @@ impl View<'_> {
                 shelf: alarm
                     .shelf
                     .as_ref()
-                    .map(|shelf| (shelf.by.clone(), shelf.reason.line().into_string(), shelf.until_ms)),
+                    .map(|shelf| (shelf.by.clone(), shelf.reason.raw().to_owned(), shelf.until_ms)),
                 raises: alarm.raises,
                 chattering: alarm.is_chattering(now_ms),
             })
