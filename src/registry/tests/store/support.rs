@@ -1,6 +1,7 @@
 //! A small registry to test the store with: families, candidates, gates, people.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use holdpoint_approvals::{Approval, Identity, Nonce, SignedApproval};
 use holdpoint_governance::approval::Answer;
@@ -187,6 +188,14 @@ pub fn consume(name: &str, nonce: u8) -> Change {
     }
 }
 
+/// Opens a store that nobody has. A test beside this one may just be starting a child, which holds this process's
+/// descriptors, a lock that was given back with them, until it becomes another program; that is waited for.
 pub fn open(folder: &Path) -> Store {
-    Store::open(folder).unwrap()
+    let until = Instant::now() + Duration::from_mins(1);
+    loop {
+        match Store::open(folder) {
+            Err(StoreError::InUse { .. }) if Instant::now() < until => std::thread::yield_now(),
+            opened => return opened.unwrap(),
+        }
+    }
 }
