@@ -45,7 +45,7 @@ use crate::stages::shadow::{self, ShadowRun};
 use crate::stages::validation;
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
-use crate::view::snapshot::View;
+use crate::view::snapshot::SnapshotView;
 use crate::world::LiveWorld;
 use crate::world::pacing::Switch;
 use holdpoint_text::Hint;
@@ -452,7 +452,7 @@ impl Pipeline {
     /// How things stand.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
-        let view = View {
+        let view = SnapshotView {
             context: &self.context,
             seed: self.trials.seed(),
             record: &self.record,

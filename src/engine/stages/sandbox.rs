@@ -22,7 +22,7 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan, Slice};
-use crate::trial::measures::{ModeMetrics, Party};
+use crate::trial::measures::{ComparedParty, ModeMetrics};
 use crate::trial::seeds::Purpose;
 use crate::trial::trace::keep_trace;
 
@@ -241,7 +241,7 @@ impl Sandbox<'_> {
         self.keep_trace(&id, mode, conditions, records)?;
         let dossier = self.dossiers.edit(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
-        dossier.modes.extend(ModeMetrics::of(mode, Party::Candidate, &*records));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &*records));
         let done = if alone == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
         progress(self.record, self.dossiers, &id, Stage::Sandbox, mode.name(), (done, budget(self.context)));
         Ok(true)
@@ -255,8 +255,8 @@ impl Sandbox<'_> {
         let (measured, rehearsed) = evaluation.assess(profile);
         let dossier = self.dossiers.edit(id);
         let mode = SandboxMode::Perturbation;
-        dossier.modes.extend(ModeMetrics::of(mode, Party::Candidate, &records.0));
-        dossier.modes.extend(ModeMetrics::of(mode, Party::Active, &records.1));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &records.0));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Active, &records.1));
         let Some(before) = dossier.kappas.take() else {
             return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };

@@ -130,7 +130,7 @@ fn attempt(
     if !reached {
         return Ok(Attempt::OverBefore { worked });
     }
-    let mut rehearsal = Rehearsal { arm, guard, terms, cast, seed };
+    let mut rehearsal = StartedDrill { arm, guard, terms, cast, seed };
     match kind {
         DrillKind::Abort => rehearsal.abort(skill.as_mut()),
         DrillKind::Rollback => rehearsal.rollback(skill.as_mut()),
@@ -141,7 +141,7 @@ fn attempt(
 }
 
 /// A drill from the chosen point on.
-struct Rehearsal<'a, 'b> {
+struct StartedDrill<'a, 'b> {
     arm: &'a mut Arm<World>,
     guard: Guard,
     terms: &'a SkillTerms,
@@ -149,7 +149,7 @@ struct Rehearsal<'a, 'b> {
     seed: u64,
 }
 
-impl Rehearsal<'_, '_> {
+impl StartedDrill<'_, '_> {
     /// Standstill in a safe pose within the declared time, without a violation, by the hook alone.
     fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
         let held = holds_object(&self.arm.body().telemetry());

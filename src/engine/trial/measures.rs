@@ -46,7 +46,7 @@ pub struct UpperTail {
 
 /// Which of the two versions that are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Party {
+pub enum ComparedParty {
     Candidate,
     Active,
 }
@@ -57,7 +57,7 @@ pub enum Party {
 #[serde(try_from = "String", into = "String")]
 pub struct WorkedMode {
     pub mode: SandboxMode,
-    pub party: Party,
+    pub party: ComparedParty,
 }
 
 /// What is written after the mode for the version compared with.
@@ -67,8 +67,8 @@ impl TryFrom<String> for WorkedMode {
     type Error = WordError;
     fn try_from(text: String) -> Result<Self, WordError> {
         let (mode, party) = match text.strip_suffix(ACTIVE_SUFFIX) {
-            Some(mode) => (mode, Party::Active),
-            None => (text.as_str(), Party::Candidate),
+            Some(mode) => (mode, ComparedParty::Active),
+            None => (text.as_str(), ComparedParty::Candidate),
         };
         Ok(Self { mode: mode.parse()?, party })
     }
@@ -77,8 +77,8 @@ impl TryFrom<String> for WorkedMode {
 impl From<WorkedMode> for String {
     fn from(WorkedMode { mode, party }: WorkedMode) -> Self {
         match party {
-            Party::Candidate => mode.name().to_owned(),
-            Party::Active => format!("{mode}{ACTIVE_SUFFIX}"),
+            ComparedParty::Candidate => mode.name().to_owned(),
+            ComparedParty::Active => format!("{mode}{ACTIVE_SUFFIX}"),
         }
     }
 }
@@ -101,7 +101,7 @@ impl ModeMetrics {
     #[must_use]
     pub fn of<'a>(
         mode: SandboxMode,
-        party: Party,
+        party: ComparedParty,
         records: impl IntoIterator<Item = &'a TaskRecord>,
     ) -> Option<Self> {
         let records: Vec<&TaskRecord> = records.into_iter().filter(|record| !record.invalid).collect();
@@ -193,7 +193,7 @@ mod tests {
     fn metrics_and_tails_of_a_known_sample() {
         let mut records: Vec<TaskRecord> = (1..=40).rev().map(record).collect();
         records.push(TaskRecord::invalid(TaskKind::Grasp, 99));
-        let mode = ModeMetrics::of(SandboxMode::Canonical, Party::Candidate, &records).unwrap();
+        let mode = ModeMetrics::of(SandboxMode::Canonical, ComparedParty::Candidate, &records).unwrap();
         assert_eq!(mode.episodes, 40);
         let success = &mode.metrics[0];
         assert!((success.value - 0.5).abs() < 1e-12);
@@ -209,9 +209,10 @@ mod tests {
     #[test]
     fn a_worked_mode_is_read_back_as_it_is_written() {
         for mode in SandboxMode::ALL {
-            for (party, text) in
-                [(Party::Candidate, format!("{mode}")), (Party::Active, format!("{mode}, active version"))]
-            {
+            for (party, text) in [
+                (ComparedParty::Candidate, format!("{mode}")),
+                (ComparedParty::Active, format!("{mode}, active version")),
+            ] {
                 let worked = WorkedMode { mode, party };
                 assert_eq!(String::from(worked), text);
                 assert_eq!(WorkedMode::try_from(text), Ok(worked));
@@ -222,11 +223,11 @@ mod tests {
 
     #[test]
     fn nothing_is_said_of_nothing() {
-        assert!(ModeMetrics::of(SandboxMode::Canonical, Party::Candidate, &[]).is_none());
+        assert!(ModeMetrics::of(SandboxMode::Canonical, ComparedParty::Candidate, &[]).is_none());
         assert!(
             ModeMetrics::of(
                 SandboxMode::Canonical,
-                Party::Candidate,
+                ComparedParty::Candidate,
                 &[TaskRecord::invalid(TaskKind::Place, 1)]
             )
             .is_none()

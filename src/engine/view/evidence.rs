@@ -3,7 +3,7 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::dossier::Dossier;
-use crate::trial::measures::{Metric, ModeMetrics, Party, WorkedMode};
+use crate::trial::measures::{ComparedParty, Metric, ModeMetrics, WorkedMode};
 use holdpoint_governance::behavior::{self, ComponentName};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::profile::Evaluation;
@@ -45,10 +45,10 @@ const fn mean(means: &Signature, name: ComponentName) -> f64 {
 
 /// The sandbox, mode by mode, with the active version's values if it worked the same mode.
 pub(super) fn modes(dossier: &Dossier) -> Vec<ModeView> {
-    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == Party::Candidate);
+    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == ComparedParty::Candidate);
     own.map(|metrics| {
         let mode = metrics.mode.mode;
-        let worked = WorkedMode { mode, party: Party::Active };
+        let worked = WorkedMode { mode, party: ComparedParty::Active };
         let active = dossier.modes.iter().find(|other| other.mode == worked);
         ModeView { mode, measures: measures(metrics, active) }
     })

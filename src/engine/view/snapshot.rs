@@ -12,7 +12,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
 
 /// What a snapshot is taken of.
-pub(crate) struct View<'a> {
+pub(crate) struct SnapshotView<'a> {
     pub(crate) context: &'a Context,
     /// Seed of the run.
     pub(crate) seed: u64,
@@ -23,7 +23,7 @@ pub(crate) struct View<'a> {
     pub(crate) world: &'a LiveWorld,
 }
 
-impl View<'_> {
+impl SnapshotView<'_> {
     /// How things stand.
     pub(crate) fn snapshot(&self) -> Snapshot {
         let mut candidates = Vec::new();

@@ -22,19 +22,24 @@ const PICTURE_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;
 const TWIN_PICTURES_MAX: usize = 1_800;
 
 /// Who works which task of a sequence, and the envelope that holds them.
-pub(crate) type Workers = Vec<(TaskKind, CapabilityId, EnvelopePicture)>;
+pub(crate) type SequenceParties = Vec<(TaskKind, CapabilityId, EnvelopePicture)>;
 
 pub(crate) struct Painter {
     pictures: Pictures,
     clock: Clock,
     sequence: u64,
-    workers: Workers,
+    workers: SequenceParties,
     twin: Vec<ArmPicture>,
     last: Option<Picture>,
 }
 
 impl Painter {
-    pub(crate) const fn new(pictures: Pictures, clock: Clock, sequence: u64, workers: Workers) -> Self {
+    pub(crate) const fn new(
+        pictures: Pictures,
+        clock: Clock,
+        sequence: u64,
+        workers: SequenceParties,
+    ) -> Self {
         Self { pictures, clock, sequence, workers, twin: Vec::new(), last: None }
     }
 

@@ -55,8 +55,8 @@ pub struct PeerSettings {
 /// Who works the episode.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Engine {
-    Holdpoint(Mode),
+pub enum PeerEngine {
+    Holdpoint(CellMode),
     PyBullet,
     MujocoPython,
     /// With the accurate model.
@@ -68,13 +68,13 @@ pub enum Engine {
 /// This cell's modes in the comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Mode {
+pub enum CellMode {
     Full,
     Adaptive,
     Reduced,
 }
 
-impl Mode {
+impl CellMode {
     const fn fidelity(self) -> Fidelity {
         match self {
             Self::Full => Fidelity::Full,
@@ -84,14 +84,14 @@ impl Mode {
     }
 }
 
-impl Engine {
+impl PeerEngine {
     /// Who works in a round, in turn.
     const ALL: [Self; 7] = [
-        Self::Holdpoint(Mode::Reduced),
+        Self::Holdpoint(CellMode::Reduced),
         Self::MujocoNative,
         Self::PyBullet,
-        Self::Holdpoint(Mode::Adaptive),
-        Self::Holdpoint(Mode::Full),
+        Self::Holdpoint(CellMode::Adaptive),
+        Self::Holdpoint(CellMode::Full),
         Self::MujocoNativeFast,
         Self::MujocoPython,
     ];
@@ -100,9 +100,9 @@ impl Engine {
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Holdpoint(Mode::Full) => "Holdpoint, full",
-            Self::Holdpoint(Mode::Adaptive) => "Holdpoint, adaptive",
-            Self::Holdpoint(Mode::Reduced) => "Holdpoint, reduced",
+            Self::Holdpoint(CellMode::Full) => "Holdpoint, full",
+            Self::Holdpoint(CellMode::Adaptive) => "Holdpoint, adaptive",
+            Self::Holdpoint(CellMode::Reduced) => "Holdpoint, reduced",
             Self::PyBullet => "PyBullet",
             Self::MujocoPython => "MuJoCo, Python loop",
             Self::MujocoNative => "MuJoCo, native C",
@@ -149,7 +149,7 @@ pub struct PeerRates {
 /// One engine over all rounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PeerRow {
-    pub engine: Engine,
+    pub engine: PeerEngine,
     /// Episodes of each round.
     pub episodes: u64,
     /// Rates of the rounds, in their order, episodes per CPU-s.
@@ -173,7 +173,7 @@ pub struct PeerReport {
     pub physics: &'static str,
     pub rows: Vec<PeerRow>,
     /// Engines that could not take part, and why.
-    pub absent: Vec<(Engine, String)>,
+    pub absent: Vec<(PeerEngine, String)>,
 }
 
 /// Why there is no comparison.
@@ -211,7 +211,10 @@ impl Hint for PeerError {
 ///
 /// # Errors
 /// [`PeerError`]; no partial report is given, because only whole rounds compare.
-pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> Result<PeerReport, PeerError> {
+pub fn run(
+    settings: &PeerSettings,
+    progress: &mut dyn FnMut(u32, &PeerEngine),
+) -> Result<PeerReport, PeerError> {
     let there = |what, path: &Path| {
         if path.exists() { Ok(()) } else { Err(PeerError::Missing { what, path: path.to_owned() }) }
     };
@@ -219,8 +222,9 @@ pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> R
     if let Some(native) = &settings.native {
         there("the native peer", native)?;
     }
-    let mut taken: Vec<(Engine, Vec<PeerRates>)> = Engine::ALL.map(|engine| (engine, Vec::new())).into();
-    let mut absent: Vec<(Engine, String)> = Vec::new();
+    let mut taken: Vec<(PeerEngine, Vec<PeerRates>)> =
+        PeerEngine::ALL.map(|engine| (engine, Vec::new())).into();
+    let mut absent: Vec<(PeerEngine, String)> = Vec::new();
     for round in 0..settings.rounds {
         for (engine, rates) in &mut taken {
             if absent.iter().any(|(gone, _)| gone == engine) {
@@ -234,7 +238,7 @@ pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> R
         }
     }
     taken.retain(|(engine, _)| absent.iter().all(|(gone, _)| gone != engine));
-    if taken.iter().all(|(engine, _)| matches!(engine, Engine::Holdpoint(_))) {
+    if taken.iter().all(|(engine, _)| matches!(engine, PeerEngine::Holdpoint(_))) {
         let why: Vec<String> = absent.iter().map(|(gone, why)| format!("{}: {why}", gone.name())).collect();
         return Err(PeerError::Alone(why.join("; ")));
     }
@@ -243,8 +247,8 @@ pub fn run(settings: &PeerSettings, progress: &mut dyn FnMut(u32, &Engine)) -> R
 }
 
 /// One engine's share of a round; the inner error says why a peer cannot take part.
-fn one_round(engine: &Engine, settings: &PeerSettings) -> Result<Result<PeerRates, String>, PeerError> {
-    if let Engine::Holdpoint(mode) = engine {
+fn one_round(engine: &PeerEngine, settings: &PeerSettings) -> Result<Result<PeerRates, String>, PeerError> {
+    if let PeerEngine::Holdpoint(mode) = engine {
         let own = peer(mode.fidelity(), settings.episodes)?;
         return Ok(Ok(PeerRates {
             episodes: own.n,
@@ -310,9 +314,10 @@ fn rates_in(text: &str) -> Result<PeerRates, String> {
     if usable { Ok(rates) } else { Err(format!("printed figures that cannot be: {line}")) }
 }
 
-fn rows(taken: &[(Engine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerError> {
-    let of =
-        |engine: &Engine| taken.iter().find(|(known, _)| known == engine).map(|(_, rates)| rates.as_slice());
+fn rows(taken: &[(PeerEngine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerError> {
+    let of = |engine: &PeerEngine| {
+        taken.iter().find(|(known, _)| known == engine).map(|(_, rates)| rates.as_slice())
+    };
     let ratio = |rates: &[PeerRates], other: Option<&[PeerRates]>| {
         let ratios = rates.iter().zip(other?).map(|(a, b)| a.episodes_per_cpu_s / b.episodes_per_cpu_s);
         middle(ratios.collect())
@@ -332,8 +337,8 @@ fn rows(taken: &[(Engine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerError> {
             rates: all,
             lift_rate,
             place_rate,
-            to_pybullet: ratio(rates, of(&Engine::PyBullet)),
-            to_mujoco_native: ratio(rates, of(&Engine::MujocoNative)),
+            to_pybullet: ratio(rates, of(&PeerEngine::PyBullet)),
+            to_mujoco_native: ratio(rates, of(&PeerEngine::MujocoNative)),
         });
     }
     rows.sort_by(|a, b| b.median.total_cmp(&a.median));
@@ -377,8 +382,8 @@ mod tests {
         let line = r#"{"peer": "x", "episodes": 16, "lift_rate": 1.0, "place_rate": 1.0, "episodes_per_cpu_s": 0.5}"#;
         let report = compared(folder.path(), line).unwrap();
         let row = |engine| report.rows.iter().find(|row| row.engine == engine).unwrap();
-        assert_eq!((row(Engine::PyBullet).median, row(Engine::PyBullet).rates.len()), (0.5, 2));
-        let own = row(Engine::Holdpoint(Mode::Adaptive));
+        assert_eq!((row(PeerEngine::PyBullet).median, row(PeerEngine::PyBullet).rates.len()), (0.5, 2));
+        let own = row(PeerEngine::Holdpoint(CellMode::Adaptive));
         let expected: Vec<f64> = own.rates.iter().map(|rate| rate / 0.5).collect();
         assert_eq!(own.to_pybullet, middle(expected));
         assert_eq!(own.to_mujoco_native, None);
