@@ -1,5 +1,5 @@
-//! Names this build by what computes an episode: the sources of body, simulator, runtime, rules and trials, the
-//! versions of everything they are built with, the compiler and the target.
+//! Names this build by what computes an episode: the sources of body, simulator, runtime, rules, trials and live
+//! world, the versions of everything they are built with, the compiler and the target.
 //!
 //! Evidence and kept episodes are bound to that name (`COMPUTED_BY` in `cell.rs`), so that what another physics or
 //! another rule gave counts for nothing. A changed comment changes the name too: that costs time, never truth.
@@ -15,13 +15,14 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// What computes an episode, from the workspace's root.
-const COMPUTES: [&str; 8] = [
+const COMPUTES: [&str; 9] = [
     "Cargo.lock",
     "sim/assets",
     "sim/scenes",
     "sim/src",
     "src/body",
     "src/engine/trial",
+    "src/engine/world",
     "src/governance",
     "src/runtime",
 ];

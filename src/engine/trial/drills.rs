@@ -70,10 +70,7 @@ pub fn drill(
     kind: DrillKind,
     seed: u64,
 ) -> DrillResult {
-    let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
-    let (from, to) = POINT_TICKS;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    let mut point = stream.uniform(from as f64, to as f64) as u64;
+    let (stream, mut point) = first_point(kind, seed);
     // The last tick of the work, once it is known: a later point is not reached, and not tried.
     let mut worked = u64::MAX;
     for _ in 0..POINT_TRIES {
@@ -88,6 +85,15 @@ pub fn drill(
         point = (point / 2).max(POINT_MIN);
     }
     DrillResult::Infeasible
+}
+
+/// The point that is tried first, ticks, and the stream that the drill draws the rest from.
+fn first_point(kind: DrillKind, seed: u64) -> (Stream, u64) {
+    let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
+    let (from, to) = POINT_TICKS;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    let point = stream.uniform(from as f64, to as f64) as u64;
+    (stream, point)
 }
 
 /// What became of a drill at one point.
@@ -326,9 +332,7 @@ mod tests {
         kind: DrillKind,
         seed: u64,
     ) -> (DrillResult, u32) {
-        let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-        let mut point = stream.uniform(POINT_TICKS.0 as f64, POINT_TICKS.1 as f64) as u64;
+        let (stream, mut point) = first_point(kind, seed);
         for over in 0..POINT_TRIES {
             match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
                 Ok(Attempt::Drilled(true)) => return (DrillResult::Passed, over),

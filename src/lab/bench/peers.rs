@@ -7,7 +7,6 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::io;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -272,7 +271,6 @@ fn printed(mut command: Command, scripts: &Path) -> Result<String, String> {
         .current_dir(scripts)
         .env("OMP_NUM_THREADS", "1")
         .env("OPENBLAS_NUM_THREADS", "1")
-        .process_group(0)
         .stdin(Stdio::null())
         .stdout(output.reopen().map_err(cannot)?)
         .stderr(Stdio::null())
