@@ -10,6 +10,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::Nonce;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
+use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine, StartError};
 use holdpoint_governance::profile::ProfileName;
@@ -23,7 +24,7 @@ pub(super) enum Side {
     /// An engine in another process.
     Running(Client),
     /// One of this verb's own; nothing but commands is carried out, no stage is begun.
-    Own(Box<Engine>),
+    Own(Box<Pump>),
 }
 
 /// The engine that runs on the store; `None` if none does.
@@ -46,7 +47,8 @@ impl Side {
             cell: Cell::builtin().map_err(CliError::internal)?,
             cache: EpisodeCache::InStore,
         };
-        Ok(Self::Own(Box::new(Engine::start(config).map_err(start_error)?)))
+        let engine = Engine::start(config).map_err(start_error)?;
+        Ok(Self::Own(Box::new(Pump::new(engine, Vec::new()))))
     }
 
     /// Whether the engine is one of this verb's own.
@@ -57,11 +59,11 @@ impl Side {
     pub(super) fn ask(&mut self, command: Command) -> Result<Reply, CliError> {
         match self {
             Self::Running(client) => client.ask(command).map_err(door_error),
-            Self::Own(engine) => {
+            Self::Own(pump) => {
                 let id = Nonce::random().map_err(CliError::internal)?.as_str().to_owned();
-                let reply = engine.submit(Request { id, command });
+                let reply = pump.submit(Request { id, command });
                 // What happened is in the audit log; nobody listens here.
-                drop(engine.drain_events());
+                drop(pump.tell());
                 Ok(reply)
             }
         }

@@ -173,8 +173,8 @@ impl Hands {
 
 /// The versions the console knows of, history included if the registry was read.
 fn known(model: &Model) -> Vec<CapabilityId> {
-    let candidates = model.snapshot.iter().flat_map(|snapshot| &snapshot.candidates);
-    let listed = model.registry.page.rows.iter().map(|row| &row.version);
+    let candidates = model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates);
+    let listed = model.told.registry.page.rows.iter().map(|row| &row.version);
     candidates.map(|candidate| &candidate.version).chain(listed).cloned().collect()
 }
 

@@ -38,7 +38,7 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
     views::status::draw(model, &mut pen, Rect { y: area.y + foot, height: 1, ..area });
     views::hints::draw(model, &mut pen, Rect { y: area.y + foot + 1, height: 1, ..area });
     let body = below(Rect { height: foot, ..area }, 1);
-    match &model.overlay {
+    match &model.entry.overlay {
         // The whole decision must be readable: it takes all there is.
         Some(Overlay::Prompt(prompt)) => views::prompt::draw(model, prompt, &mut pen, body),
         Some(Overlay::Palette(palette)) => {
@@ -67,7 +67,7 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
         let taken = pen.rows(body, 0, &rows);
         body = below(body, taken);
     }
-    match model.view {
+    match model.place.view {
         View::Overview => views::overview::draw(model, pen, body),
         View::Registry => views::registry::draw(model, pen, body),
         View::Candidate => views::candidate::draw(model, pen, body),

@@ -97,14 +97,20 @@ impl Model {
     /// The registry's tree under its filter and pane.
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
-        let mut sieve = Sieve::new(if self.view == View::Registry { self.filter() } else { "" });
-        let rows: Vec<&VersionSummary> =
-            self.registry.page.rows.iter().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
+        let mut sieve = Sieve::new(if self.place.view == View::Registry { self.filter() } else { "" });
+        let rows: Vec<&VersionSummary> = self
+            .told
+            .registry
+            .page
+            .rows
+            .iter()
+            .filter(|row| sieve.fits(&[&row.version, &row.author]))
+            .collect();
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
             let Some(first) = versions.first() else { continue };
             let family = &first.version.family;
-            let open = !self.registry.closed.contains(family);
+            let open = !self.told.registry.closed.contains(family);
             items.push(RegistryItem::Family { family, versions: versions.len(), open });
             if open {
                 items.extend(versions.iter().map(|row| RegistryItem::Version(row)));
@@ -117,7 +123,7 @@ impl Model {
     /// ones. A filter does not apply to them.
     #[must_use]
     pub fn alarm_rows(&self) -> Vec<AlarmItem<'_>> {
-        let Some(snapshot) = &self.snapshot else { return Vec::new() };
+        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
         if !snapshot.alarm_summary.flood {
             return snapshot.alarms.iter().map(AlarmItem::Alarm).collect();
         }
@@ -151,7 +157,7 @@ impl Model {
     /// What waits for people: monitors' questions first, each the most urgent first.
     #[must_use]
     pub fn waiting_rows(&self) -> Vec<WaitingItem<'_>> {
-        let Some(snapshot) = &self.snapshot else { return Vec::new() };
+        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
         let mut questions: Vec<&QuestionView> = snapshot.questions.iter().collect();
         questions.sort_by_key(|question| question.deadline_ms);
         let mut prompts: Vec<&PromptView> = snapshot.prompts.iter().collect();
@@ -163,8 +169,8 @@ impl Model {
     /// Candidates in the pipeline: what is under way first, then what is settled, each the last of its family first.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
-        let Some(snapshot) = &self.snapshot else { return Vec::new() };
-        let mut sieve = Sieve::new(if self.view == View::Overview { self.filter() } else { "" });
+        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
+        let mut sieve = Sieve::new(if self.place.view == View::Overview { self.filter() } else { "" });
         let mut rows: Vec<&CandidateView> =
             snapshot.candidates.iter().rev().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
         let settled = |candidate: &&CandidateView| {
@@ -179,15 +185,15 @@ impl Model {
     /// The log under its filter, the newest first.
     #[must_use]
     pub fn audit_rows(&self) -> Vec<&AuditRecord> {
-        let mut sieve = Sieve::new(if self.view == View::Audit { self.filter() } else { "" });
-        self.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
+        let mut sieve = Sieve::new(if self.place.view == View::Audit { self.filter() } else { "" });
+        self.told.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
     }
 
     /// Everything about the subject, if the engine's answer is about it.
     #[must_use]
     pub fn subject_detail(&self) -> Option<&Detail> {
         let subject = self.subject()?;
-        self.detail.as_deref().filter(|detail| detail.version == subject)
+        self.told.detail.as_deref().filter(|detail| detail.version == subject)
     }
 
     /// The rows of a pane of the candidate view.
@@ -232,8 +238,8 @@ impl Model {
     /// How many rows the present view and pane has.
     #[must_use]
     pub fn row_count(&self) -> usize {
-        match (self.view, self.pane()) {
-            (View::Overview, 2) => self.story.len(),
+        match (self.place.view, self.place.pane()) {
+            (View::Overview, 2) => self.told.story.len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
@@ -247,19 +253,19 @@ impl Model {
     /// The row under the cursor, within what there is.
     #[must_use]
     pub fn row(&self) -> usize {
-        self.cursor().min(self.row_count().saturating_sub(1))
+        self.place.cursor().min(self.row_count().saturating_sub(1))
     }
 
     /// The version under the cursor, or the one the view is about.
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
-        match (self.view, self.pane()) {
+        match (self.place.view, self.place.pane()) {
             (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
             (View::Registry, _) => match self.registry_rows().get(self.row())? {
                 RegistryItem::Version(row) => Some(row.version.clone()),
                 // A family stands for its active version.
                 RegistryItem::Family { family, .. } => {
-                    let families = &self.snapshot.as_ref()?.families;
+                    let families = &self.told.snapshot.as_ref()?.families;
                     families.iter().find(|known| known.family == **family)?.active.clone()
                 }
             },

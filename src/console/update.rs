@@ -45,29 +45,29 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Events(events) => engine::events(model, events),
         MsgKind::Answer { id, reply } => engine::answer(model, &id, *reply),
         MsgKind::Lagged(missed) => {
-            model.missed = model.missed.saturating_add(missed);
-            model.changes += 1;
+            model.told.missed = model.told.missed.saturating_add(missed);
+            model.asking.changes += 1;
             Vec::new()
         }
         MsgKind::Snapshot(snapshot) => engine::snapshot(model, snapshot),
         MsgKind::Picture(picture) => {
-            model.picture = Some(picture);
+            model.told.picture = Some(picture);
             Vec::new()
         }
         MsgKind::EngineEnded(how) => {
             if let Err(why) = &how {
                 tell(model, format!("the engine ended: {why}"), true);
             }
-            model.engine = EngineState::Ended(how);
+            model.told.engine = EngineState::Ended(how);
             Vec::new()
         }
         MsgKind::Identities(identities) => {
-            model.identities = identities;
+            model.people.identities = identities;
             Vec::new()
         }
         MsgKind::Operator(operator) => {
             tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
-            model.operator = Some(operator);
+            model.people.operator = Some(operator);
             Vec::new()
         }
         MsgKind::Done { text, bad } => {
@@ -91,17 +91,17 @@ fn tell(model: &mut Model, text: impl Into<String>, bad: bool) {
 
 /// A key goes to what has the keys: typed text, an overlay, the view.
 fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
-    let in_prompt = matches!(model.overlay, Some(Overlay::Prompt(_)));
+    let in_prompt = matches!(model.entry.overlay, Some(Overlay::Prompt(_)));
     let action = model.keymap.action(key, in_prompt);
     // Stopping works everywhere, also while text is typed.
     let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
     if let Some(action) = action.filter(|action| chord && action.works_while_typing()) {
         return act(model, action);
     }
-    if model.typing.is_some() {
+    if model.entry.typing.is_some() {
         return typing::key(model, key);
     }
-    match &model.overlay {
+    match &model.entry.overlay {
         Some(Overlay::Palette(_)) => overlays::palette_key(model, key),
         Some(Overlay::Prompt(_)) => overlays::prompt_key(model, key, action),
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
@@ -125,8 +125,9 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::ShowAudit => show(model, View::Audit),
         Action::JumpToAlarm => moving::jump_to_alarm(model),
         Action::Help => {
-            let actions = Action::ALL.iter().copied().filter(|action| means_something(model.view, *action));
-            model.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
+            let actions =
+                Action::ALL.iter().copied().filter(|action| means_something(model.place.view, *action));
+            model.entry.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
             Vec::new()
         }
         Action::CommandLine => typing::begin_command(model),
@@ -150,11 +151,11 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
             Some(text) => vec![Effect::Copy(text)],
             None => refuse(model, "there is nothing under the cursor to copy"),
         },
-        Action::Export => vec![Effect::Export(model.view)],
+        Action::Export => vec![Effect::Export(model.place.view)],
         Action::OpenRecording => match model.version_here() {
             Some(version) => vec![Effect::OpenRecording(version)],
             // If nothing is evaluated the cell itself is what there is to look at.
-            None if model.view == View::Overview => vec![Effect::OpenLive],
+            None if model.place.view == View::Overview => vec![Effect::OpenLive],
             None => refuse(model, "there is no version under the cursor"),
         },
         Action::OpenLive => vec![Effect::OpenLive],
@@ -184,8 +185,8 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
             operating::on_alarm(model, action)
         }
         Action::Freeze => freeze(model),
-        Action::ZoomIn => zoom(model, model.zoom.saturating_add(1)),
-        Action::ZoomOut => zoom(model, model.zoom.saturating_sub(1)),
+        Action::ZoomIn => zoom(model, model.place.zoom.saturating_add(1)),
+        Action::ZoomOut => zoom(model, model.place.zoom.saturating_sub(1)),
         Action::ZoomReset => zoom(model, 0),
         // Without an open prompt these decide nothing.
         Action::Approve | Action::Reject | Action::Reread => {
@@ -214,34 +215,34 @@ fn refuse(model: &mut Model, why: &str) -> Vec<Effect> {
 
 /// Goes to a view and asks for what it shows.
 fn show(model: &mut Model, view: View) -> Vec<Effect> {
-    if model.view != view {
-        model.back.retain(|known| *known != model.view);
-        model.back.push(model.view);
-        if model.back.len() > BACK_MAX {
-            model.back.remove(0);
+    if model.place.view != view {
+        model.place.back.retain(|known| *known != model.place.view);
+        model.place.back.push(model.place.view);
+        if model.place.back.len() > BACK_MAX {
+            model.place.back.remove(0);
         }
-        model.view = view;
+        model.place.view = view;
     }
     asking::refresh_now(model)
 }
 
 /// Candidate: about the version under the cursor, if there is one.
 fn show_candidate(model: &mut Model) -> Vec<Effect> {
-    if matches!(model.view, View::Overview | View::Registry | View::Approvals | View::Audit)
+    if matches!(model.place.view, View::Overview | View::Registry | View::Approvals | View::Audit)
         && let Some(version) = model.version_here()
     {
-        model.chosen = Some(version);
+        model.place.chosen = Some(version);
     }
     show(model, View::Candidate)
 }
 
 fn back(model: &mut Model) -> Vec<Effect> {
-    if model.filters.remove(&model.view).is_some() {
+    if model.place.filters.remove(&model.place.view).is_some() {
         return asking::refresh_now(model);
     }
-    match model.back.pop() {
+    match model.place.back.pop() {
         Some(view) => {
-            model.view = view;
+            model.place.view = view;
             asking::refresh_now(model)
         }
         None => {
@@ -258,17 +259,19 @@ fn next_theme(model: &mut Model) -> Vec<Effect> {
 }
 
 fn freeze(model: &mut Model) -> Vec<Effect> {
-    model.frozen = match (&model.frozen, &model.snapshot) {
-        (None, Some(snapshot)) => {
-            Some(Frozen { at_ms: model.now_ms, snapshot: snapshot.clone(), picture: model.picture.clone() })
-        }
+    model.place.frozen = match (&model.place.frozen, &model.told.snapshot) {
+        (None, Some(snapshot)) => Some(Frozen {
+            at_ms: model.now_ms,
+            snapshot: snapshot.clone(),
+            picture: model.told.picture.clone(),
+        }),
         (Some(_), _) | (None, None) => None,
     };
     Vec::new()
 }
 
 const fn zoom(model: &mut Model, halvings: u8) -> Vec<Effect> {
-    model.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
+    model.place.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
     Vec::new()
 }
 

@@ -2,12 +2,35 @@
 
 use crate::monitors::Monitors;
 use crate::record::Record;
-use holdpoint_governance::alarms::{AlarmChange, AlarmError, AlarmEvent, AlarmKey, Priority};
+use holdpoint_governance::alarms::{AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_text::Hint;
+
+/// The alarms that were raised, and when their conditions are looked at next.
+#[derive(Default)]
+pub(crate) struct RaisedAlarms {
+    book: AlarmBook,
+    /// Virtual ms.
+    due_ms: u64,
+}
+
+impl RaisedAlarms {
+    pub(crate) const fn book(&self) -> &AlarmBook {
+        &self.book
+    }
+
+    /// Whether conditions are to be looked at; if so, the next time is one period later.
+    fn take_due(&mut self, now_ms: u64) -> bool {
+        let due = now_ms >= self.due_ms;
+        if due {
+            self.due_ms = now_ms.saturating_add(ALARMS_EVERY_MS);
+        }
+        due
+    }
+}
 
 impl Record {
     /// Raises an alarm and says so.
@@ -20,7 +43,7 @@ impl Record {
     /// store that refuses makes the engine hold, without a further alarm.
     pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
         let now_ms = self.now_ms();
-        match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
+        match holdpoint_governance::alarms::apply(self.alarms(), event, now_ms) {
             Ok(changes) => {
                 if let Err(error) = self.take_in(&changes, Vec::new()) {
                     self.hold_silently(&error.sentence());
@@ -36,12 +59,11 @@ impl Record {
     /// jumps, so there nothing is done by itself.
     pub(crate) fn look_at_alarms(&mut self, monitors: &Monitors, works: bool) {
         let now_ms = self.now_ms();
-        if self.clock().is_scripted() || now_ms < self.alarms_due_ms {
+        if self.clock().is_scripted() || !self.alarms.take_due(now_ms) {
             return;
         }
-        self.alarms_due_ms = now_ms.saturating_add(ALARMS_EVERY_MS);
         let over: Vec<AlarmKey> = self
-            .alarms
+            .alarms()
             .iter()
             .filter(|alarm| alarm.condition && self.is_over(&alarm.key, monitors, works))
             .map(|alarm| alarm.key.clone())
@@ -62,12 +84,12 @@ impl Record {
     ) -> Reply {
         let now_ms = self.now_ms();
         if let AlarmEvent::Reset { key, .. } = event
-            && self.alarms.get(key).is_some_and(|alarm| alarm.condition)
+            && self.alarms().get(key).is_some_and(|alarm| alarm.condition)
             && self.is_over(key, monitors, works)
         {
             self.alarm_event(&AlarmEvent::Clear { key: key.clone() });
         }
-        let changes = match holdpoint_governance::alarms::apply(&self.alarms, event, now_ms) {
+        let changes = match holdpoint_governance::alarms::apply(self.alarms(), event, now_ms) {
             Ok(changes) => changes,
             Err(error) => return refused(&error),
         };
@@ -133,7 +155,7 @@ impl Record {
         let raised =
             changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));
         if written.is_ok() || raised {
-            self.alarms.absorb(changes);
+            self.alarms.book.absorb(changes);
             for event in told {
                 self.tell(event);
             }

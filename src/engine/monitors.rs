@@ -23,8 +23,8 @@ pub struct Watched {
     pub restricted: bool,
     /// Whether it was confirmed.
     pub confirmed: bool,
-    /// The gravest thing that was told of what the monitor asks for.
-    pub told: MonitorAction,
+    /// The gravest action of its monitor that was announced.
+    pub announced: MonitorAction,
     /// What its first question was raised for.
     pub asked: Option<ReasonCode>,
     /// Why it asks people now; empty if it does not.
@@ -54,7 +54,7 @@ impl Watched {
             episodes: 0,
             restricted: false,
             confirmed: false,
-            told: MonitorAction::Continue,
+            announced: MonitorAction::Continue,
             asked: None,
             question: Vec::new(),
         })

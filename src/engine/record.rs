@@ -1,6 +1,7 @@
 //! The one place where anything becomes known: written to the ledger at the present moment, and told as an event.
 //!
-//! Decides nothing. What cannot be written makes the engine hold.
+//! Its one concern is that these agree: what was not written is not told, what cannot be written makes the engine
+//! hold, and that it holds is an alarm. Each part keeps its own state. Decides nothing.
 
 use holdpoint_governance::alarms::{AlarmBook, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -11,16 +12,18 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_runtime::capability::Capability;
 
+use crate::alarms::RaisedAlarms;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Moved, Note};
 
-/// Ledger, clock, alarms and the events that were not taken yet.
+/// See the module's head.
 pub struct Record {
     ledger: Ledger,
     clock: Clock,
-    pub(crate) alarms: AlarmBook,
-    pub(crate) alarms_due_ms: u64,
+    pub(crate) alarms: RaisedAlarms,
+    /// Told and not taken yet.
     events: Vec<EventKind>,
+    /// Why the engine holds, if it does.
     holding: Option<String>,
 }
 
@@ -28,14 +31,19 @@ impl Record {
     /// A record over an open ledger.
     #[must_use]
     pub fn new(ledger: Ledger, clock: Clock) -> Self {
-        let alarms = AlarmBook::new();
-        Self { ledger, clock, alarms, alarms_due_ms: 0, events: Vec::new(), holding: None }
+        Self { ledger, clock, alarms: RaisedAlarms::default(), events: Vec::new(), holding: None }
     }
 
     /// The ledger, to look at.
     #[must_use]
     pub const fn ledger(&self) -> &Ledger {
         &self.ledger
+    }
+
+    /// The alarms, to look at.
+    #[must_use]
+    pub const fn alarms(&self) -> &AlarmBook {
+        self.alarms.book()
     }
 
     /// The clock, to look at.

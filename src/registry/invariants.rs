@@ -4,6 +4,8 @@ use rusqlite::{Connection, OptionalExtension};
 
 use super::columns::parsed;
 use super::fold::{ChainFault, Fold, FoldError};
+use super::names::EvidenceKind;
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::ActivationCause;
 
@@ -149,13 +151,14 @@ fn came_through_gate(connection: &Connection, family: &str, active: &str) -> rus
 fn check_gates(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     let mut select = connection.prepare(
         "SELECT a.seq, a.active FROM activation a
-         WHERE a.cause = 'gate' AND (
-           NOT EXISTS (SELECT 1 FROM evidence e WHERE e.version = a.active AND e.kind = 'gate'
+         WHERE a.cause = ?1 AND (
+           NOT EXISTS (SELECT 1 FROM evidence e WHERE e.version = a.active AND e.kind = ?2
                          AND e.digest = a.gate_digest AND e.seq < a.seq)
            OR a.approvals_needed > (SELECT count(DISTINCT p.who) FROM approval p WHERE p.version = a.active
-                         AND p.decision = 'approve' AND p.consumed_seq < a.seq))",
+                         AND p.decision = ?3 AND p.consumed_seq < a.seq))",
     )?;
-    let rows = select.query_map([], |row| Ok((row.get::<_, u64>(0)?, row.get::<_, String>(1)?)))?;
+    let words = [ActivationCause::Gate.name(), EvidenceKind::Gate.name(), Answer::Approve.name()];
+    let rows = select.query_map(words, |row| Ok((row.get::<_, u64>(0)?, row.get::<_, String>(1)?)))?;
     rows.map(|row| {
         let (seq, name) = row?;
         let problem = format!("record {seq} made it active without its gate record or enough approvals");

@@ -89,8 +89,9 @@ fn frames() -> Vec<Duration> {
     };
     let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();
     rows.sort_by(|a, b| a.version.cmp(&b.version));
-    model.registry.page = Arc::new(RegistryPage { rows, total: ROWS, thresholds: [0.95, 0.9, 0.85, 0.8] });
-    model.view = View::Registry;
+    model.told.registry.page =
+        Arc::new(RegistryPage { rows, total: ROWS, thresholds: [0.95, 0.9, 0.85, 0.8] });
+    model.place.view = View::Registry;
     model.size = SIZE;
     let options = LookOptions {
         term: Some("xterm-256color".to_owned()),

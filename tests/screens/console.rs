@@ -52,13 +52,13 @@ fn prompted(tier: u8) -> Model {
     let mut snapshot = support::snapshot();
     snapshot.prompts = vec![support::question(tier)];
     let prompt = Prompt::open(&support::question(tier), &snapshot, model.now_ms - 5_000).unwrap();
-    model.snapshot = Some(Arc::new(snapshot));
-    model.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    model.told.snapshot = Some(Arc::new(snapshot));
+    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
     model
 }
 
 fn with_prompt(model: &mut Model, change: impl FnOnce(&mut Prompt)) {
-    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { panic!("no prompt") };
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { panic!("no prompt") };
     change(prompt);
 }
 
@@ -66,7 +66,7 @@ fn formed(intent: Intent) -> Model {
     let mut model = support::at(View::Overview);
     let consequences =
         vec!["grasp@1.0.0 takes over at once; the candidate goes back to evaluation".to_owned()];
-    model.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
+    model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
     model
 }
 
@@ -142,7 +142,7 @@ fn flood() -> Model {
     }
     snapshot.alarm_summary.flood = true;
     snapshot.alarm_summary.unacknowledged = [1, 13, 1];
-    model.snapshot = Some(Arc::new(snapshot));
+    model.told.snapshot = Some(Arc::new(snapshot));
     model
 }
 
@@ -166,7 +166,7 @@ fn the_whole_decision_is_readable() {
             with_prompt(&mut model, |prompt| prompt.scroll = page * 4);
             seen += &shown(&model, (60, 16));
         }
-        let Some(Overlay::Prompt(prompt)) = &model.overlay else { panic!("no prompt") };
+        let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { panic!("no prompt") };
         let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         let seen_words: std::collections::BTreeSet<String> = words(&seen).into_iter().collect();
         for line in prompt.text() {
@@ -188,7 +188,8 @@ fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
             for height in heights {
                 let text = shown(model, (width, height));
                 assert_eq!(text.lines().count(), usize::from(height));
-                if model.snapshot.as_ref().is_some_and(|snapshot| !snapshot.alarms.is_empty()) && width >= 19
+                if model.told.snapshot.as_ref().is_some_and(|snapshot| !snapshot.alarms.is_empty())
+                    && width >= 19
                 {
                     assert!(text.contains("1▲ CRIT"), "{width}x{height}:\n{text}");
                 }
@@ -241,27 +242,27 @@ fn poisoned(text: &str, view: View) -> Model {
         .flat_map(|one| &mut one.charts)
         .for_each(|one| text.clone_into(&mut one.0));
     snapshot.scenery.keep_outs.iter_mut().for_each(|one| text.clone_into(&mut one.name));
-    model.snapshot = Some(Arc::new(snapshot));
+    model.told.snapshot = Some(Arc::new(snapshot));
     let mut detail = support::detail();
     text.clone_into(&mut detail.summary);
     detail.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
     detail.untested = vec![text.to_owned()];
     detail.differences.iter_mut().for_each(|one| one.new = Some(text.into()));
-    model.detail = model.detail.map(|_| Arc::new(detail));
-    let mut page = (*model.audit).clone();
+    model.told.detail = model.told.detail.map(|_| Arc::new(detail));
+    let mut page = (*model.told.audit).clone();
     for row in &mut page.rows {
         row.kind = Word::read(text.to_owned());
         for field in [&mut row.subject, &mut row.body] {
             text.clone_into(field);
         }
     }
-    model.audit = Arc::new(page);
-    let mut registry = (*model.registry.page).clone();
+    model.told.audit = Arc::new(page);
+    let mut registry = (*model.told.registry.page).clone();
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
-    model.registry.page = Arc::new(registry);
-    model.story.iter_mut().for_each(|told| text.clone_into(&mut told.text));
-    model.operator = Some(Operator { name: text.to_owned(), role: Role::Operator });
-    model.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
+    model.told.registry.page = Arc::new(registry);
+    model.told.story.iter_mut().for_each(|told| text.clone_into(&mut told.text));
+    model.people.operator = Some(Operator { name: text.to_owned(), role: Role::Operator });
+    model.told.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
     model.notice = Some(Notice { text: text.to_owned(), bad: true, until_ms: 99_000 });
     model
 }
@@ -279,7 +280,7 @@ fn hostile_texts_act_on_nothing() {
         for view in View::ALL {
             for pane in 0..view.panes().len() {
                 let mut model = poisoned(&text, view);
-                model.panes[view as usize] = pane;
+                model.place.panes[view as usize] = pane;
                 for size in [(120, 36), (80, 24), (60, 16), (30, 8)] {
                     let buf = drawn(&model, &look(), size);
                     for y in 0..size.1 {
@@ -338,7 +339,7 @@ fn ascii_alone_where_it_is_asked_for() {
         for size in SIZES {
             let text = text_of(model, &look, size.0, size.1);
             let strange: Vec<char> = text.chars().filter(|sign| !sign.is_ascii()).collect();
-            assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.view);
+            assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.place.view);
         }
     }
     insta::assert_snapshot!("overview_ascii_100x30", text_of(&support::at(View::Overview), &look, 100, 30));

@@ -16,20 +16,20 @@ pub fn blank() -> Model {
         ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
     let mut model = Model::new(settings, Arc::new(Keymap::default()), vec!["calm-dark".to_owned()]);
     model.now_ms = 60_000;
-    model.snapshot_ms = 60_000;
+    model.told.snapshot_ms = 60_000;
     model
 }
 
 /// A console in the middle of a shift.
 pub fn model() -> Model {
     let mut model = blank();
-    model.engine = EngineState::Running;
-    model.snapshot = Some(Arc::new(snapshot()));
-    model.picture = Some(Arc::new(picture()));
-    model.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
-    model.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
-    model.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
-    model.verified = Some(Verified {
+    model.told.engine = EngineState::Running;
+    model.told.snapshot = Some(Arc::new(snapshot()));
+    model.told.picture = Some(Arc::new(picture()));
+    model.people.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
+    model.told.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
+    model.told.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
+    model.told.verified = Some(Verified {
         holds: true,
         records: 391,
         text: "every record follows from the one before".to_owned(),
@@ -42,7 +42,7 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.story.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+        model.told.story.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
     }
     model
 }
@@ -50,13 +50,13 @@ pub fn model() -> Model {
 /// The same, in a view.
 pub fn at(view: View) -> Model {
     let mut model = model();
-    model.view = view;
+    model.place.view = view;
     match view {
         View::Candidate => {
-            model.chosen = Some(id("align@2.0.0"));
-            model.detail = Some(Arc::new(detail()));
+            model.place.chosen = Some(id("align@2.0.0"));
+            model.told.detail = Some(Arc::new(detail()));
         }
-        View::Shadow => model.chosen = Some(id("place@1.1.0")),
+        View::Shadow => model.place.chosen = Some(id("place@1.1.0")),
         View::Overview | View::Registry | View::Alarms | View::Approvals | View::Audit => {}
     }
     model

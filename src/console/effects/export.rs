@@ -13,7 +13,7 @@ use ratatui::layout::Rect;
 
 use crate::frame;
 use crate::look::{Look, LookOptions};
-use crate::model::{Model, View};
+use crate::model::{Entry, Model, View};
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
@@ -73,7 +73,9 @@ fn new_file(path: &Path, text: &str) -> io::Result<()> {
 fn text(view: View, model: &Model) -> Result<String, String> {
     let options = LookOptions { ascii: true, ..LookOptions::default() };
     let look = Look::detect(&options).map_err(|error| error.sentence())?;
-    let shown = Model { view, overlay: None, typing: None, ..model.clone() };
+    let mut shown = model.clone();
+    shown.place.view = view;
+    shown.entry = Entry::default();
     let area = Rect::new(0, 0, TEXT_SIZE.0, TEXT_SIZE.1);
     let mut buffer = Buffer::empty(area);
     frame::draw(&shown, &look, area, &mut buffer);
@@ -99,11 +101,11 @@ fn lines(buffer: &Buffer) -> String {
 /// The data behind a view.
 fn json(view: View, model: &Model) -> Result<String, String> {
     let value = match view {
-        View::Registry => serde_json::to_value(&*model.registry.page),
-        View::Candidate => serde_json::to_value(model.detail.as_deref()),
-        View::Audit => serde_json::to_value(&*model.audit),
+        View::Registry => serde_json::to_value(&*model.told.registry.page),
+        View::Candidate => serde_json::to_value(model.told.detail.as_deref()),
+        View::Audit => serde_json::to_value(&*model.told.audit),
         View::Overview | View::Shadow | View::Alarms | View::Approvals => {
-            serde_json::to_value(model.snapshot.as_deref())
+            serde_json::to_value(model.told.snapshot.as_deref())
         }
     };
     let text = value.and_then(|value| serde_json::to_string(&value)).map_err(|error| error.to_string())?;

@@ -229,7 +229,7 @@ impl Session {
     fn picture(&mut self) {
         let newest = self.hands.host.pictures.borrow_and_update().clone();
         let Some(picture) = newest else { return };
-        let seen = self.model.view == View::Overview && self.model.frozen.is_none();
+        let seen = self.model.place.view == View::Overview && self.model.place.frozen.is_none();
         self.fold_one(MsgKind::Picture(picture));
         if seen {
             self.pace.want(Want::Picture);
@@ -323,7 +323,7 @@ impl Session {
         drop(screen);
         drop(terminal);
         drop(guard);
-        farewell::left(cause, ended, model.snapshot.as_deref())
+        farewell::left(cause, ended, model.told.snapshot.as_deref())
     }
 }
 
@@ -340,7 +340,7 @@ async fn until(moment: Option<Instant>) {
 #[allow(clippy::panic, reason = "that is what is tested")]
 fn fail_if_asked(model: &Model) {
     let asked = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
-    if asked && model.snapshot.is_some() {
+    if asked && model.told.snapshot.is_some() {
         std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
     }
 }

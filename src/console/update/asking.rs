@@ -10,13 +10,13 @@ const PENDING_MAX: usize = 32;
 
 /// A new request's id; absent if too many wait already.
 pub(super) fn request(model: &mut Model, about: AskedFor, what: String) -> Option<String> {
-    if model.pending.len() >= PENDING_MAX {
+    if model.asking.pending.len() >= PENDING_MAX {
         tell(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
         return None;
     }
-    let id = format!("console-{}", model.next_request);
-    model.next_request += 1;
-    model.pending.insert(id.clone(), PendingRequest { about, what });
+    let id = format!("console-{}", model.asking.next_request);
+    model.asking.next_request += 1;
+    model.asking.pending.insert(id.clone(), PendingRequest { about, what });
     Some(id)
 }
 
@@ -27,24 +27,24 @@ pub(super) fn ask(model: &mut Model, what: String, question: Question) -> Vec<Ef
 
 /// Asks for what the view shows, whether or not something changed.
 pub(super) fn refresh_now(model: &mut Model) -> Vec<Effect> {
-    if model.engine != EngineState::Running {
+    if model.told.engine != EngineState::Running {
         return Vec::new();
     }
     let Some(question) = wanted(model) else { return Vec::new() };
-    model.asked.insert(question.about(), model.changes);
+    model.asking.asked.insert(question.about(), model.asking.changes);
     ask(model, String::new(), question)
 }
 
 /// Asks again if something changed since, one question of a kind at a time.
 pub(super) fn refresh(model: &mut Model) -> Vec<Effect> {
     let Some(about) = wanted(model).as_ref().map(Question::about) else { return Vec::new() };
-    let fresh = model.asked.get(&about) == Some(&model.changes);
-    let waits = model.pending.values().any(|pending| pending.about == about);
+    let fresh = model.asking.asked.get(&about) == Some(&model.asking.changes);
+    let waits = model.asking.pending.values().any(|pending| pending.about == about);
     if fresh || waits { Vec::new() } else { refresh_now(model) }
 }
 
 fn wanted(model: &Model) -> Option<Question> {
-    match model.view {
+    match model.place.view {
         View::Overview | View::Alarms | View::Approvals => None,
         View::Registry => Some(Question::Registry { group: group(model), text: String::new() }),
         View::Candidate | View::Shadow => Some(Question::Detail(model.subject()?)),
@@ -53,7 +53,7 @@ fn wanted(model: &Model) -> Option<Question> {
 }
 
 fn group(model: &Model) -> VersionGroup {
-    match model.pane_of(View::Registry) {
+    match model.place.pane_of(View::Registry) {
         1 => VersionGroup::Active,
         2 => VersionGroup::Candidate,
         3 => VersionGroup::History,

@@ -14,7 +14,7 @@ use holdpoint_protocol::words;
 use holdpoint_text::{Hint, Problem};
 
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
-    model.engine = EngineState::Running;
+    model.told.engine = EngineState::Running;
     let mut effects = vec![Effect::ReadIdentities];
     let everything = Question::Registry { group: VersionGroup::All, text: String::new() };
     effects.extend(asking::ask(model, String::new(), everything));
@@ -28,12 +28,12 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             continue;
         }
         if !matches!(event.kind, EventKind::Sequence { .. }) {
-            model.changes += 1;
+            model.asking.changes += 1;
         }
         let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
-        model.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
-        if model.story.len() > LOG_MAX {
-            model.story.pop_front();
+        model.told.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
+        if model.told.story.len() > LOG_MAX {
+            model.told.story.pop_front();
         }
     }
     Vec::new()
@@ -43,17 +43,17 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
 pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect> {
     let critical =
         |snapshot: &Snapshot| snapshot.alarm_summary.highest_unacknowledged == Some(Priority::Critical);
-    let calls = critical(&snapshot) && !model.snapshot.as_deref().is_some_and(critical);
-    if let Some(Overlay::Prompt(prompt)) = &mut model.overlay {
+    let calls = critical(&snapshot) && !model.told.snapshot.as_deref().is_some_and(critical);
+    if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
         prompt.look(&snapshot);
     }
-    model.snapshot_ms = model.now_ms;
-    model.snapshot = Some(snapshot);
+    model.told.snapshot_ms = model.now_ms;
+    model.told.snapshot = Some(snapshot);
     if calls { vec![Effect::Bell] } else { Vec::new() }
 }
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
-    let asked = model.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
+    let asked = model.asking.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
@@ -67,21 +67,21 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
         // The engine publishes snapshots by itself; one that is asked for is as good.
         Reply::Snapshot { snapshot: told } => snapshot(model, Arc::from(told)),
         Reply::Detail { detail } => {
-            model.detail = Some(Arc::from(detail));
+            model.told.detail = Some(Arc::from(detail));
             Vec::new()
         }
         Reply::Registry { page } => {
-            model.registry.page = Arc::new(page);
+            model.told.registry.page = Arc::new(page);
             Vec::new()
         }
         Reply::Audit { page } => {
-            model.audit = Arc::new(page);
+            model.told.audit = Arc::new(page);
             Vec::new()
         }
         Reply::Verified { verified } => {
             tell(model, verified.text.clone(), !verified.holds);
-            model.verified = Some(verified);
-            if model.view == View::Audit { asking::refresh_now(model) } else { Vec::new() }
+            model.told.verified = Some(verified);
+            if model.place.view == View::Audit { asking::refresh_now(model) } else { Vec::new() }
         }
     }
 }

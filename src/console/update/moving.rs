@@ -35,19 +35,19 @@ pub(super) fn wheel(model: &mut Model, rows: i32) -> Vec<Effect> {
     let by = rows.unsigned_abs() as usize;
     let row = model.row();
     let last = model.row_count().saturating_sub(1);
-    if model.overlay.is_none() && model.typing.is_none() {
+    if model.entry.overlay.is_none() && model.entry.typing.is_none() {
         set_row(model, if rows < 0 { row.saturating_sub(by) } else { row.saturating_add(by).min(last) });
     }
     Vec::new()
 }
 
 fn set_row(model: &mut Model, row: usize) {
-    model.cursors.insert((model.view, model.pane()), row);
+    model.place.cursors.insert((model.place.view, model.place.pane()), row);
 }
 
 /// In the registry the branch opens and closes; elsewhere the pane changes.
 fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
-    if model.view != View::Registry {
+    if model.place.view != View::Registry {
         return step_pane(model, right);
     }
     let family = match model.registry_rows().get(model.row()) {
@@ -61,10 +61,10 @@ fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
 
 fn set_branch(model: &mut Model, family: Family, open: bool) {
     if open {
-        model.registry.closed.remove(&family);
+        model.told.registry.closed.remove(&family);
         return;
     }
-    model.registry.closed.insert(family.clone());
+    model.told.registry.closed.insert(family.clone());
     // The cursor goes to what was closed.
     let is_it =
         |item: &RegistryItem<'_>| matches!(item, RegistryItem::Family { family: of, .. } if **of == family);
@@ -74,17 +74,17 @@ fn set_branch(model: &mut Model, family: Family, open: bool) {
 }
 
 fn step_pane(model: &mut Model, forward: bool) -> Vec<Effect> {
-    let count = model.view.panes().len().max(1);
-    let next = if forward { model.pane() + 1 } else { model.pane() + count - 1 } % count;
-    if let Some(pane) = model.panes.get_mut(model.view as usize) {
+    let count = model.place.view.panes().len().max(1);
+    let next = if forward { model.place.pane() + 1 } else { model.place.pane() + count - 1 } % count;
+    if let Some(pane) = model.place.panes.get_mut(model.place.view as usize) {
         *pane = next;
     }
-    if model.view == View::Registry { asking::refresh_now(model) } else { Vec::new() }
+    if model.place.view == View::Registry { asking::refresh_now(model) } else { Vec::new() }
 }
 
 /// Enter: opens what is under the cursor. It changes nothing outside this console.
 fn open(model: &mut Model) -> Vec<Effect> {
-    match model.view {
+    match model.place.view {
         View::Registry => {
             if let Some(RegistryItem::Family { family, open, .. }) = model.registry_rows().get(model.row()) {
                 let (family, open) = ((*family).clone(), *open);
@@ -98,7 +98,7 @@ fn open(model: &mut Model) -> Vec<Effect> {
         View::Candidate => step_pane(model, true),
         View::Alarms => match model.version_here() {
             Some(version) => {
-                model.chosen = Some(version);
+                model.place.chosen = Some(version);
                 show(model, View::Candidate)
             }
             None => Vec::new(),
@@ -110,7 +110,7 @@ fn open(model: &mut Model) -> Vec<Effect> {
 fn choose(model: &mut Model) -> Vec<Effect> {
     match model.version_here() {
         Some(version) => {
-            model.chosen = Some(version);
+            model.place.chosen = Some(version);
             show(model, View::Candidate)
         }
         None => Vec::new(),
@@ -121,17 +121,17 @@ fn choose(model: &mut Model) -> Vec<Effect> {
 fn open_waiting(model: &mut Model) -> Vec<Effect> {
     let prompt = match model.waiting_rows().get(model.row()) {
         Some(WaitingItem::Prompt(question)) => {
-            model.snapshot.as_ref().and_then(|snapshot| Prompt::open(question, snapshot, model.now_ms))
+            model.told.snapshot.as_ref().and_then(|snapshot| Prompt::open(question, snapshot, model.now_ms))
         }
         Some(WaitingItem::Question(question)) => {
-            model.chosen = Some(question.version.clone());
+            model.place.chosen = Some(question.version.clone());
             return show(model, View::Candidate);
         }
         None => return refuse(model, "nothing waits for people"),
     };
     match prompt {
         Some(prompt) => {
-            model.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+            model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
             Vec::new()
         }
         None => refuse(model, "the candidate is gone"),
@@ -157,7 +157,7 @@ pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
 
 /// What Copy takes: the value a person would want to paste elsewhere.
 pub(super) fn copied(model: &Model) -> Option<String> {
-    match model.view {
+    match model.place.view {
         View::Alarms => {
             let rows = model.alarm_rows();
             let alarm = rows.get(model.row())?.alarm();
@@ -168,9 +168,9 @@ pub(super) fn copied(model: &Model) -> Option<String> {
             let row = rows.get(model.row())?;
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
-        View::Overview if model.pane() == 2 => {
-            let newest_first = model.story.len().checked_sub(model.row() + 1)?;
-            model.story.get(newest_first).map(|told| told.text.clone())
+        View::Overview if model.place.pane() == 2 => {
+            let newest_first = model.told.story.len().checked_sub(model.row() + 1)?;
+            model.told.story.get(newest_first).map(|told| told.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             model.version_here().map(|version| version.to_string())

@@ -20,8 +20,8 @@ pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> 
 }
 
 fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
-    model.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
-    model.typing = None;
+    model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
+    model.entry.typing = None;
     Vec::new()
 }
 
@@ -49,12 +49,12 @@ fn stands(model: &Model, id: &CapabilityId) -> Option<(State, Flags)> {
     if let Some(candidate) = model.candidate(id) {
         return Some((candidate.state, candidate.flags));
     }
-    let snapshot = model.snapshot.as_ref()?;
+    let snapshot = model.told.snapshot.as_ref()?;
     let family = snapshot.families.iter().find(|family| family.family == id.family)?;
     if family.active.as_ref() == Some(id) {
         return Some((State::Active, family.flags.unwrap_or_default()));
     }
-    let row = model.registry.page.rows.iter().find(|row| row.version == *id)?;
+    let row = model.told.registry.page.rows.iter().find(|row| row.version == *id)?;
     Some((row.state, row.flags))
 }
 
@@ -107,11 +107,15 @@ fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, V
 }
 
 fn asks(model: &Model, id: &CapabilityId) -> bool {
-    model.snapshot.as_ref().is_some_and(|now| now.questions.iter().any(|question| question.version == *id))
+    model
+        .told
+        .snapshot
+        .as_ref()
+        .is_some_and(|now| now.questions.iter().any(|question| question.version == *id))
 }
 
 fn stopped(model: &Model, id: &CapabilityId) -> bool {
-    let families = model.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.families);
+    let families = model.told.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.families);
     families.iter().any(|family| family.family == id.family && family.safe_stopped)
 }
 
@@ -127,14 +131,14 @@ fn leaves(model: &Model, id: &CapabilityId, state: State, otherwise: &str) -> St
 }
 
 fn pinned<'a>(model: &'a Model, id: &CapabilityId) -> Option<&'a CapabilityId> {
-    let snapshot = model.snapshot.as_ref()?;
+    let snapshot = model.told.snapshot.as_ref()?;
     snapshot.families.iter().find(|family| family.active.as_ref() == Some(id))?.pinned.as_ref()
 }
 
 /// The most urgent thing to stop: an active version in question, one that is not settled, the candidate under the
 /// cursor, a candidate at work, one that waits; each with what stopping it does.
 fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
-    let snapshot = model.snapshot.as_ref()?;
+    let snapshot = model.told.snapshot.as_ref()?;
     let unsettled = |flags: &Flags| flags.provisional || flags.restricted;
     let actives: Vec<(&CapabilityId, Flags)> = snapshot
         .families
@@ -178,14 +182,14 @@ fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
 /// Acknowledging and unshelving are undone as easily and act at once; the others open a form.
 pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     use crate::model::View;
-    if model.view != View::Alarms {
+    if model.place.view != View::Alarms {
         return refuse(model, "go to the alarms first (5, or ! for the highest)");
     }
     let rows = model.alarm_rows();
     let Some(alarm) = rows.get(model.row()).map(|item| item.alarm().clone()) else {
         return refuse(model, "there is no alarm under the cursor");
     };
-    let by = model.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
+    let by = model.people.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
         Action::Acknowledge => {
             if alarm.acknowledged_by.is_some() {
@@ -230,16 +234,16 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
 /// Leaves the view, or asks about ending the program and says what the engine will do.
 pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
     use crate::model::View;
-    if matches!(model.engine, EngineState::Ended(_)) {
+    if matches!(model.told.engine, EngineState::Ended(_)) {
         return vec![Effect::End];
     }
-    if model.view != View::Overview {
-        model.back.clear();
-        model.view = View::Overview;
+    if model.place.view != View::Overview {
+        model.place.back.clear();
+        model.place.view = View::Overview;
         return Vec::new();
     }
     let mut lines = vec!["The engine ends in good order; nothing is approved or activated by it".to_owned()];
-    for candidate in model.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
+    for candidate in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {
             lines.push(format!(
                 "{} is in {} ({} of {}): that stage is run again at the next start",

@@ -11,17 +11,17 @@ use crate::prompt::{Focus, Obstacle};
 use holdpoint_governance::approval::Answer;
 
 pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
-    let Some(Overlay::Palette(palette)) = &mut model.overlay else { return Vec::new() };
+    let Some(Overlay::Palette(palette)) = &mut model.entry.overlay else { return Vec::new() };
     let last = palette.rows().len().saturating_sub(1);
     match key.code {
-        KeyCode::Esc | KeyCode::F(1) => model.overlay = None,
+        KeyCode::Esc | KeyCode::F(1) => model.entry.overlay = None,
         KeyCode::Up => palette.cursor = palette.cursor.min(last).saturating_sub(1),
         KeyCode::Down => palette.cursor = palette.cursor.saturating_add(1).min(last),
         KeyCode::PageUp => palette.cursor = palette.cursor.saturating_sub(10),
         KeyCode::PageDown => palette.cursor = palette.cursor.saturating_add(10).min(last),
         KeyCode::Enter => {
             let chosen = palette.chosen();
-            model.overlay = None;
+            model.entry.overlay = None;
             return chosen.map_or_else(Vec::new, |action| act(model, action));
         }
         _ => {
@@ -36,7 +36,7 @@ pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 /// Keys in an approval prompt. Enter and Esc never decide; a key that decides is refused while anything stands
 /// against it, with the reason on the screen.
 pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     prompt.refused = None;
     match key.code {
         KeyCode::Tab => step_focus(model, true),
@@ -59,7 +59,7 @@ pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action
 }
 
 fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     match action {
         Some(Action::Approve) => decide(model, Answer::Approve),
         Some(Action::Reject) => {
@@ -72,11 +72,11 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
             decide(model, Answer::Reject)
         }
         Some(Action::Reread) => {
-            let (now_ms, snapshot) = (model.now_ms, model.snapshot.clone());
+            let (now_ms, snapshot) = (model.now_ms, model.told.snapshot.clone());
             let read = snapshot.is_some_and(|snapshot| prompt.reread(&snapshot, now_ms));
             if !read {
                 tell(model, "the question is closed", true);
-                model.overlay = None;
+                model.entry.overlay = None;
             }
             Vec::new()
         }
@@ -95,14 +95,14 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
 }
 
 fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return Vec::new() };
-    let made = prompt.decide(answer, model.operator.as_ref(), model.settings.read_only, model.now_ms);
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
+    let made = prompt.decide(answer, model.people.operator.as_ref(), model.settings.read_only, model.now_ms);
     match made {
         Ok(decision) => {
             let what = format!("{} {}", answer.name(), prompt.seen.version);
             match asking::request(model, AskedFor::Decision, what) {
                 Some(id) => {
-                    model.overlay = None;
+                    model.entry.overlay = None;
                     vec![Effect::Decide { id, decision: Box::new(decision) }]
                 }
                 None => Vec::new(),
@@ -116,7 +116,7 @@ fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
 }
 
 fn step_focus(model: &mut Model, forward: bool) {
-    let Some(Overlay::Prompt(prompt)) = &mut model.overlay else { return };
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return };
     let focuses = prompt.focuses();
     let at = focuses.iter().position(|focus| *focus == prompt.focus).unwrap_or(0);
     let next = if forward { at + 1 } else { at + focuses.len() - 1 } % focuses.len().max(1);
@@ -124,26 +124,26 @@ fn step_focus(model: &mut Model, forward: bool) {
 }
 
 fn close_held(model: &mut Model) {
-    model.overlay = None;
+    model.entry.overlay = None;
     tell(model, "undecided: it goes on waiting and is held at its deadline", false);
 }
 
 pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
-    let Some(Overlay::Form(form)) = &mut model.overlay else { return Vec::new() };
+    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
     let one_key = form.is_one_key();
     match key.code {
-        KeyCode::Esc => model.overlay = None,
+        KeyCode::Esc => model.entry.overlay = None,
         KeyCode::Tab => form.step(true),
         KeyCode::BackTab => form.step(false),
         KeyCode::Enter => match form.focus {
             FormFocus::Minutes | FormFocus::Reason => form.step(true),
-            FormFocus::Cancel => model.overlay = None,
+            FormFocus::Cancel => model.entry.overlay = None,
             FormFocus::Confirm => return confirm(model),
         },
         KeyCode::Left | KeyCode::Up if form.line_mut().is_none() => form.step(false),
         KeyCode::Right | KeyCode::Down if form.line_mut().is_none() => form.step(true),
         KeyCode::Char('y') if one_key => return confirm(model),
-        KeyCode::Char('n') if one_key => model.overlay = None,
+        KeyCode::Char('n') if one_key => model.entry.overlay = None,
         _ => {
             if let Some(line) = form.line_mut() {
                 typing::into_line(line, key);
@@ -157,14 +157,14 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
 }
 
 fn confirm(model: &mut Model) -> Vec<Effect> {
-    let Some(Overlay::Form(form)) = &mut model.overlay else { return Vec::new() };
+    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
     if form.intent == Intent::Quit {
-        model.overlay = None;
+        model.entry.overlay = None;
         return vec![Effect::End];
     }
-    match form.confirm(model.operator.as_ref()) {
+    match form.confirm(model.people.operator.as_ref()) {
         Ok(Some(confirmed)) => {
-            model.overlay = None;
+            model.entry.overlay = None;
             operating::carry_out(model, confirmed)
         }
         Ok(None) => Vec::new(),

@@ -106,7 +106,7 @@ impl TestConsole {
     fn open_prompt(&mut self) {
         self.keys("a");
         self.press(KeyCode::Enter);
-        assert!(matches!(self.model.overlay, Some(Overlay::Prompt(_))), "{:?}", self.model.notice);
+        assert!(matches!(self.model.entry.overlay, Some(Overlay::Prompt(_))), "{:?}", self.model.notice);
         self.now_ms += GUARD_MS;
     }
 
@@ -119,7 +119,7 @@ impl TestConsole {
     }
 
     fn block(&self) -> Option<Obstacle> {
-        match &self.model.overlay {
+        match &self.model.entry.overlay {
             Some(Overlay::Prompt(prompt)) => prompt.refused,
             _ => None,
         }
@@ -188,7 +188,7 @@ fn nothing_decides_while_no_prompt_is_open() {
     for view in View::ALL {
         for letter in ' '..='~' {
             let mut console = TestConsole::new(0);
-            console.model.view = view;
+            console.model.place.view = view;
             assert!(!decides(&console.press(KeyCode::Char(letter))), "{view:?}: {letter:?}");
         }
     }
@@ -235,7 +235,7 @@ fn tiers_ask_for_more_and_more() {
             assert_eq!((decision.by(), decision.answer()), ("ana", Answer::Approve));
             assert_eq!(decision.over().evidence.to_string(), digest('e'));
             assert!(decision.shown().contains("Replaces grasp@1.2.0"), "{}", decision.shown());
-            assert!(console.model.overlay.is_none());
+            assert!(console.model.entry.overlay.is_none());
         }
     }
 }
@@ -246,7 +246,7 @@ fn a_letter_typed_into_a_field_is_text() {
     console.open_prompt();
     console.press(KeyCode::Tab);
     assert!(!decides(&console.keys("aaaaY")));
-    let Some(Overlay::Prompt(prompt)) = &console.model.overlay else { panic!("the prompt is open") };
+    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("the prompt is open") };
     assert_eq!(prompt.short_id.text(), "aaaaY");
 }
 
@@ -275,7 +275,7 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         assert!(!decides(&console.keys("Y")), "{what}, and back");
         console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         console.keys("r");
-        let Some(Overlay::Prompt(prompt)) = &console.model.overlay else {
+        let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else {
             assert!(changed.prompts.is_empty());
             continue;
         };
@@ -311,7 +311,7 @@ fn people_who_cannot_approve_are_told_why() {
         console.tell(MsgKind::Snapshot(Arc::new(now)));
         match who {
             Some(name) => console.sit(name),
-            None => console.model.operator = None,
+            None => console.model.people.operator = None,
         }
         console.open_prompt();
         assert_eq!(decides(&console.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
@@ -337,11 +337,11 @@ fn read_only_refuses_everything_that_changes_something() {
     for action in Action::ALL {
         let mut console = TestConsole::new(0);
         console.model.settings.read_only = true;
-        console.model.view = View::Alarms;
+        console.model.place.view = View::Alarms;
         let effects = super::act(&mut console.model, *action);
         assert!(harmless(&effects) || *action == Action::Verify, "{action:?}: {effects:?}");
         if action.changes_something() {
-            assert!(effects.is_empty() && console.model.overlay.is_none(), "{action:?}");
+            assert!(effects.is_empty() && console.model.entry.overlay.is_none(), "{action:?}");
         }
     }
     let mut console = TestConsole::new(0);
@@ -350,7 +350,7 @@ fn read_only_refuses_everything_that_changes_something() {
     assert!(!decides(&console.keys("Y")));
     assert_eq!(console.block(), Some(Obstacle::ReadOnly));
     for line in ["demo", "register x", "pace 5", "drift off"] {
-        console.model.overlay = None;
+        console.model.entry.overlay = None;
         console.keys(":");
         console.keys(line);
         assert!(console.press(KeyCode::Enter).is_empty(), "{line}");
@@ -371,7 +371,7 @@ fn abort_takes_two_keys_everywhere() {
             KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL),
         ] {
             let mut console = TestConsole::new(1);
-            console.model.view = view;
+            console.model.place.view = view;
             console.tell(MsgKind::Key(key));
             let effects = console.keys("y");
             // On the registry's family row the active version is under the cursor, and it is settled.
@@ -409,7 +409,7 @@ fn abort_stops_the_most_urgent_thing() {
     now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     console.keys("x");
-    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("a form opens") };
+    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
     assert!(form.consequences.iter().any(|line| line.contains("Not touched: grasp@1.3.0")), "{form:?}");
     let effects = console.keys("y");
@@ -419,7 +419,7 @@ fn abort_stops_the_most_urgent_thing() {
     // Enter stays with leaving everything as it is.
     console.keys("x");
     assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(console.model.overlay.is_none());
+    assert!(console.model.entry.overlay.is_none());
 }
 
 #[test]
@@ -427,7 +427,7 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
     for view in View::ALL {
         for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {
             let mut console = TestConsole::new(0);
-            console.model.view = view;
+            console.model.place.view = view;
             let effects = console.press(*key);
             assert!(harmless(&effects), "{view:?} {key:?}: {effects:?}");
         }
@@ -437,14 +437,14 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
 #[test]
 fn a_filter_hides_no_alarm_and_nothing_that_waits() {
     let mut console = TestConsole::new(0);
-    console.model.filters =
+    console.model.place.filters =
         View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
     for view in View::ALL {
-        console.model.view = view;
+        console.model.place.view = view;
         assert_eq!(console.model.alarm_rows().len(), 4, "{view:?}");
         assert_eq!(console.model.waiting_rows().len(), 1, "{view:?}");
     }
-    console.model.view = View::Overview;
+    console.model.place.view = View::Overview;
     assert!(console.model.pipeline_rows().is_empty());
     console.press(KeyCode::Esc);
     assert_eq!(console.model.pipeline_rows().len(), 1, "Esc takes the filter away");
@@ -454,7 +454,7 @@ fn a_filter_hides_no_alarm_and_nothing_that_waits() {
 fn alarms_are_reached_acknowledged_shelved_and_reset() {
     let mut console = TestConsole::new(0);
     console.keys("3!");
-    assert_eq!(console.model.view, View::Alarms);
+    assert_eq!(console.model.place.view, View::Alarms);
     let effects = console.press(KeyCode::Char(' '));
     let Some(Effect::Ask { question: Question::Acknowledge { alarm, by }, .. }) = effects.first() else {
         panic!("{effects:?}")
@@ -463,9 +463,12 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
     console.keys("j");
     assert!(console.press(KeyCode::Char(' ')).is_empty(), "seen already");
     console.keys("j");
-    assert!(console.keys("z").is_empty() && console.model.overlay.is_none(), "critical ones are not shelved");
+    assert!(
+        console.keys("z").is_empty() && console.model.entry.overlay.is_none(),
+        "critical ones are not shelved"
+    );
     console.keys("R");
-    assert!(matches!(console.model.overlay, Some(Overlay::Form(_))));
+    assert!(matches!(console.model.entry.overlay, Some(Overlay::Form(_))));
     console.press(KeyCode::Esc);
     console.keys("gz");
     // 30 minutes stand there already.
@@ -487,16 +490,16 @@ fn forms_refuse_what_is_missing() {
         console.press(KeyCode::Tab);
     }
     assert!(console.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("it stays open") };
+    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("it stays open") };
     assert_eq!(form.problem.as_deref(), Some("a reason is needed"));
-    console.model.operator = None;
+    console.model.people.operator = None;
     console.press(KeyCode::BackTab);
     console.press(KeyCode::BackTab);
     console.keys("because");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
     assert!(console.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("it stays open") };
+    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("it stays open") };
     assert!(form.problem.as_deref().is_some_and(|problem| problem.contains(":as NAME")));
 }
 
@@ -505,15 +508,15 @@ fn quitting_asks_and_says_what_happens() {
     let mut console = TestConsole::new(0);
     console.keys("4");
     assert!(console.keys("q").is_empty());
-    assert_eq!(console.model.view, View::Overview);
+    assert_eq!(console.model.place.view, View::Overview);
     assert!(console.keys("q").is_empty());
-    let Some(Overlay::Form(form)) = &console.model.overlay else { panic!("a form opens") };
+    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
     assert_eq!(form.intent, Intent::Quit);
     assert!(form.consequences.iter().any(|line| line.contains("waits for approval")));
     assert_eq!(console.keys("y"), [Effect::End]);
     assert_eq!(console.control('z'), []);
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
-    console.model.engine = EngineState::Ended(Err("disk".to_owned()));
+    console.model.told.engine = EngineState::Ended(Err("disk".to_owned()));
     assert_eq!(console.keys("q"), [Effect::End], "nothing is left to ask about");
 }
 
@@ -526,15 +529,15 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
         panic!("{effects:?}")
     };
     assert_eq!(*times, 5.0);
-    assert!(console.model.pending.contains_key(id));
+    assert!(console.model.asking.pending.contains_key(id));
     let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
     let reply = Box::new(serde_json::from_value(refused).unwrap());
     console.tell(MsgKind::Answer { id: id.clone(), reply });
     let notice = console.model.notice.clone().unwrap();
     assert!(notice.bad && notice.text.contains("change the pace: no. Hint: later"), "{notice:?}");
-    assert!(!console.model.pending.contains_key(id));
+    assert!(!console.model.asking.pending.contains_key(id));
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
-    assert!(console.model.overlay.is_none(), "prompts never steal the focus");
+    assert!(console.model.entry.overlay.is_none(), "prompts never steal the focus");
 }
 
 #[test]
@@ -542,16 +545,16 @@ fn typed_lines_complete_recall_and_cancel() {
     let mut console = TestConsole::new(0);
     console.keys(":them");
     console.press(KeyCode::Tab);
-    let Some(Typing::Command(line)) = &console.model.typing else { panic!("it is typed") };
+    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is typed") };
     assert_eq!(line.text(), "theme");
     console.keys(" mono");
     assert_eq!(console.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
     console.keys(":");
     console.press(KeyCode::Up);
-    let Some(Typing::Command(line)) = &console.model.typing else { panic!("it is recalled") };
+    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is recalled") };
     assert_eq!(line.text(), "theme mono");
     console.press(KeyCode::Esc);
-    assert!(console.model.typing.is_none());
+    assert!(console.model.entry.typing.is_none());
     console.keys(":nonsense");
     console.press(KeyCode::Enter);
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
@@ -561,11 +564,11 @@ fn typed_lines_complete_recall_and_cancel() {
 fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
     let mut console = TestConsole::new(0);
     console.keys("?");
-    let Some(Overlay::Palette(palette)) = &console.model.overlay else { panic!("it opens") };
+    let Some(Overlay::Palette(palette)) = &console.model.entry.overlay else { panic!("it opens") };
     assert!(!palette.actions.iter().any(|action| action.decides()));
     console.keys("audit log");
     console.press(KeyCode::Enter);
-    assert_eq!(console.model.view, View::Audit);
+    assert_eq!(console.model.place.view, View::Audit);
 }
 
 #[test]
@@ -577,7 +580,7 @@ fn frozen_charts_stand_still_while_the_status_goes_on() {
     now.alarm_summary.shelved = 3;
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     assert_eq!(console.model.charted().unwrap().at_ms, 60_000);
-    assert_eq!(console.model.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
+    assert_eq!(console.model.told.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
     console.keys("f");
     assert_eq!(console.model.charted().unwrap().at_ms, 99_000);
 }

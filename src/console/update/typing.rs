@@ -12,15 +12,15 @@ use crate::model::{Model, Overlay, Typing, View};
 const HISTORY_MAX: usize = 100;
 
 pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
-    model.typing = Some(Typing::Command(EditLine::default()));
+    model.entry.typing = Some(Typing::Command(EditLine::default()));
     Vec::new()
 }
 
 /// Filters narrow what can be long; alarms and what waits are never narrowed.
 pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
-    if matches!(model.view, View::Overview | View::Registry | View::Audit) {
-        let present = model.filters.get(&model.view).map_or("", String::as_str);
-        model.typing = Some(Typing::Filter(EditLine::new(present)));
+    if matches!(model.place.view, View::Overview | View::Registry | View::Audit) {
+        let present = model.place.filters.get(&model.place.view).map_or("", String::as_str);
+        model.entry.typing = Some(Typing::Filter(EditLine::new(present)));
     } else {
         tell(model, "this view shows everything: nothing here may be filtered away", false);
     }
@@ -65,7 +65,7 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let cancels = key.code == KeyCode::Esc
         || (key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL));
     if cancels {
-        model.typing = None;
+        model.entry.typing = None;
         return Vec::new();
     }
     match key.code {
@@ -74,12 +74,12 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
         KeyCode::Up => recall(model, true),
         KeyCode::Down => recall(model, false),
         _ => {
-            let Some(Typing::Command(line) | Typing::Filter(line)) = &mut model.typing else {
+            let Some(Typing::Command(line) | Typing::Filter(line)) = &mut model.entry.typing else {
                 return Vec::new();
             };
             // Deleting in an empty line leaves it.
             if key.code == KeyCode::Backspace && line.text().is_empty() {
-                model.typing = None;
+                model.entry.typing = None;
             } else {
                 into_line(line, key);
             }
@@ -89,14 +89,14 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 }
 
 fn finish(model: &mut Model) -> Vec<Effect> {
-    match model.typing.take() {
+    match model.entry.typing.take() {
         None => Vec::new(),
         Some(Typing::Filter(line)) => {
             let text = line.text().trim().to_owned();
             if text.is_empty() {
-                model.filters.remove(&model.view);
+                model.place.filters.remove(&model.place.view);
             } else {
-                model.filters.insert(model.view, text);
+                model.place.filters.insert(model.place.view, text);
             }
             Vec::new()
         }
@@ -105,10 +105,10 @@ fn finish(model: &mut Model) -> Vec<Effect> {
             if text.is_empty() {
                 return Vec::new();
             }
-            model.history.retain(|known| *known != text);
-            model.history.push(text.clone());
-            if model.history.len() > HISTORY_MAX {
-                model.history.remove(0);
+            model.entry.history.retain(|known| *known != text);
+            model.entry.history.push(text.clone());
+            if model.entry.history.len() > HISTORY_MAX {
+                model.entry.history.remove(0);
             }
             match commands::parse(&text) {
                 Ok(asked) => run(model, asked),
@@ -145,48 +145,49 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             asking::ask(model, "let a drift set in".to_owned(), question)
         }
         Asked::Candidate(version) => {
-            model.chosen = Some(version);
+            model.place.chosen = Some(version);
             show(model, View::Candidate)
         }
     }
 }
 
 fn complete(model: &mut Model) {
-    let Some(Typing::Command(line)) = &model.typing else { return };
+    let Some(Typing::Command(line)) = &model.entry.typing else { return };
     let versions: Vec<String> = model
+        .told
         .snapshot
         .iter()
         .flat_map(|snapshot| &snapshot.candidates)
         .map(|candidate| candidate.version.to_string())
         .collect();
-    let people: Vec<String> = model.identities.iter().map(|who| who.name.clone()).collect();
+    let people: Vec<String> = model.people.identities.iter().map(|who| who.name.clone()).collect();
     let known = commands::KnownNames { versions: &versions, people: &people, themes: &model.themes };
     if let Some(text) = commands::complete(line.text(), &known).into_iter().next() {
-        model.typing = Some(Typing::Command(EditLine::new(&text)));
+        model.entry.typing = Some(Typing::Command(EditLine::new(&text)));
     }
 }
 
 /// An earlier or a later command line.
 fn recall(model: &mut Model, earlier: bool) {
-    let Some(Typing::Command(line)) = &model.typing else { return };
-    let at = model.history.iter().position(|known| known == line.text());
+    let Some(Typing::Command(line)) = &model.entry.typing else { return };
+    let at = model.entry.history.iter().position(|known| known == line.text());
     let place = match (at, earlier) {
         (Some(at), true) => at.checked_sub(1),
         (Some(at), false) => Some(at + 1),
-        (None, true) => model.history.len().checked_sub(1),
+        (None, true) => model.entry.history.len().checked_sub(1),
         (None, false) => None,
     };
-    let recalled = place.and_then(|place| model.history.get(place));
+    let recalled = place.and_then(|place| model.entry.history.get(place));
     if let Some(text) = recalled {
-        model.typing = Some(Typing::Command(EditLine::new(text)));
+        model.entry.typing = Some(Typing::Command(EditLine::new(text)));
     } else if !earlier {
-        model.typing = Some(Typing::Command(EditLine::default()));
+        model.entry.typing = Some(Typing::Command(EditLine::default()));
     }
 }
 
 /// Pasted text is text and nothing else: it runs nothing, and a prompt takes none of it.
 pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
-    match (&mut model.typing, &mut model.overlay) {
+    match (&mut model.entry.typing, &mut model.entry.overlay) {
         (Some(Typing::Command(line) | Typing::Filter(line)), _) => line.paste(text),
         (None, Some(Overlay::Palette(palette))) => {
             palette.line.paste(text);

@@ -27,7 +27,7 @@ const DETAIL_ROWS: u16 = 7;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.alarm_rows();
-    let flood = model.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
+    let flood = model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
     let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
     let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
     if items.is_empty() {

@@ -41,7 +41,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         WaitingItem::Question(question) => asked(model, question),
         WaitingItem::Prompt(question) => {
             let key = model.keymap.key(Action::Open);
-            let open = model.snapshot.as_deref().and_then(|now| Prompt::open(question, now, model.now_ms));
+            let open =
+                model.told.snapshot.as_deref().and_then(|now| Prompt::open(question, now, model.now_ms));
             let mut lines =
                 vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
             let text = open.map(|prompt| prompt.text()).unwrap_or_default();

@@ -23,7 +23,7 @@ const CONTENT_CHARS: usize = 200;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.audit_rows();
-    let cursor = model.cursor().min(rows.len().saturating_sub(1));
+    let cursor = model.place.cursor().min(rows.len().saturating_sub(1));
     let mut at = 0;
     let inside = pen.pane(area, "Audit", true, &place(rows.len(), cursor));
     pen.row(inside, at, &verified(model, pen));
@@ -73,7 +73,7 @@ fn line(row: &AuditRecord, subject: usize) -> Row {
 /// What the last check came to.
 fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     let key = model.keymap.key(Action::Verify);
-    match &model.verified {
+    match &model.told.verified {
         None => Row::of(
             ThemeRole::Unknown,
             &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)),

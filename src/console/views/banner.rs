@@ -31,7 +31,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 fn profile(model: &Model, pen: &Pen<'_>) -> Row {
-    let Some(snapshot) = &model.snapshot else {
+    let Some(snapshot) = &model.told.snapshot else {
         return Row::of(ThemeRole::Title, " Holdpoint ");
     };
     let mark = Mark::profile(snapshot.profile);
@@ -49,7 +49,7 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     if model.settings.read_only {
         say(ThemeRole::ReadOnly, " READ-ONLY ");
     }
-    match &model.engine {
+    match &model.told.engine {
         EngineState::Starting => {
             say(ThemeRole::Running, &format!("{} starting", pen.look.glyph(Glyph::Running)));
         }
@@ -60,11 +60,11 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     if let Some(age_ms) = model.stale_ms() {
         say(ThemeRole::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }
-    if let Some(why) = model.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
+    if let Some(why) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
         let why = super::short(why, width / 4);
         say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
     }
-    if let Some(frozen) = &model.frozen {
+    if let Some(frozen) = &model.place.frozen {
         let secs = model.now_ms.saturating_sub(frozen.at_ms) / 1000;
         let glyph = pen.look.glyph(Glyph::Paused);
         say(ThemeRole::Stale, &format!("{glyph} frozen {:02}:{:02}", secs / 60, secs % 60));
@@ -74,11 +74,11 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 
 /// Operator and seed, the weightiest first.
 fn identity(model: &Model) -> Vec<Row> {
-    let who = match &model.operator {
+    let who = match &model.people.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
         None => Row::of(ThemeRole::Warning, "  nobody: `:as NAME`"),
     };
-    match &model.snapshot {
+    match &model.told.snapshot {
         Some(snapshot) => vec![who, Row::of(ThemeRole::Muted, &format!("  seed {}", snapshot.seed))],
         None => vec![who],
     }

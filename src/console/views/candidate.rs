@@ -46,9 +46,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let head = heading(model, detail, pen.look, usize::from(area.width), pen.fit);
     let at = pen.rows(area, 0, &head);
     let area = below(area, at);
-    let pane = model.pane();
+    let pane = model.place.pane();
     let rows = model.candidate_rows(pane);
-    let cursor = if model.view == View::Candidate { model.row() } else { 0 };
+    let cursor = if model.place.view == View::Candidate { model.row() } else { 0 };
     let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
     let width = usize::from(area.width);
     pen.row(area, 0, &tabs::panes(model).to_column(width.saturating_sub(place.width())).and(place));

@@ -13,7 +13,7 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let row = if let Some(typing) = &model.typing {
+    let row = if let Some(typing) = &model.entry.typing {
         typed(typing, pen, usize::from(area.width))
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
@@ -56,7 +56,7 @@ pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys
 #[must_use]
 pub fn actions(model: &Model) -> Vec<Action> {
     use crate::action::Action as A;
-    let here: &[Action] = match (&model.overlay, model.view) {
+    let here: &[Action] = match (&model.entry.overlay, model.place.view) {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
@@ -71,7 +71,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Audit) => &[A::Verify, A::Filter, A::Copy, A::Export],
     };
     let mut all = here.to_vec();
-    if model.overlay.is_none() {
+    if model.entry.overlay.is_none() {
         all.extend([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
     }
     all
@@ -110,7 +110,7 @@ fn hint(model: &Model, action: Action) -> Row {
 
 /// What an action is called in a hint.
 fn label(model: &Model, action: Action) -> String {
-    match (action, &model.overlay, model.view) {
+    match (action, &model.entry.overlay, model.place.view) {
         (Action::NextPane, Some(_), _) => "next field",
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",

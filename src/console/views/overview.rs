@@ -39,7 +39,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &tabs::panes(model));
     let area = below(area, 1);
-    match model.pane() {
+    match model.place.pane() {
         ROBOT => robot::draw(model, pen, area),
         STORY => story::draw(model, pen, area, true),
         _ => work(model, pen, area),
@@ -49,7 +49,7 @@ fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn two(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (left, right) = pen.split(area, area.width * 3 / 5);
     work(model, pen, left);
-    if model.pane() == STORY {
+    if model.place.pane() == STORY {
         story_pane(model, pen, right);
     } else {
         robot_pane(model, pen, right);
@@ -76,7 +76,7 @@ fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let (top, bottom) = cut(area, height);
     let inside = pen.pane(top, "Active", false, "");
     pen.rows(inside, 0, &active);
-    let focused = model.pane() == PIPELINE;
+    let focused = model.place.pane() == PIPELINE;
     let count = model.pipeline_rows().len();
     let cursor = if focused { model.row() } else { 0 };
     let inside = pen.pane(bottom, "Pipeline", focused, &place(count, cursor));
@@ -88,12 +88,12 @@ fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .pictured()
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
         .unwrap_or_default();
-    let inside = pen.pane(area, "Robot", model.pane() == ROBOT, &at);
+    let inside = pen.pane(area, "Robot", model.place.pane() == ROBOT, &at);
     robot::draw(model, pen, inside);
 }
 
 fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let focused = model.pane() == STORY;
+    let focused = model.place.pane() == STORY;
     let inside = pen.pane(area, "Story", focused, "newest first");
     story::draw(model, pen, inside, focused);
 }

@@ -72,7 +72,7 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
         return;
     }
-    if model.snapshot.is_none() {
+    if model.told.snapshot.is_none() {
         pen.text(area, 0, ThemeRole::Muted, "The engine is starting");
         return;
     }

@@ -49,9 +49,9 @@ impl Columns {
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.registry_rows();
     // The rows are many: they are made once.
-    let cursor = model.cursor().min(items.len().saturating_sub(1));
-    let total = model.registry.page.total;
-    let shown = model.registry.page.rows.len() as u64;
+    let cursor = model.place.cursor().min(items.len().saturating_sub(1));
+    let total = model.told.registry.page.total;
+    let shown = model.told.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
     let head = tabs::panes(model);
     let place = format!("{}  {right}", place(items.len(), cursor));
@@ -70,7 +70,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &header(&columns, look));
     let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
     let now_ms = model.engine_ms();
-    let limits = model.registry.page.thresholds;
+    let limits = model.told.registry.page.thresholds;
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
@@ -135,7 +135,7 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
         return;
     };
     let inside = pen.pane(area, &row.version.to_string(), false, "");
-    let limits = model.registry.page.thresholds;
+    let limits = model.told.registry.page.thresholds;
     let mut sentence = Row::of(
         ThemeRole::Text,
         &format!("by {}, {}, risk {}", super::short(&row.author, 24), row.provenance, row.risk),

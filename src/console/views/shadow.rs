@@ -42,14 +42,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Fit::Tiny | Fit::One => {
             pen.row(area, 0, &tabs::panes(model));
             let area = below(area, 1);
-            if model.pane() == CHARTS {
+            if model.place.pane() == CHARTS {
                 charts(model, shadow, pen, area);
             } else {
                 list(model, pen, area, true);
             }
         }
         Fit::Two | Fit::Full => {
-            let lower = if model.pane() == CHARTS { area.height / 4 } else { area.height / 2 };
+            let lower = if model.place.pane() == CHARTS { area.height / 4 } else { area.height / 2 };
             let (upper, lower) = cut(area, area.height - lower.max(4));
             if pen.fit == Fit::Full && !monitors(model).is_empty() {
                 let (left, right) = pen.split(upper, upper.width * 2 / 3);
@@ -60,7 +60,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
                 charts(model, shadow, pen, upper);
             }
             let rows = model.disagreement_rows().len();
-            let focused = model.pane() != CHARTS;
+            let focused = model.place.pane() != CHARTS;
             let inside = pen.pane(
                 lower,
                 "Disagreements, newest first",
@@ -75,11 +75,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// How much of the series is shown, in words.
 fn extent(model: &Model, candidate: Option<&CandidateView>, shadow: Option<&ShadowView>) -> String {
     let Some(shadow) = shadow else { return String::new() };
-    let shown = zoomed(&shadow.series, model.zoom).len();
+    let shown = zoomed(&shadow.series, model.place.zoom).len();
     let range = if shown == shadow.series.len() {
         "all shown".to_owned()
     } else {
-        format!("the last {shown} shown, zoom {}", 1u64 << model.zoom.min(32))
+        format!("the last {shown} shown, zoom {}", 1u64 << model.place.zoom.min(32))
     };
     let budget = candidate
         .and_then(|candidate| candidate.progress.as_ref())
@@ -99,7 +99,7 @@ fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: R
         return;
     };
     let means = [shadow.output, shadow.governance, shadow.envelope];
-    let series = zoomed(&shadow.series, model.zoom);
+    let series = zoomed(&shadow.series, model.place.zoom);
     let mut rest = area;
     for (place, ((name, mean), limit)) in NAMES.iter().zip(means).zip(shadow.limits).enumerate() {
         let left = u16::try_from(NAMES.len() - place).unwrap_or(1);
@@ -110,7 +110,7 @@ fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: R
         let bound = limit
             .map_or_else(|| "decides nothing by itself".to_owned(), |limit| format!("at most {limit:.2}"));
         let right = format!("{sign}mean {mean:.3}, {bound}");
-        let inside = pen.pane(part, name, place == 0 && model.pane() == CHARTS, &right);
+        let inside = pen.pane(part, name, place == 0 && model.place.pane() == CHARTS, &right);
         let values: Vec<f32> = series.iter().filter_map(|three| three.get(place).copied()).collect();
         Chart { values: &values, limit }.draw(pen, inside);
     }

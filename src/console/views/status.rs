@@ -21,7 +21,7 @@ const TEXT_MIN: usize = 26;
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let waits = waiting(model, pen.look);
-    let Some(snapshot) = &model.snapshot else {
+    let Some(snapshot) = &model.told.snapshot else {
         let text = "No word from the engine yet";
         pen.row(
             area,
@@ -145,17 +145,20 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
 #[must_use]
 pub fn waiting(model: &Model, look: &Look) -> Row {
     let mut row = Row::new();
-    if model.missed > 0 {
-        row.push(ThemeRole::Warning, &format!("{} missed {} ", look.glyph(Glyph::Warning), model.missed));
+    if model.told.missed > 0 {
+        row.push(
+            ThemeRole::Warning,
+            &format!("{} missed {} ", look.glyph(Glyph::Warning), model.told.missed),
+        );
     }
-    if !model.pending.is_empty() {
+    if !model.asking.pending.is_empty() {
         row.push(
             ThemeRole::Running,
-            &format!("{} {} asked ", look.glyph(Glyph::Running), model.pending.len()),
+            &format!("{} {} asked ", look.glyph(Glyph::Running), model.asking.pending.len()),
         );
     }
     let waiting =
-        model.snapshot.as_ref().map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
+        model.told.snapshot.as_ref().map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
     if waiting > 0 {
         row.push(ThemeRole::Waiting, &format!("{} {waiting} wait", look.glyph(Glyph::Waiting)));
     }

@@ -13,25 +13,25 @@ use crate::widgets::row::Row;
 
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let all = line(&View::ALL.map(|view| (key(view), view.title())), model.view as usize);
+    let all = line(&View::ALL.map(|view| (key(view), view.title())), model.place.view as usize);
     if all.width() <= usize::from(area.width) {
         pen.row(area, 0, &all);
         return;
     }
     // Names of the others do not fit: their keys do.
-    let brief = View::ALL.map(|view| (key(view), if view == model.view { view.title() } else { "" }));
-    pen.row(area, 0, &line(&brief, model.view as usize));
+    let brief = View::ALL.map(|view| (key(view), if view == model.place.view { view.title() } else { "" }));
+    pen.row(area, 0, &line(&brief, model.place.view as usize));
 }
 
 /// The panes of the present view as a line; empty if there is one alone.
 #[must_use]
 pub fn panes(model: &Model) -> Row {
-    let panes = model.view.panes();
+    let panes = model.place.view.panes();
     let tabs: Vec<(&str, &str)> = panes.iter().map(|pane| ("", *pane)).collect();
     if tabs.len() < 2 {
         return Row::new();
     }
-    line(&tabs, model.pane())
+    line(&tabs, model.place.pane())
 }
 
 const fn key(view: View) -> &'static str {

@@ -42,7 +42,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// The gravest alarm and what waits, in one line.
 fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let waits = status::waiting(model, pen.look);
-    let highest = model.snapshot.as_deref().and_then(status::highest);
+    let highest = model.told.snapshot.as_deref().and_then(status::highest);
     let row = match highest {
         Some(alarm) => {
             let head = status::priority_words(pen.look, alarm.priority);
@@ -50,13 +50,15 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             Row::of(Mark::priority(alarm.priority).role, &head)
                 .with(ThemeRole::Text, &format!(" {} ", super::short(&alarm.text, left)))
         }
-        None => Row::of(ThemeRole::Muted, if model.snapshot.is_some() { "no alarm " } else { "no engine " }),
+        None => {
+            Row::of(ThemeRole::Muted, if model.told.snapshot.is_some() { "no alarm " } else { "no engine " })
+        }
     };
     row.and(waits)
 }
 
 fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    if model.typing.is_some() || model.notice.is_some() || model.overlay.is_some() {
+    if model.entry.typing.is_some() || model.notice.is_some() || model.entry.overlay.is_some() {
         hints::draw(model, pen, area);
         return;
     }
@@ -72,7 +74,7 @@ fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// What lies over the view, or the other alarms and what waits.
 fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    match &model.overlay {
+    match &model.entry.overlay {
         Some(_) if area.height < OVERLAY_HEIGHT_MIN => {
             pen.text(
                 area,

@@ -6,7 +6,7 @@ use crate::model::{Model, View};
 #[must_use]
 pub fn sentence(model: &Model) -> Option<&'static str> {
     let step = model.settings.tour?;
-    let sentences = sentences(model.view);
+    let sentences = sentences(model.place.view);
     sentences.get(step % sentences.len().max(1)).copied()
 }
 

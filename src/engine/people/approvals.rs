@@ -333,7 +333,7 @@ pub fn closing_note(
 /// Nobody waits any more. Whoever answered has seen that somebody did.
 pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<String>) {
     let key = AlarmKey::Approval(id.clone());
-    if let Some(by) = answered_by.filter(|_| record.alarms.get(&key).is_some()) {
+    if let Some(by) = answered_by.filter(|_| record.alarms().get(&key).is_some()) {
         record.alarm_event(&AlarmEvent::Acknowledge { key: key.clone(), by });
     }
     record.alarm_event(&AlarmEvent::Clear { key });

@@ -41,7 +41,7 @@ pub(crate) fn go_on(
         .answered(&context.profile, &expected, now_tick)
         .map_err(|error| Fault::Impossible(error.to_string()))?;
     // The next question is a new one.
-    watched.told = MonitorAction::Continue;
+    watched.announced = MonitorAction::Continue;
     watched.asked = None;
     watched.question.clear();
     let answer = MonitorAnswer::GoOn;

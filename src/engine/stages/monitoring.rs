@@ -147,7 +147,7 @@ impl Live<'_> {
                 watched.monitor.telemetry(now_tick);
             }
             let decision = watched.monitor.tick(now_tick);
-            if decision.action > watched.told {
+            if decision.action > watched.announced {
                 due.push((watched.id.clone(), decision));
             }
         }
@@ -187,7 +187,7 @@ impl Live<'_> {
             if watched.asked.is_none() && decision.action != MonitorAction::Continue {
                 watched.asked = decision.reasons.first().map(|reason| reason.code);
             }
-            watched.told = watched.told.max(decision.action);
+            watched.announced = watched.announced.max(decision.action);
             if watched.monitor.escalation().is_some() && watched.question.is_empty() {
                 watched.question.clone_from(&decision.reasons);
                 // A restriction is told with its own alarm the first time; later ones are a question alone.

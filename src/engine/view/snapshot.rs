@@ -73,7 +73,7 @@ impl SnapshotView<'_> {
             alarms: self.alarm_views(),
             live: self.live_view(),
             questions: self.monitors.questions(),
-            alarm_summary: self.record.alarms.summary(),
+            alarm_summary: self.record.alarms().summary(),
             scenery: world::scenery(&self.context.cell),
             thresholds: self.context.thresholds(),
         }
@@ -100,7 +100,7 @@ impl SnapshotView<'_> {
     fn alarm_views(&self) -> Vec<AlarmView> {
         let now_ms = self.record.now_ms();
         self.record
-            .alarms
+            .alarms()
             .open()
             .into_iter()
             .map(|alarm| AlarmView {

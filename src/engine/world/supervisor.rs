@@ -83,10 +83,10 @@ impl SequenceSupervisor {
             Some(event) => watched.monitor.safety(event, now),
             None => watched.monitor.tick(now),
         };
-        if decision.action <= watched.told {
+        if decision.action <= watched.announced {
             return Supervision::Continue;
         }
-        watched.told = decision.action;
+        watched.announced = decision.action;
         if decision.action == MonitorAction::Escalate
             && let Some(Ok(mut told)) = self.questions.as_ref().map(|questions| questions.lock())
         {

@@ -7,6 +7,7 @@ use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureUnit, MeasuredFigure};
 use super::subjects::{CANDIDATE, Subjects};
 use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
 use holdpoint_engine::{Config, Engine};
@@ -30,7 +31,7 @@ const PARTS: [(State, &str); 5] = [
 
 pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchError> {
     let folder = tempfile::tempdir()?;
-    let mut engine = Engine::start(Config {
+    let engine = Engine::start(Config {
         data: folder.path(),
         profile: ProfileName::Sim,
         seed: CALIBRATION_FROM_RUN,
@@ -39,11 +40,12 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
         cell: subjects.cell.clone(),
         cache: EpisodeCache::InStore,
     })?;
+    let mut pump = Pump::new(engine, Vec::new());
     let package = Subjects::candidate_package()?;
     let command = Command::Register { package, name: CANDIDATE.to_owned() };
     let mut spent = vec![0.0; PARTS.len()];
     let before = FigureClock::ProcessCpu.secs();
-    let reply = engine.submit(Request { id: "bench".to_owned(), command });
+    let reply = pump.submit(Request { id: "bench".to_owned(), command });
     let registered = FigureClock::ProcessCpu.secs() - before;
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(unexpected(format!("{reply:?}")));
@@ -53,12 +55,12 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
     let mut confirmed = false;
     for _ in 0..SLICES_MAX {
         let before = FigureClock::ProcessCpu.secs();
-        let progress = engine.advance();
+        let (progress, events) = pump.turn();
         let cost = FigureClock::ProcessCpu.secs() - before;
         if let Some(part) = PARTS.iter().position(|(at, _)| *at == state) {
             spent[part] += cost;
         }
-        for event in engine.drain_events() {
+        for event in events {
             match event.kind {
                 EventKind::StateChanged { version, to, .. } if version == id => state = to,
                 EventKind::Confirmed { version, .. } if version == id => confirmed = true,

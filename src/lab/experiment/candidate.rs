@@ -12,6 +12,7 @@ use super::ExperimentError;
 use crate::approver;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::Answer;
@@ -24,7 +25,7 @@ use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
-use holdpoint_protocol::event::{DimensionResult, EventKind};
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::standing::{Decider, Stands};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
@@ -120,7 +121,8 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
         cell: setting.cell.clone(),
         cache: EpisodeCache::Shared(setting.cache.to_owned()),
     })?;
-    let mut drive = Drive { engine, requests: 0, name, version, seen: Seen::default() };
+    let pump = Pump::new(engine, Vec::new());
+    let mut drive = Drive { pump, requests: 0, name, version, seen: Seen::default() };
     drive.register(package)?;
     drive.settle()?;
     drive.end(setting)
@@ -137,7 +139,7 @@ struct Seen {
 }
 
 struct Drive<'a> {
-    engine: Engine,
+    pump: Pump,
     requests: u64,
     name: &'a str,
     version: CapabilityId,
@@ -152,13 +154,16 @@ impl Drive<'_> {
     fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
         self.requests += 1;
         let request = Request { id: format!("experiment-{}", self.requests), command };
-        match self.engine.submit(request) {
+        match self.pump.submit(request) {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
             | Reply::Detail { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
-            | Reply::Verified { .. } => self.learn(),
+            | Reply::Verified { .. } => {
+                let events = self.pump.tell();
+                self.learn(events)
+            }
             Reply::Refused { text, hint, .. } => {
                 Err(ExperimentError::candidate(self.name, Problem::from((text, hint)).sentence()))
             }
@@ -168,9 +173,9 @@ impl Drive<'_> {
     /// Works until nothing more happens to the candidate by itself.
     fn settle(&mut self) -> Result<(), ExperimentError> {
         for _ in 0..SLICES_MAX {
-            let progress = self.engine.advance();
-            self.learn()?;
-            let snapshot = self.engine.snapshot();
+            let (progress, events) = self.pump.turn();
+            self.learn(events)?;
+            let snapshot = self.pump.engine().snapshot();
             let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
             let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
             if view.state.is_terminal() || self.seen.confirmed {
@@ -182,13 +187,14 @@ impl Drive<'_> {
                     return Err(self.unsettled("more people are asked than there are"));
                 };
                 let decision = Answer::Approve;
-                let command = approver::answer(&self.engine, &prompt, who, decision, "agrees to everything")
-                    .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
+                let command =
+                    approver::answer(self.pump.engine(), &prompt, who, decision, "agrees to everything")
+                        .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
                 self.submit(command)?;
                 continue;
             }
             if let Progress::Idle { next_ms } = progress {
-                let moved = next_ms.is_some_and(|next_ms| self.engine.jump_to(next_ms));
+                let moved = next_ms.is_some_and(|next_ms| self.pump.jump_to(next_ms));
                 if !moved {
                     return if view.flags.provisional {
                         Err(self.unsettled("it stays provisional"))
@@ -205,11 +211,11 @@ impl Drive<'_> {
         ExperimentError::candidate(self.name, why.to_owned())
     }
 
-    fn learn(&mut self) -> Result<(), ExperimentError> {
-        for event in self.engine.drain_events() {
+    fn learn(&mut self, events: Vec<Event>) -> Result<(), ExperimentError> {
+        for event in events {
             self.note(event.kind);
         }
-        match self.engine.holding() {
+        match self.pump.engine().holding() {
             None => Ok(()),
             Some(why) => Err(ExperimentError::candidate(self.name, format!("the engine holds: {why}"))),
         }
@@ -255,7 +261,7 @@ impl Drive<'_> {
     }
 
     fn end(self, setting: &Setting<'_>) -> Result<CandidateEnd, ExperimentError> {
-        let snapshot = self.engine.snapshot();
+        let snapshot = self.pump.engine().snapshot();
         let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
         let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
         let seen = self.seen;

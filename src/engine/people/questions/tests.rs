@@ -58,9 +58,9 @@ fn a_question_is_answered_and_may_come_again() {
     assert_eq!(records(pipeline, RecordKind::MonitorAnswer), 1);
     let events = pipeline.drain_events();
     assert!(events.iter().any(|event| matches!(event, EventKind::Continued { by, .. } if by == "ada")));
-    let alarm = pipeline.record().alarms.get(&AlarmKey::Escalated(id.clone())).unwrap();
+    let alarm = pipeline.record().alarms().get(&AlarmKey::Escalated(id.clone())).unwrap();
     assert!(!alarm.condition, "what was asked is answered");
-    assert_eq!(pipeline.live().monitors.of(&id).unwrap().told, MonitorAction::Continue);
+    assert_eq!(pipeline.live().monitors.of(&id).unwrap().announced, MonitorAction::Continue);
 
     // The link is still down: people are asked anew, with the alarm, and again after a restriction.
     for _ in 0..2 {
@@ -85,7 +85,7 @@ fn silence_has_a_priority_of_its_own() {
     Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
     pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let alarm = pipeline.record().alarms.get(&AlarmKey::Escalated(id)).unwrap();
+    let alarm = pipeline.record().alarms().get(&AlarmKey::Escalated(id)).unwrap();
     assert_eq!(alarm.priority, Priority::Low);
 }
 
@@ -142,7 +142,7 @@ fn an_alarm_is_closed_once_it_is_over() {
     let reset =
         Command::ResetAlarm { alarm: key.to_string(), by: "ada".to_owned(), reason: "looked".to_owned() };
     assert!(matches!(pipeline.command(reset.clone()), Reply::Accepted { .. }));
-    let open = |pipeline: &Pipeline| pipeline.record().alarms.open().iter().any(|alarm| alarm.key == key);
+    let open = |pipeline: &Pipeline| pipeline.record().alarms().open().iter().any(|alarm| alarm.key == key);
     assert!(!open(pipeline));
     assert_eq!(records(pipeline, RecordKind::AlarmReset), 1);
     assert!(matches!(pipeline.command(reset), Reply::Refused { code: Refusal::NotNow, .. }));
@@ -166,7 +166,7 @@ fn an_alarm_is_set_aside_for_a_time() {
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{bad:?}: {reply:?}");
     }
     assert!(matches!(pipeline.command(shelve(60_000, "known")), Reply::Accepted { .. }));
-    let state = |pipeline: &Pipeline| pipeline.record().alarms.get(&key).unwrap().state();
+    let state = |pipeline: &Pipeline| pipeline.record().alarms().get(&key).unwrap().state();
     assert_eq!(state(pipeline), AlarmState::Shelved);
     let unshelve = Command::UnshelveAlarm { alarm: key.to_string(), by: "ada".to_owned() };
     assert!(matches!(pipeline.command(unshelve.clone()), Reply::Accepted { .. }));

@@ -1,0 +1,36 @@
+//! What takes the keys instead of the view: a dialog over it, or a line at the foot of the screen.
+
+use crate::form::Form;
+use crate::line::EditLine;
+use crate::palette::Palette;
+use crate::prompt::Prompt;
+
+/// What lies over the view and takes the keys. At most one at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Overlay {
+    /// Help, which is the palette as well.
+    Palette(Palette),
+    Prompt(Box<Prompt>),
+    /// A dangerous or reasoned operation.
+    Form(Box<Form>),
+}
+
+/// Text that is being typed at the foot of the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Typing {
+    /// A command, typed after `:`.
+    Command(EditLine),
+    /// The view's filter, typed after `/`.
+    Filter(EditLine),
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Entry {
+    /// What lies over the view.
+    pub overlay: Option<Overlay>,
+    /// What is typed at the foot.
+    pub typing: Option<Typing>,
+    /// Command lines of this session, oldest first.
+    pub history: Vec<String>,
+}

@@ -1,0 +1,114 @@
+//! Where the operator is: the view, its pane, row and filter, the version it is about, and how charts stand.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::Snapshot;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum View {
+    /// Robot, active versions, pipeline.
+    #[default]
+    Overview,
+    Registry,
+    /// One version in full.
+    Candidate,
+    Shadow,
+    /// Alarms, the weightiest first.
+    Alarms,
+    /// What waits for people.
+    Approvals,
+    Audit,
+}
+
+impl View {
+    /// In the order of their keys.
+    pub const ALL: [Self; 7] = [
+        Self::Overview,
+        Self::Registry,
+        Self::Candidate,
+        Self::Shadow,
+        Self::Alarms,
+        Self::Approvals,
+        Self::Audit,
+    ];
+
+    #[must_use]
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Overview => "Overview",
+            Self::Registry => "Registry",
+            Self::Candidate => "Candidate",
+            Self::Shadow => "Shadow",
+            Self::Alarms => "Alarms",
+            Self::Approvals => "Approvals",
+            Self::Audit => "Audit",
+        }
+    }
+
+    /// Its panes, in the order of Tab; at least one.
+    #[must_use]
+    pub const fn panes(self) -> &'static [&'static str] {
+        match self {
+            Self::Overview => &["Pipeline", "Robot", "Story"],
+            Self::Registry => &["All", "Active", "Candidates", "History"],
+            Self::Candidate => &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
+            Self::Shadow => &["Charts", "Disagreements"],
+            Self::Alarms | Self::Approvals | Self::Audit => &["List"],
+        }
+    }
+}
+
+/// Charts that stand still.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frozen {
+    /// Console time of the freeze, ms.
+    pub at_ms: u64,
+    /// What is shown meanwhile.
+    pub snapshot: Arc<Snapshot>,
+    /// What is shown meanwhile.
+    pub picture: Option<Arc<Picture>>,
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Place {
+    pub view: View,
+    /// Where Esc and `q` lead, the nearest last.
+    pub back: Vec<View>,
+    /// The pane of each view.
+    pub panes: [usize; 7],
+    /// The row under the cursor, by view and pane.
+    pub cursors: BTreeMap<(View, usize), usize>,
+    /// The filter of each view; empty for none.
+    pub filters: BTreeMap<View, String>,
+    /// The version that Candidate and Shadow are about; absent for the newest candidate.
+    pub chosen: Option<CapabilityId>,
+    /// Charts that stand still.
+    pub frozen: Option<Frozen>,
+    /// Halvings of the charts' range.
+    pub zoom: u8,
+}
+
+impl Place {
+    /// The pane of the present view.
+    #[must_use]
+    pub fn pane(&self) -> usize {
+        self.pane_of(self.view)
+    }
+
+    /// The pane of a view.
+    #[must_use]
+    pub fn pane_of(&self, view: View) -> usize {
+        self.panes.get(view as usize).copied().unwrap_or(0).min(view.panes().len().saturating_sub(1))
+    }
+
+    /// The row under the cursor of the present view and pane. May lie past the end after rows went away; who
+    /// reads it takes the last row then.
+    #[must_use]
+    pub fn cursor(&self) -> usize {
+        self.cursors.get(&(self.view, self.pane())).copied().unwrap_or(0)
+    }
+}

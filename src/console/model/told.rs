@@ -1,0 +1,69 @@
+//! What the engine told: its newest picture of itself, its story, and its answers to what the console looks up.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
+
+use holdpoint_governance::ids::Family;
+use holdpoint_governance::record::VersionGroup;
+use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::snapshot::Snapshot;
+
+/// Lines of the engine's story that are kept.
+pub const LOG_MAX: usize = 500;
+
+/// A snapshot older than this is stale, ms: the engine publishes at least every half second.
+pub const STALE_AFTER_MS: u64 = 2_000;
+
+/// How the engine is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum EngineState {
+    #[default]
+    Starting,
+    Running,
+    /// It ended: in good order, or why not.
+    Ended(Result<(), String>),
+}
+
+/// A line of the engine's story, sanitised.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoryLine {
+    pub seq: u64,
+    /// Virtual time of the event, ms.
+    pub at_ms: u64,
+    /// As the plain stream has it, without the time.
+    pub text: String,
+}
+
+/// The registry as the console last asked for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Listing {
+    pub page: Arc<RegistryPage>,
+    /// What was asked for.
+    pub group: VersionGroup,
+    /// Families whose branch is closed.
+    pub closed: BTreeSet<Family>,
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Told {
+    /// How the engine is.
+    pub engine: EngineState,
+    /// The newest picture of how things stand.
+    pub snapshot: Option<Arc<Snapshot>>,
+    /// Console time it came, ms.
+    pub snapshot_ms: u64,
+    /// The newest moment of the live cell.
+    pub picture: Option<Arc<Picture>>,
+    /// What the engine told, oldest first; at most [`LOG_MAX`].
+    pub story: VecDeque<StoryLine>,
+    /// Events that were missed because the console was slow.
+    pub missed: u64,
+    pub registry: Listing,
+    /// Everything about the version that was asked about, once the engine has answered.
+    pub detail: Option<Arc<Detail>>,
+    pub audit: Arc<AuditPage>,
+    /// What the last check of the chain came to.
+    pub verified: Option<Verified>,
+}
