@@ -205,6 +205,27 @@ impl Action {
         matches!(self, Self::Approve | Self::Reject)
     }
 
+    /// Whether it does something to what lies under the cursor.
+    #[must_use]
+    pub const fn aims_at_item(self) -> bool {
+        matches!(
+            self,
+            Self::Open
+                | Self::Pause
+                | Self::Resume
+                | Self::Refuse
+                | Self::Demote
+                | Self::Rollback
+                | Self::Restrict
+                | Self::Continue
+                | Self::Rearm
+                | Self::Acknowledge
+                | Self::Shelve
+                | Self::Unshelve
+                | Self::ResetAlarm
+        )
+    }
+
     /// Whether it works while text is typed, given a key with a modifier.
     #[must_use]
     pub const fn works_while_typing(self) -> bool {

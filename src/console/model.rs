@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{Entry, Overlay, Typing};
-pub use place::{Frozen, Place, View};
+pub use place::{Frozen, ItemKey, ListCursor, Place, STORY_PANE, View};
 pub use told::{EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
 use super::keymap::Keymap;
@@ -122,7 +122,7 @@ impl Model {
     pub fn filter(&self) -> &str {
         match &self.entry.typing {
             Some(Typing::Filter(line)) => line.text(),
-            Some(Typing::Command(_)) | None => {
+            Some(Typing::Command(_) | Typing::Find(_)) | None => {
                 self.place.filters.get(&self.place.view).map_or("", String::as_str)
             }
         }

@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::model::{Model, View};
+use super::model::{ItemKey, Model, STORY_PANE, View};
+use super::words::condition_words;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
@@ -239,7 +240,7 @@ impl Model {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.place.view, self.place.pane()) {
-            (View::Overview, 2) => self.told.story.len(),
+            (View::Overview, STORY_PANE) => self.told.story.len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
@@ -247,6 +248,72 @@ impl Model {
             (View::Alarms, _) => self.alarm_rows().len(),
             (View::Approvals, _) => self.waiting_rows().len(),
             (View::Audit, _) => self.audit_rows().len(),
+        }
+    }
+
+    /// What a row of the present view and pane is about.
+    #[must_use]
+    pub fn item_key(&self, row: usize) -> Option<ItemKey> {
+        match (self.place.view, self.place.pane()) {
+            (View::Overview, STORY_PANE) => {
+                let newest_first = self.told.story.len().checked_sub(row + 1)?;
+                self.told.story.get(newest_first).map(|line| ItemKey::Event(line.seq))
+            }
+            (View::Overview, _) => {
+                self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
+            }
+            (View::Registry, _) => self.registry_rows().get(row).map(|item| match item {
+                RegistryItem::Family { family, .. } => ItemKey::Family((*family).clone()),
+                RegistryItem::Version(row) => ItemKey::Version(row.version.clone()),
+            }),
+            (View::Candidate, pane) => said_keys(&self.candidate_rows(pane)).into_iter().nth(row),
+            (View::Shadow, _) => {
+                self.disagreement_rows().get(row).map(|row| ItemKey::Disagreement(row.index))
+            }
+            (View::Alarms, _) => {
+                self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
+            }
+            (View::Approvals, _) => self.waiting_rows().get(row).map(|row| match row {
+                WaitingItem::Question(question) => ItemKey::Question(question.version.clone()),
+                WaitingItem::Prompt(prompt) => ItemKey::Prompt(prompt.id.clone()),
+            }),
+            (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.seq)),
+        }
+    }
+
+    /// Where an item is now in the present view and pane; absent if it is gone.
+    #[must_use]
+    pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
+        match (self.place.view, self.place.pane(), key) {
+            (View::Overview, STORY_PANE, ItemKey::Event(seq)) => {
+                self.told.story.iter().rev().position(|line| line.seq == *seq)
+            }
+            (View::Overview, _, ItemKey::Version(id)) => {
+                self.pipeline_rows().iter().position(|row| row.version == *id)
+            }
+            (View::Registry, _, key) => self.registry_rows().iter().position(|item| match (item, key) {
+                (RegistryItem::Family { family, .. }, ItemKey::Family(of)) => *family == of,
+                (RegistryItem::Version(row), ItemKey::Version(id)) => row.version == *id,
+                (RegistryItem::Family { .. } | RegistryItem::Version(_), _) => false,
+            }),
+            (View::Candidate, pane, key) => {
+                said_keys(&self.candidate_rows(pane)).iter().position(|said| said == key)
+            }
+            (View::Shadow, _, ItemKey::Disagreement(index)) => {
+                self.disagreement_rows().iter().position(|row| row.index == *index)
+            }
+            (View::Alarms, _, ItemKey::Alarm(name)) => {
+                self.alarm_rows().iter().position(|row| row.alarm().alarm == *name)
+            }
+            (View::Approvals, _, key) => self.waiting_rows().iter().position(|row| match (row, key) {
+                (WaitingItem::Question(question), ItemKey::Question(id)) => question.version == *id,
+                (WaitingItem::Prompt(prompt), ItemKey::Prompt(id)) => prompt.id == *id,
+                (WaitingItem::Question(_) | WaitingItem::Prompt(_), _) => false,
+            }),
+            (View::Audit, _, ItemKey::Record(seq)) => {
+                self.audit_rows().iter().position(|row| row.seq == *seq)
+            }
+            _ => None,
         }
     }
 
@@ -260,6 +327,7 @@ impl Model {
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
         match (self.place.view, self.place.pane()) {
+            (View::Overview, STORY_PANE) => None,
             (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
             (View::Registry, _) => match self.registry_rows().get(self.row())? {
                 RegistryItem::Version(row) => Some(row.version.clone()),
@@ -278,6 +346,35 @@ impl Model {
             (View::Audit, _) => self.audit_rows().get(self.row())?.subject.parse().ok(),
         }
     }
+}
+
+/// What a row of the candidate view says, as far as it identifies the row; headings and values aside.
+#[must_use]
+pub fn said(item: &CandidateItem<'_>) -> String {
+    match item {
+        CandidateItem::Dimension(result) => result.dimension.words().to_owned(),
+        CandidateItem::Worsening(measure) | CandidateItem::Measure(measure) => measure.name.clone(),
+        CandidateItem::Reason(reason) => format!("{}: {}", reason.code, reason.text),
+        CandidateItem::Condition(condition) => condition_words(condition),
+        CandidateItem::Untested(what) => (*what).to_owned(),
+        CandidateItem::Difference(difference) => difference.field.clone(),
+        CandidateItem::Mode(mode) => (*mode).to_owned(),
+        CandidateItem::Drill(drill) => drill.kind.name().to_owned(),
+        CandidateItem::Decision(decision) => format!("{} {}", decision.record, decision.ruling.outcome()),
+        CandidateItem::Record(record) => format!("{} {} {}", record.seq, record.kind, record.body),
+    }
+}
+
+/// The rows by what they say; a measured value by its mode as well.
+fn said_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
+    let mut mode = "";
+    let key = |item: &CandidateItem<'_>| {
+        if let CandidateItem::Mode(name) = *item {
+            mode = name;
+        }
+        ItemKey::Said(format!("{mode} {}", said(item)))
+    };
+    rows.iter().map(key).collect()
 }
 
 /// A filter: letters' case aside, what a text must contain. An empty one fits everything.

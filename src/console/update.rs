@@ -5,6 +5,7 @@
 
 mod asking;
 mod engine;
+mod finding;
 mod moving;
 mod operating;
 mod overlays;
@@ -26,8 +27,31 @@ const ZOOM_MAX: u8 = 6;
 /// Views remembered for the way back.
 const BACK_MAX: usize = 16;
 
-/// Takes in what happened.
+/// Takes in what happened. The cursor stays on its item, wherever that is afterwards.
 pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
+    let by_itself = match &msg.what {
+        // These change no list.
+        MsgKind::Tick | MsgKind::Picture(_) | MsgKind::Resize(..) | MsgKind::Theme(_) => None,
+        MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
+        MsgKind::EngineStarted
+        | MsgKind::Events(_)
+        | MsgKind::Answer { .. }
+        | MsgKind::Lagged(_)
+        | MsgKind::Snapshot(_)
+        | MsgKind::EngineEnded(_)
+        | MsgKind::Identities(_)
+        | MsgKind::Operator(_)
+        | MsgKind::Done { .. }
+        | MsgKind::EndAsked => Some(true),
+    };
+    let effects = take_in(model, msg);
+    if let Some(by_itself) = by_itself {
+        moving::follow(model, by_itself);
+    }
+    effects
+}
+
+fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
     model.now_ms = model.now_ms.max(msg.now_ms);
     if model.notice.as_ref().is_some_and(|notice| notice.until_ms <= model.now_ms) {
         model.notice = None;
@@ -115,11 +139,17 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         tell(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
         return Vec::new();
     }
+    if action.aims_at_item() && moving::has_slipped(model) {
+        return refuse(
+            model,
+            "what was under the cursor has just left the list: look again, then press the key",
+        );
+    }
     match action {
         Action::ShowOverview => show(model, View::Overview),
         Action::ShowRegistry => show(model, View::Registry),
-        Action::ShowCandidate => show_candidate(model),
-        Action::ShowShadow => show(model, View::Shadow),
+        Action::ShowCandidate => show_about(model, View::Candidate),
+        Action::ShowShadow => show_about(model, View::Shadow),
         Action::ShowAlarms => show(model, View::Alarms),
         Action::ShowApprovals => show(model, View::Approvals),
         Action::ShowAudit => show(model, View::Audit),
@@ -226,14 +256,12 @@ fn show(model: &mut Model, view: View) -> Vec<Effect> {
     asking::refresh_now(model)
 }
 
-/// Candidate: about the version under the cursor, if there is one.
-fn show_candidate(model: &mut Model) -> Vec<Effect> {
-    if matches!(model.place.view, View::Overview | View::Registry | View::Approvals | View::Audit)
-        && let Some(version) = model.version_here()
-    {
+/// A view of one version: of the one under the cursor, if there is one.
+fn show_about(model: &mut Model, view: View) -> Vec<Effect> {
+    if let Some(version) = model.version_here() {
         model.place.chosen = Some(version);
     }
-    show(model, View::Candidate)
+    show(model, view)
 }
 
 fn back(model: &mut Model) -> Vec<Effect> {

@@ -77,20 +77,51 @@ pub fn standing(state: State, flags: &Flags) -> String {
     words.join(", ")
 }
 
+/// A condition of use in a sentence.
+#[must_use]
+pub fn condition_words(condition: &Condition) -> String {
+    match condition {
+        Condition::SimulationOnly => "in simulation alone".to_owned(),
+        Condition::TighterEnvelope { speed_max_m_s, force_max_n } => {
+            format!("at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
+        }
+        Condition::StricterThresholds { factor } => format!("the monitor's limits times {factor}"),
+        Condition::ShadowFirst { sequences } => format!("{sequences} sequences in shadow first"),
+        Condition::ApprovalRequired { quorum } => format!("approval by {quorum} distinct people"),
+        Condition::InterfaceAdapter { fields } => {
+            format!("callers go through an adapter that fills in {}", fields.join(", "))
+        }
+        Condition::RollbackCoupled => {
+            "its predecessor stays loaded and takes over at the first trip".to_owned()
+        }
+    }
+}
+
 /// The seven stages of the pipeline strip, in order.
 pub const STAGES: [&str; 7] = ["register", "validate", "sandbox", "shadow", "gate", "monitor", "confirm"];
 
-/// How far along [`STAGES`] a version is: stages done.
+/// The place of the monitor's stage in [`STAGES`].
+pub const MONITOR_PLACE: usize = 5;
+
+/// How far along [`STAGES`] a version is: stages done. One that was stopped got as far as the state it left, and it
+/// was stopped by the stage after.
 #[must_use]
-pub const fn stages_done(state: State, flags: &Flags) -> usize {
+pub const fn stages_done(state: State, left: Option<State>, flags: &Flags) -> usize {
     match state {
-        State::Registered | State::Rejected | State::Demoted => 1,
+        State::Registered => 1,
         State::Validated => 2,
         State::Sandboxed => 3,
         State::Shadowed => 4,
-        State::Active if flags.provisional => 5,
-        State::Active | State::Superseded => 7,
-        State::RolledBack => 6,
+        State::Active if flags.provisional => MONITOR_PLACE,
+        State::Active | State::Superseded => STAGES.len(),
+        State::RolledBack => MONITOR_PLACE,
+        State::Rejected | State::Demoted => match left {
+            None | Some(State::Registered | State::Rejected | State::Demoted) => 1,
+            Some(State::Validated) => 2,
+            Some(State::Sandboxed) => 3,
+            Some(State::Shadowed) => 4,
+            Some(State::Active | State::Superseded | State::RolledBack) => MONITOR_PLACE,
+        },
     }
 }
 

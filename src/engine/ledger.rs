@@ -12,7 +12,9 @@ use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,
 };
 use holdpoint_governance::submission::Package;
-use holdpoint_registry::{ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, Views};
+use holdpoint_registry::{
+    ActiveCause, AuditBody, Change, Course, NewVersion, Store, StoreError, Transaction, Views,
+};
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_text::Hint;
@@ -104,6 +106,8 @@ pub struct Member {
     pub capability: Capability,
     /// Counts state changes; approvals name it.
     pub row_version: u64,
+    /// How it came to the state it is in.
+    pub course: Course,
 }
 
 /// A family in the ledger.
@@ -256,7 +260,7 @@ impl Ledger {
         let (state, life) = lifecycle::apply(&before.state, event)?;
         first.push(Change::RegisterVersion(Box::new(new_version(&capability, baseline)?)));
         let mut entry = before;
-        entry.members.push(Member { capability, row_version: 1 });
+        entry.members.push(Member { capability, row_version: 1, course: Course::default() });
         if baseline {
             first.push(Change::SetState {
                 version: id.clone(),
@@ -282,8 +286,13 @@ impl Ledger {
         at_ms: u64,
         note: Note,
     ) -> Result<Vec<Moved>, LedgerError> {
-        let entry = self.family(family)?.clone();
+        let mut entry = self.family(family)?.clone();
         let (state, life) = lifecycle::apply(&entry.state, event)?;
+        if let LifecycleEvent::Confirm { version } = event
+            && let Some(member) = entry.members.get_mut(usize::from(version.0))
+        {
+            member.course.confirmed = true;
+        }
         self.commit(family, entry, state, &life, at_ms, note)
     }
 
@@ -362,6 +371,11 @@ impl Ledger {
                 member.row_version = row_version;
             }
         }
+        for Moved { id, from, .. } in &moved {
+            if let Some(member) = entry.members.iter_mut().find(|member| member.capability.id() == *id) {
+                member.course.left = Some(*from);
+            }
+        }
         entry.state = state;
         self.families.insert(family.clone(), entry);
         Ok(moved)
@@ -436,5 +450,6 @@ fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Member>, Ledge
             recorded: detail.candidate_digest,
         });
     }
-    Ok(Some(Member { capability, row_version: detail.summary.row_version }))
+    let course = views.course(id)?;
+    Ok(Some(Member { capability, row_version: detail.summary.row_version, course }))
 }

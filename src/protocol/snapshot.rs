@@ -91,6 +91,10 @@ pub struct CandidateView {
     pub digest: Digest,
     /// The lifecycle state it is in.
     pub state: State,
+    /// The state it was in before; absent while it is in its first.
+    pub left: Option<State>,
+    /// Whether it ever passed its provisional window.
+    pub confirmed: bool,
     /// Stage running, pauses, questions, restrictions.
     pub flags: Flags,
     /// Counts every change of the version's row; approvals name it.

@@ -152,3 +152,12 @@ pub struct AuditFilter {
     pub limit: usize,
     pub newest_first: bool,
 }
+
+/// How a version came to the state it is in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Course {
+    /// The state it was in before.
+    pub left: Option<State>,
+    /// Whether it ever passed its provisional window.
+    pub confirmed: bool,
+}

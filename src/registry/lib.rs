@@ -36,8 +36,8 @@ pub use change::{
 };
 pub use checkpoint::Checkpoint;
 pub use entries::{
-    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
-    VersionFilter,
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
+    VersionDetail, VersionFilter,
 };
 pub use error::StoreError;
 pub use invariants::{Invariant, Violation, check_invariants};

@@ -13,8 +13,8 @@ use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
 use super::columns::{conversion, parsed, parsed_option};
 use super::entries::{
-    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
-    VersionFilter,
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
+    VersionDetail, VersionFilter,
 };
 use super::error::StoreError;
 use super::migrate::STORE;
@@ -23,10 +23,13 @@ use super::open::open_reader;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
+use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
+
+/// Closings of one version's record that are looked through: there is one for each end an upgrade can have.
+const CLOSINGS_MAX: usize = 100;
 
 /// An active version and its way back.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -314,6 +317,43 @@ impl Views {
                 changed_ms: row.get(5)?,
             })
         })
+    }
+
+    /// How a version came to the state it is in, by the audit chain.
+    ///
+    /// # Errors
+    /// If the store cannot be read, or a record of it is not what the program writes.
+    pub fn course(&self, id: &CapabilityId) -> Result<Course, StoreError> {
+        #[derive(serde::Deserialize)]
+        struct Body {
+            change: From,
+        }
+        #[derive(serde::Deserialize)]
+        struct From {
+            from: State,
+        }
+        #[derive(serde::Deserialize)]
+        struct Closed {
+            outcome: UpgradeEnd,
+        }
+        let records = |kind, limit| {
+            self.audit(&AuditFilter {
+                kind: Some(kind),
+                subject: Some(id.to_string()),
+                limit,
+                newest_first: true,
+                ..AuditFilter::default()
+            })
+        };
+        let unread = |error| StoreError::invalid("audit record", id, error);
+        let last = records(RecordKind::StateSet, 1)?;
+        let left = last.first().map(|record| serde_json::from_str::<Body>(&record.body)).transpose();
+        let mut confirmed = false;
+        for record in records(RecordKind::AuditClosed, CLOSINGS_MAX)? {
+            let closed: Closed = serde_json::from_str(&record.body).map_err(unread)?;
+            confirmed |= closed.outcome == UpgradeEnd::Confirmed;
+        }
+        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), confirmed })
     }
 
     /// Audit records that pass the filter.

@@ -79,6 +79,8 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
         version: id(version),
         digest: digest(version),
         state,
+        left: None,
+        confirmed: false,
         flags,
         row_version: 7,
         author: "ada".to_owned(),
@@ -134,6 +136,7 @@ fn shadow() -> ShadowView {
 fn candidates() -> Vec<CandidateView> {
     let running = |stage| Flags { running: Some(stage), ..Flags::default() };
     let mut rejected = candidate("grasp@1.0.9", State::Rejected, Flags::default());
+    rejected.left = Some(State::Validated);
     rejected.reasons = vec![reason(
         ReasonCode::BehaviorEstablishedWorse,
         Dimension::Behavior,

@@ -22,6 +22,8 @@ pub enum Typing {
     Command(EditLine),
     /// The view's filter, typed after `/`.
     Filter(EditLine),
+    /// What the cursor is to go to, typed after `/` in a view that nothing may be filtered from.
+    Find(EditLine),
 }
 
 /// See the module's head.

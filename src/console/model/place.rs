@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -72,6 +72,37 @@ pub struct Frozen {
     pub picture: Option<Arc<Picture>>,
 }
 
+/// The pane of the overview that tells the story.
+pub const STORY_PANE: usize = 2;
+
+/// Where the cursor of a list is: on an item, which it follows wherever the list puts it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ListCursor {
+    pub row: usize,
+    /// What lies under it; absent until that was looked at.
+    pub item: Option<ItemKey>,
+}
+
+/// What a row is about, whatever its place in the list.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ItemKey {
+    Family(Family),
+    Version(CapabilityId),
+    Alarm(String),
+    /// What a monitor asks about a version.
+    Question(CapabilityId),
+    /// Identifies a question about an activation.
+    Prompt(String),
+    /// Number of an audit record.
+    Record(u64),
+    /// Number of an event.
+    Event(u64),
+    /// Which of the shadowed sequences.
+    Disagreement(u64),
+    /// What a row of the candidate view says.
+    Said(String),
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Place {
@@ -80,8 +111,10 @@ pub struct Place {
     pub back: Vec<View>,
     /// The pane of each view.
     pub panes: [usize; 7],
-    /// The row under the cursor, by view and pane.
-    pub cursors: BTreeMap<(View, usize), usize>,
+    /// The cursor of each view and pane.
+    pub cursors: BTreeMap<(View, usize), ListCursor>,
+    /// Console time at which what was under the cursor left the list by itself, ms; keys wait a moment then.
+    pub slipped_ms: Option<u64>,
     /// The filter of each view; empty for none.
     pub filters: BTreeMap<View, String>,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.
@@ -93,6 +126,15 @@ pub struct Place {
 }
 
 impl Place {
+    /// The list that the present view and pane move over: beside the robot it is the pipeline's.
+    #[must_use]
+    pub fn list(&self) -> (View, usize) {
+        match (self.view, self.pane()) {
+            (View::Overview, pane) if pane != STORY_PANE => (View::Overview, 0),
+            here => here,
+        }
+    }
+
     /// The pane of the present view.
     #[must_use]
     pub fn pane(&self) -> usize {
@@ -109,6 +151,6 @@ impl Place {
     /// reads it takes the last row then.
     #[must_use]
     pub fn cursor(&self) -> usize {
-        self.cursors.get(&(self.view, self.pane())).copied().unwrap_or(0)
+        self.cursors.get(&self.list()).map_or(0, |cursor| cursor.row)
     }
 }

@@ -3,10 +3,14 @@
 use super::{asking, refuse, show};
 use crate::action::Action;
 use crate::effect::Effect;
-use crate::model::{Model, Overlay, View};
+use crate::model::{ListCursor, Model, Overlay, STORY_PANE, View};
 use crate::prompt::Prompt;
 use crate::rows::{RegistryItem, WaitingItem};
 use holdpoint_governance::ids::Family;
+
+/// How long keys that aim at an item wait after another one came under the cursor by itself, ms: the time in which
+/// a key that is pressed was decided on before.
+const SLIP_MS: u64 = 700;
 
 /// Rows kept in sight when a page is turned.
 const PAGE_OVERLAP: usize = 12;
@@ -41,8 +45,36 @@ pub(super) fn wheel(model: &mut Model, rows: i32) -> Vec<Effect> {
     Vec::new()
 }
 
-fn set_row(model: &mut Model, row: usize) {
-    model.place.cursors.insert((model.place.view, model.place.pane()), row);
+pub(super) fn set_row(model: &mut Model, row: usize) {
+    let item = model.item_key(row);
+    model.place.cursors.insert(model.place.list(), ListCursor { row, item });
+}
+
+/// Puts the cursor back on its item after the list may have changed. `by_itself`: no key changed it.
+pub(super) fn follow(model: &mut Model, by_itself: bool) {
+    let row = model.row();
+    let here = model.item_key(row);
+    let cursor = model.place.cursors.get(&model.place.list());
+    let item = cursor.and_then(|cursor| cursor.item.clone());
+    if item.is_some() && item == here {
+        return;
+    }
+    // What tells of time goes on under a cursor at its end: the newest is what is looked at there.
+    let tells_of_time = match (model.place.view, model.place.pane()) {
+        (View::Overview, pane) => pane == STORY_PANE,
+        (View::Audit, _) => true,
+        (View::Registry | View::Candidate | View::Shadow | View::Alarms | View::Approvals, _) => false,
+    };
+    let at = item.as_ref().filter(|_| row > 0 || !tells_of_time).and_then(|item| model.row_of(item));
+    if at.is_none() && item.is_some() && by_itself && !tells_of_time {
+        model.place.slipped_ms = Some(model.now_ms);
+    }
+    set_row(model, at.unwrap_or(row));
+}
+
+/// Whether what was under the cursor went away so recently that a key may have been meant for it.
+pub(super) fn has_slipped(model: &Model) -> bool {
+    model.place.slipped_ms.is_some_and(|at_ms| model.now_ms.saturating_sub(at_ms) < SLIP_MS)
 }
 
 /// In the registry the branch opens and closes; elsewhere the pane changes.
@@ -168,7 +200,7 @@ pub(super) fn copied(model: &Model) -> Option<String> {
             let row = rows.get(model.row())?;
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
-        View::Overview if model.place.pane() == 2 => {
+        View::Overview if model.place.pane() == STORY_PANE => {
             let newest_first = model.told.story.len().checked_sub(model.row() + 1)?;
             model.told.story.get(newest_first).map(|told| told.text.clone())
         }

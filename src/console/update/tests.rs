@@ -18,6 +18,8 @@ use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::Snapshot;
 
+mod aim;
+
 const CANDIDATE: &str = "grasp@1.3.0";
 
 fn digest(letter: char) -> String {
@@ -45,7 +47,7 @@ fn snapshot(tier: u8, evidence: char) -> Snapshot {
         "candidates": [{ "version": CANDIDATE, "digest": digest('a'), "state": "shadowed",
             "flags": flags(false, true), "row_version": 7, "author": "cora", "provenance": "manual",
             "risk": "medium", "progress": null, "dimensions": [], "composite": null, "pairs": null,
-            "drills": null, "shadow": null, "reasons": [], "conditions": [] }],
+            "drills": null, "shadow": null, "reasons": [], "conditions": [], "confirmed": false }],
         "prompts": [{ "id": "p1", "version": CANDIDATE, "replaces": "grasp@1.2.0", "candidate": digest('a'),
             "row_version": 7, "evidence": digest(evidence), "policy": digest('b'), "profile": "human",
             "needed": 2, "approved_by": [], "deadline_ms": 600_000, "valid_until_ms": 900_000,
@@ -538,37 +540,6 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
     assert!(!console.model.asking.pending.contains_key(id));
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
     assert!(console.model.entry.overlay.is_none(), "prompts never steal the focus");
-}
-
-#[test]
-fn typed_lines_complete_recall_and_cancel() {
-    let mut console = TestConsole::new(0);
-    console.keys(":them");
-    console.press(KeyCode::Tab);
-    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is typed") };
-    assert_eq!(line.text(), "theme");
-    console.keys(" mono");
-    assert_eq!(console.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
-    console.keys(":");
-    console.press(KeyCode::Up);
-    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is recalled") };
-    assert_eq!(line.text(), "theme mono");
-    console.press(KeyCode::Esc);
-    assert!(console.model.entry.typing.is_none());
-    console.keys(":nonsense");
-    console.press(KeyCode::Enter);
-    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
-}
-
-#[test]
-fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
-    let mut console = TestConsole::new(0);
-    console.keys("?");
-    let Some(Overlay::Palette(palette)) = &console.model.entry.overlay else { panic!("it opens") };
-    assert!(!palette.actions.iter().any(|action| action.decides()));
-    console.keys("audit log");
-    console.press(KeyCode::Enter);
-    assert_eq!(console.model.place.view, View::Audit);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use tui_input::InputRequest;
 
-use super::{act, asking, show, tell};
+use super::{act, asking, finding, show, tell};
 use crate::commands::{self, Asked};
 use crate::effect::{Effect, Question};
 use crate::line::EditLine;
@@ -16,14 +16,16 @@ pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
     Vec::new()
 }
 
-/// Filters narrow what can be long; alarms and what waits are never narrowed.
+/// Filters narrow what can be long; alarms, what waits and what decided are never narrowed: there the cursor goes to
+/// what is typed.
 pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
-    if matches!(model.place.view, View::Overview | View::Registry | View::Audit) {
-        let present = model.place.filters.get(&model.place.view).map_or("", String::as_str);
-        model.entry.typing = Some(Typing::Filter(EditLine::new(present)));
-    } else {
-        tell(model, "this view shows everything: nothing here may be filtered away", false);
-    }
+    model.entry.typing = Some(match model.place.view {
+        View::Overview | View::Registry | View::Audit => {
+            let present = model.place.filters.get(&model.place.view).map_or("", String::as_str);
+            Typing::Filter(EditLine::new(present))
+        }
+        View::Candidate | View::Shadow | View::Alarms | View::Approvals => Typing::Find(EditLine::default()),
+    });
     Vec::new()
 }
 
@@ -74,7 +76,9 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
         KeyCode::Up => recall(model, true),
         KeyCode::Down => recall(model, false),
         _ => {
-            let Some(Typing::Command(line) | Typing::Filter(line)) = &mut model.entry.typing else {
+            let Some(Typing::Command(line) | Typing::Filter(line) | Typing::Find(line)) =
+                &mut model.entry.typing
+            else {
                 return Vec::new();
             };
             // Deleting in an empty line leaves it.
@@ -83,6 +87,7 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
             } else {
                 into_line(line, key);
             }
+            finding::look(model);
         }
     }
     Vec::new()
@@ -91,6 +96,12 @@ pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 fn finish(model: &mut Model) -> Vec<Effect> {
     match model.entry.typing.take() {
         None => Vec::new(),
+        Some(Typing::Find(line)) => {
+            if !finding::is_there(model, line.text()) {
+                tell(model, format!("{:?} is not in this list", line.text()), true);
+            }
+            Vec::new()
+        }
         Some(Typing::Filter(line)) => {
             let text = line.text().trim().to_owned();
             if text.is_empty() {
@@ -188,7 +199,7 @@ fn recall(model: &mut Model, earlier: bool) {
 /// Pasted text is text and nothing else: it runs nothing, and a prompt takes none of it.
 pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
     match (&mut model.entry.typing, &mut model.entry.overlay) {
-        (Some(Typing::Command(line) | Typing::Filter(line)), _) => line.paste(text),
+        (Some(Typing::Command(line) | Typing::Filter(line) | Typing::Find(line)), _) => line.paste(text),
         (None, Some(Overlay::Palette(palette))) => {
             palette.line.paste(text);
             palette.cursor = 0;

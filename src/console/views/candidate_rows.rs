@@ -5,8 +5,7 @@ use crate::rows::CandidateItem;
 use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use crate::words::{kappa_sign, reason_line, seconds};
-use holdpoint_governance::condition::Condition;
+use crate::words::{condition_words, kappa_sign, reason_line, seconds};
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::Explained;
@@ -45,25 +44,6 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
                 .with(ThemeRole::Muted, " ")
                 .with(ThemeRole::Text, &super::short(&record.body, 400)),
         ],
-    }
-}
-
-/// A condition of use in a sentence.
-fn condition_words(condition: &Condition) -> String {
-    match condition {
-        Condition::SimulationOnly => "in simulation alone".to_owned(),
-        Condition::TighterEnvelope { speed_max_m_s, force_max_n } => {
-            format!("at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
-        }
-        Condition::StricterThresholds { factor } => format!("the monitor's limits times {factor}"),
-        Condition::ShadowFirst { sequences } => format!("{sequences} sequences in shadow first"),
-        Condition::ApprovalRequired { quorum } => format!("approval by {quorum} distinct people"),
-        Condition::InterfaceAdapter { fields } => {
-            format!("callers go through an adapter that fills in {}", fields.join(", "))
-        }
-        Condition::RollbackCoupled => {
-            "its predecessor stays loaded and takes over at the first trip".to_owned()
-        }
     }
 }
 

@@ -29,7 +29,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
     let (sign, line) = match typing {
         Typing::Command(line) => (":", line),
-        Typing::Filter(line) => ("/", line),
+        Typing::Filter(line) | Typing::Find(line) => ("/", line),
     };
     Row::of(ThemeRole::Key, sign).and(field(pen, line, width.saturating_sub(1), true))
 }

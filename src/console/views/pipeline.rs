@@ -18,7 +18,7 @@ use crate::widgets::bar::progress;
 use crate::widgets::list::GUTTER;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{STAGES, duration, reason_line, stage_place, stages_done};
+use crate::words::{MONITOR_PLACE, STAGES, duration, reason_line, stage_place, stages_done};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 
@@ -120,16 +120,18 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
 }
 
 fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
-    let done = stages_done(candidate.state, &candidate.flags);
+    let done = stages_done(candidate.state, candidate.left, &candidate.flags);
     let running = candidate.flags.running.map(stage_place);
     let stopped = matches!(candidate.state, State::Rejected | State::RolledBack);
+    // A version that was confirmed stays so: what stopped it later is the monitor.
+    let confirmed = candidate.confirmed && place > MONITOR_PLACE;
     if candidate.flags.paused && place == running.unwrap_or(done) {
         Mark::HELD
     } else if running == Some(place) {
         Mark::RUNNING
     } else if candidate.flags.awaiting_approval && place == done {
         Mark::WAITING
-    } else if place < done {
+    } else if place < done || confirmed {
         Mark::DONE
     } else if stopped && place == done {
         Mark::FAILED
@@ -196,4 +198,48 @@ fn expected_ms(view: &ProgressView, elapsed_ms: u64) -> Option<u64> {
     (view.done > 0 && view.budget >= view.done)
         .then(|| u64::try_from(u128::from(elapsed_ms) * u128::from(view.budget) / u128::from(view.done)).ok())
         .flatten()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn candidate(state: &str, left: &str, confirmed: bool) -> CandidateView {
+        let flags = json!({ "running": null, "paused": false, "awaiting_approval": false, "provisional": false,
+            "restricted": false, "rollback_pending": false });
+        serde_json::from_value(json!({
+            "version": "grasp@1.3.0", "digest": "a".repeat(64), "state": state, "left": left,
+            "confirmed": confirmed, "flags": flags, "row_version": 7, "author": "cora", "provenance": "manual",
+            "risk": "medium", "progress": null, "dimensions": [], "composite": null, "pairs": null,
+            "drills": null, "shadow": null, "reasons": [], "conditions": [] }))
+        .unwrap()
+    }
+
+    fn marks(state: &str, left: &str, confirmed: bool) -> Vec<&'static str> {
+        let candidate = candidate(state, left, confirmed);
+        let failed = |place: &usize| stage_mark(&candidate, *place) == Mark::FAILED;
+        let done = (0..STAGES.len()).take_while(|place| stage_mark(&candidate, *place) == Mark::DONE).count();
+        let mut said = vec![STAGES.get(done).copied().unwrap_or("all done")];
+        said.extend((0..STAGES.len()).filter(failed).map(|place| STAGES[place]));
+        said
+    }
+
+    #[test]
+    fn the_strip_marks_the_stage_that_stopped_it() {
+        assert_eq!(marks("rejected", "registered", false), ["validate", "validate"]);
+        assert_eq!(marks("rejected", "validated", false), ["sandbox", "sandbox"]);
+        assert_eq!(marks("rejected", "sandboxed", false), ["shadow", "shadow"]);
+        assert_eq!(marks("rejected", "shadowed", false), ["gate", "gate"]);
+        assert_eq!(marks("rolled-back", "active", false), ["monitor", "monitor"]);
+        assert_eq!(marks("superseded", "active", true), ["all done"]);
+    }
+
+    #[test]
+    fn a_version_that_was_confirmed_stays_so_after_a_rollback() {
+        let confirmed = candidate("rolled-back", "active", true);
+        let marks = [MONITOR_PLACE, MONITOR_PLACE + 1].map(|place| stage_mark(&confirmed, place));
+        assert_eq!(marks, [Mark::FAILED, Mark::DONE]);
+    }
 }

@@ -43,6 +43,8 @@ impl SnapshotView<'_> {
                     version: id,
                     digest: member.capability.digest(),
                     state: version.state,
+                    left: member.course.left,
+                    confirmed: member.course.confirmed,
                     flags: version.flags,
                     row_version: member.row_version,
                     author: submission.author.clone(),

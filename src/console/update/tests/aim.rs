@@ -1,0 +1,161 @@
+//! Keys aim at what the cursor shows, while lists change under it; what is typed is text.
+
+use super::*;
+use holdpoint_protocol::snapshot::AlarmView;
+
+fn alarm_view(name: &str, priority: &str) -> AlarmView {
+    serde_json::from_value(alarm(name, priority, "unacknowledged")).unwrap()
+}
+
+fn acknowledged(effects: &[Effect]) -> Option<&str> {
+    match effects.first()? {
+        Effect::Ask { question: Question::Acknowledge { alarm, .. }, .. } => Some(alarm),
+        _ => None,
+    }
+}
+
+fn under_cursor(console: &TestConsole) -> String {
+    console.model.alarm_rows()[console.model.row()].alarm().alarm.clone()
+}
+
+#[test]
+fn the_cursor_stays_on_its_alarm_when_a_weightier_one_comes_above_it() {
+    let mut console = TestConsole::new(0);
+    console.keys("!");
+    assert_eq!(under_cursor(&console), "high:1");
+    let mut now = snapshot(0, 'e');
+    now.alarms.insert(0, alarm_view("critical:1", "critical"));
+    now.alarms.insert(0, alarm_view("critical:2", "critical"));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(under_cursor(&console), "high:1");
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
+}
+
+#[test]
+fn a_cursor_that_was_never_moved_stays_on_its_item_too() {
+    let mut console = TestConsole::new(0);
+    console.model.place.view = View::Alarms;
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    assert_eq!(under_cursor(&console), "low:1");
+    let mut now = snapshot(0, 'e');
+    now.alarms.insert(0, alarm_view("critical:1", "critical"));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("low:1"));
+}
+
+#[test]
+fn a_key_meant_for_what_has_just_gone_does_nothing_to_what_came_in_its_place() {
+    let mut console = TestConsole::new(0);
+    console.model.place.view = View::Alarms;
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    let mut now = snapshot(0, 'e');
+    now.alarms.remove(0);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(under_cursor(&console), "high:1");
+    console.now_ms += 100;
+    assert_eq!(console.press(KeyCode::Char(' ')), []);
+    let said = console.model.notice.clone().unwrap();
+    assert!(said.bad && said.text.contains("just left the list"), "{said:?}");
+    console.now_ms += 1_000;
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
+}
+
+#[test]
+fn candidates_that_resort_keep_the_cursor_on_theirs() {
+    let mut console = TestConsole::new(0);
+    let mut more = snapshot(0, 'e');
+    let mut other = more.candidates[0].clone();
+    other.version = "place@2.0.0".parse().unwrap();
+    more.candidates.push(other);
+    let mut settled = more.clone();
+    console.tell(MsgKind::Snapshot(Arc::new(more)));
+    console.keys("g");
+    let first = console.model.version_here().unwrap();
+    assert_eq!(first.to_string(), "place@2.0.0");
+    settled.candidates[1].state = holdpoint_governance::lifecycle::State::Rejected;
+    console.tell(MsgKind::Snapshot(Arc::new(settled)));
+    assert_eq!(console.model.row(), 1);
+    assert_eq!(console.model.version_here(), Some(first));
+}
+
+#[test]
+fn what_is_typed_after_a_slash_never_acts() {
+    for view in View::ALL {
+        let mut console = TestConsole::new(0);
+        console.model.place.view = view;
+        // Without the line `x` would open the form that aborts, and `y` confirm it.
+        assert_eq!(console.keys("/xy"), [], "{view:?}");
+        assert!(console.model.entry.overlay.is_none() && console.model.entry.typing.is_some(), "{view:?}");
+        console.press(KeyCode::Enter);
+        assert!(console.model.entry.overlay.is_none() && console.model.entry.typing.is_none(), "{view:?}");
+    }
+}
+
+#[test]
+fn in_a_list_that_hides_nothing_the_cursor_goes_to_what_is_typed() {
+    let mut console = TestConsole::new(0);
+    console.keys("!/latched");
+    assert_eq!(under_cursor(&console), "latched:1");
+    assert_eq!(console.model.alarm_rows().len(), 4, "nothing is hidden");
+    console.press(KeyCode::Enter);
+    assert_eq!(under_cursor(&console), "latched:1");
+    console.keys("/no such alarm");
+    console.press(KeyCode::Enter);
+    let said = console.model.notice.clone().unwrap();
+    assert!(said.bad && said.text.contains("not in this list"), "{said:?}");
+}
+
+#[test]
+fn three_and_four_open_what_is_under_the_cursor() {
+    for (key, view) in [("3", View::Candidate), ("4", View::Shadow)] {
+        for from in [View::Overview, View::Approvals] {
+            let mut console = TestConsole::new(0);
+            console.model.place.chosen = Some("place@9.9.9".parse().unwrap());
+            console.model.place.view = from;
+            console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+            console.keys(key);
+            assert_eq!(console.model.place.view, view);
+            assert_eq!(console.model.subject().unwrap().to_string(), CANDIDATE, "{key} from {from:?}");
+        }
+    }
+}
+
+#[test]
+fn the_story_names_no_version_under_its_cursor() {
+    let mut console = TestConsole::new(0);
+    console.model.place.panes[View::Overview as usize] = crate::model::STORY_PANE;
+    assert_eq!(console.model.version_here(), None);
+    assert_eq!(console.keys("D"), []);
+    assert!(console.model.entry.overlay.is_none(), "a line of the story is no version");
+}
+
+#[test]
+fn typed_lines_complete_recall_and_cancel() {
+    let mut console = TestConsole::new(0);
+    console.keys(":them");
+    console.press(KeyCode::Tab);
+    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is typed") };
+    assert_eq!(line.text(), "theme");
+    console.keys(" mono");
+    assert_eq!(console.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
+    console.keys(":");
+    console.press(KeyCode::Up);
+    let Some(Typing::Command(line)) = &console.model.entry.typing else { panic!("it is recalled") };
+    assert_eq!(line.text(), "theme mono");
+    console.press(KeyCode::Esc);
+    assert!(console.model.entry.typing.is_none());
+    console.keys(":nonsense");
+    console.press(KeyCode::Enter);
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
+}
+
+#[test]
+fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
+    let mut console = TestConsole::new(0);
+    console.keys("?");
+    let Some(Overlay::Palette(palette)) = &console.model.entry.overlay else { panic!("it opens") };
+    assert!(!palette.actions.iter().any(|action| action.decides()));
+    console.keys("audit log");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.place.view, View::Audit);
+}
