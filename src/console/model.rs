@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{Entry, Overlay, Typing};
-pub use place::{Frozen, ItemKey, ListCursor, Place, STORY_PANE, View};
+pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
 pub use told::{EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
 use super::keymap::Keymap;
@@ -46,7 +46,7 @@ pub struct ConsoleSettings {
 
 /// Who acts at this console.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct People {
+pub struct Seat {
     pub operator: Option<Operator>,
     /// Everybody who could act from here.
     pub identities: Vec<Operator>,
@@ -58,10 +58,10 @@ pub struct Model {
     pub now_ms: u64,
     pub size: (u16, u16),
     pub told: Told,
-    pub place: Place,
+    pub place: ViewState,
     pub asking: Asking,
     pub entry: Entry,
-    pub people: People,
+    pub seat: Seat,
     pub notice: Option<Notice>,
     pub settings: ConsoleSettings,
     pub keymap: Arc<Keymap>,
@@ -77,10 +77,10 @@ impl Model {
             now_ms: 0,
             size: (80, 24),
             told: Told::default(),
-            place: Place::default(),
+            place: ViewState::default(),
             asking: Asking::default(),
             entry: Entry::default(),
-            people: People::default(),
+            seat: Seat::default(),
             notice: None,
             settings,
             keymap,

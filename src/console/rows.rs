@@ -368,13 +368,14 @@ pub fn said(item: &CandidateItem<'_>) -> String {
 /// The rows by what they say; a measured value by its mode as well.
 fn said_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
     let mut mode = "";
-    let key = |item: &CandidateItem<'_>| {
+    let mut keys = Vec::with_capacity(rows.len());
+    for item in rows {
         if let CandidateItem::Mode(name) = *item {
             mode = name;
         }
-        ItemKey::Said(format!("{mode} {}", said(item)))
-    };
-    rows.iter().map(key).collect()
+        keys.push(ItemKey::Said(format!("{mode} {}", said(item))));
+    }
+    keys
 }
 
 /// A filter: letters' case aside, what a text must contain. An empty one fits everything.

@@ -86,12 +86,12 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Identities(identities) => {
-            model.people.identities = identities;
+            model.seat.identities = identities;
             Vec::new()
         }
         MsgKind::Operator(operator) => {
             tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
-            model.people.operator = Some(operator);
+            model.seat.operator = Some(operator);
             Vec::new()
         }
         MsgKind::Done { text, bad } => {

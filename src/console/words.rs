@@ -1,5 +1,6 @@
 //! Words and numbers as every view, export and prompt writes them: one formatter each.
 
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;

@@ -325,15 +325,15 @@ impl Views {
     /// If the store cannot be read, or a record of it is not what the program writes.
     pub fn course(&self, id: &CapabilityId) -> Result<Course, StoreError> {
         #[derive(serde::Deserialize)]
-        struct Body {
-            change: From,
+        struct StateSetBody {
+            change: StateSetChange,
         }
         #[derive(serde::Deserialize)]
-        struct From {
+        struct StateSetChange {
             from: State,
         }
         #[derive(serde::Deserialize)]
-        struct Closed {
+        struct ClosedBody {
             outcome: UpgradeEnd,
         }
         let records = |kind, limit| {
@@ -347,10 +347,10 @@ impl Views {
         };
         let unread = |error| StoreError::invalid("audit record", id, error);
         let last = records(RecordKind::StateSet, 1)?;
-        let left = last.first().map(|record| serde_json::from_str::<Body>(&record.body)).transpose();
+        let left = last.first().map(|record| serde_json::from_str::<StateSetBody>(&record.body)).transpose();
         let mut confirmed = false;
         for record in records(RecordKind::AuditClosed, CLOSINGS_MAX)? {
-            let closed: Closed = serde_json::from_str(&record.body).map_err(unread)?;
+            let closed: ClosedBody = serde_json::from_str(&record.body).map_err(unread)?;
             confirmed |= closed.outcome == UpgradeEnd::Confirmed;
         }
         Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), confirmed })

@@ -26,7 +26,7 @@ pub fn model() -> Model {
     model.told.engine = EngineState::Running;
     model.told.snapshot = Some(Arc::new(snapshot()));
     model.told.picture = Some(Arc::new(picture()));
-    model.people.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
+    model.seat.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
     model.told.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
     model.told.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
     model.told.verified = Some(Verified {

@@ -105,7 +105,7 @@ pub enum ItemKey {
 
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Place {
+pub struct ViewState {
     pub view: View,
     /// Where Esc and `q` lead, the nearest last.
     pub back: Vec<View>,
@@ -125,7 +125,7 @@ pub struct Place {
     pub zoom: u8,
 }
 
-impl Place {
+impl ViewState {
     /// The list that the present view and pane move over: beside the robot it is the pipeline's.
     #[must_use]
     pub fn list(&self) -> (View, usize) {

@@ -189,7 +189,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     let Some(alarm) = rows.get(model.row()).map(|item| item.alarm().clone()) else {
         return refuse(model, "there is no alarm under the cursor");
     };
-    let by = model.people.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
+    let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
         Action::Acknowledge => {
             if alarm.acknowledged_by.is_some() {

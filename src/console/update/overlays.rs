@@ -96,7 +96,7 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
 
 fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
-    let made = prompt.decide(answer, model.people.operator.as_ref(), model.settings.read_only, model.now_ms);
+    let made = prompt.decide(answer, model.seat.operator.as_ref(), model.settings.read_only, model.now_ms);
     match made {
         Ok(decision) => {
             let what = format!("{} {}", answer.name(), prompt.seen.version);
@@ -162,7 +162,7 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
         model.entry.overlay = None;
         return vec![Effect::End];
     }
-    match form.confirm(model.people.operator.as_ref()) {
+    match form.confirm(model.seat.operator.as_ref()) {
         Ok(Some(confirmed)) => {
             model.entry.overlay = None;
             operating::carry_out(model, confirmed)

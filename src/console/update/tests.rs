@@ -313,7 +313,7 @@ fn people_who_cannot_approve_are_told_why() {
         console.tell(MsgKind::Snapshot(Arc::new(now)));
         match who {
             Some(name) => console.sit(name),
-            None => console.model.people.operator = None,
+            None => console.model.seat.operator = None,
         }
         console.open_prompt();
         assert_eq!(decides(&console.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
@@ -494,7 +494,7 @@ fn forms_refuse_what_is_missing() {
     assert!(console.press(KeyCode::Enter).is_empty());
     let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("it stays open") };
     assert_eq!(form.problem.as_deref(), Some("a reason is needed"));
-    console.model.people.operator = None;
+    console.model.seat.operator = None;
     console.press(KeyCode::BackTab);
     console.press(KeyCode::BackTab);
     console.keys("because");

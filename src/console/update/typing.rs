@@ -171,7 +171,7 @@ fn complete(model: &mut Model) {
         .flat_map(|snapshot| &snapshot.candidates)
         .map(|candidate| candidate.version.to_string())
         .collect();
-    let people: Vec<String> = model.people.identities.iter().map(|who| who.name.clone()).collect();
+    let people: Vec<String> = model.seat.identities.iter().map(|who| who.name.clone()).collect();
     let known = commands::KnownNames { versions: &versions, people: &people, themes: &model.themes };
     if let Some(text) = commands::complete(line.text(), &known).into_iter().next() {
         model.entry.typing = Some(Typing::Command(EditLine::new(&text)));

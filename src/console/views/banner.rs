@@ -74,7 +74,7 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 
 /// Operator and seed, the weightiest first.
 fn identity(model: &Model) -> Vec<Row> {
-    let who = match &model.people.operator {
+    let who = match &model.seat.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
         None => Row::of(ThemeRole::Warning, "  nobody: `:as NAME`"),
     };

@@ -136,7 +136,7 @@ fn fields(prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Row {
 }
 
 fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Obstacle> {
-    prompt.blocks(answer, model.people.operator.as_ref(), model.settings.read_only, model.now_ms)
+    prompt.blocks(answer, model.seat.operator.as_ref(), model.settings.read_only, model.now_ms)
 }
 
 /// What stands against each answer, in words; what stands against both is told once.
