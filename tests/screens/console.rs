@@ -80,10 +80,10 @@ fn occasions() -> Vec<(&'static str, Model)> {
     });
     occasions.push(("prompt_stale", stale));
     let mut palette = support::at(View::Alarms);
-    palette.overlay = Some(Overlay::Palette(Palette::new(Action::ALL.to_vec())));
+    palette.entry.overlay = Some(Overlay::Palette(Palette::new(Action::ALL.to_vec())));
     occasions.push(("palette", palette));
     let mut rollback = formed(Intent::Rollback(support::id("place@1.0.0")));
-    if let Some(Overlay::Form(form)) = &mut rollback.overlay {
+    if let Some(Overlay::Form(form)) = &mut rollback.entry.overlay {
         form.problem = Some("a reason is needed".to_owned());
     }
     occasions.push(("form_rollback", rollback));
@@ -91,10 +91,10 @@ fn occasions() -> Vec<(&'static str, Model)> {
     occasions.push(("form_shelve", formed(Intent::Shelve("camera:align@1.0.0".to_owned()))));
     let mut first = support::model();
     first.settings.tour = Some(0);
-    first.picture = None;
-    first.operator = None;
-    first.story.clear();
-    first.snapshot = Some(Arc::new(Snapshot {
+    first.told.picture = None;
+    first.seat.operator = None;
+    first.told.story.clear();
+    first.told.snapshot = Some(Arc::new(Snapshot {
         candidates: Vec::new(),
         prompts: Vec::new(),
         questions: Vec::new(),
@@ -116,15 +116,15 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let mut held = support::snapshot();
     held.holding = Some("paused by grace: lens is being cleaned".to_owned());
     held.profile = ProfileName::Real;
-    doubtful.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
-    doubtful.snapshot = Some(Arc::new(held));
-    doubtful.snapshot_ms = 48_000;
+    doubtful.place.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
+    doubtful.told.snapshot = Some(Arc::new(held));
+    doubtful.told.snapshot_ms = 48_000;
     doubtful.settings.read_only = true;
-    doubtful.missed = 3;
-    doubtful.zoom = 1;
+    doubtful.told.missed = 3;
+    doubtful.place.zoom = 1;
     occasions.push(("doubtful", doubtful));
     let mut typing = support::at(View::Registry);
-    typing.typing = Some(Typing::Filter(EditLine::new("place")));
+    typing.entry.typing = Some(Typing::Filter(EditLine::new("place")));
     occasions.push(("filter", typing));
     occasions.push(("flood", flood()));
     occasions
