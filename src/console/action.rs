@@ -104,7 +104,7 @@ actions! {
     Help = "help", Everywhere, ["?", "f1"];
     /// Command line
     CommandLine = "command-line", Everywhere, [":"];
-    /// Filter this list; alarms in the status line stay
+    /// Filter this list, or find in one that hides nothing
     Filter = "filter", Everywhere, ["/"];
     /// Back one step; close undecided
     Back = "back", Everywhere, ["esc"];
