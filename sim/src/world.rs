@@ -4,6 +4,10 @@
 //! moves the motor targets, physics advances once, sensors and camera read the result. Everything
 //! that changes lives in one serialisable state, so a snapshot resumes bit-identically.
 
+mod copy;
+
+pub use copy::WorldCopy;
+
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;

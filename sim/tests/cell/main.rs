@@ -6,6 +6,7 @@
     reason = "a test says what it expects by failing"
 )]
 
+mod copies;
 mod determinism;
 mod dynamics;
 mod fidelity;
