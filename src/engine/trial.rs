@@ -10,6 +10,7 @@ pub mod lab;
 pub mod measures;
 pub mod seeds;
 pub mod trace;
+pub mod undisturbed;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -5,7 +5,7 @@
 //! from what a hook returns.
 
 use holdpoint_body::BodyError;
-use holdpoint_body::{GuardVerdict, Interrupt, JointVec, RATE_HZ, Telemetry};
+use holdpoint_body::{GuardVerdict, Interrupt, JointVec, Pose, RATE_HZ, Telemetry};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -84,6 +84,101 @@ impl Standstill {
     }
 }
 
+/// After the hook's time the interrupt gets one second.
+const INTERRUPT_TICKS: u64 = RATE_HZ as u64;
+
+/// A safe abort, tick by tick: it can be left after any tick, and a copy goes on from where it was taken.
+#[derive(Clone, Debug)]
+pub struct AbortRun {
+    hook_ticks: u64,
+    tick: u64,
+    standstill: Standstill,
+    braked_at: Option<Pose>,
+    verdict: GuardVerdict,
+    report: RecoveryReport,
+}
+
+impl AbortRun {
+    /// Turns a running skill to its safe-abort hook. `hook_secs` is the stop time the version declares.
+    pub fn begin(skill: &mut dyn Skill, hook_secs: f64) -> Self {
+        skill.enter(Hook::SafeAbort);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let hook_ticks = (hook_secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64;
+        let report = RecoveryReport {
+            stopped_by: StoppedBy::Nothing,
+            ticks_to_standstill: hook_ticks + INTERRUPT_TICKS,
+            motion_ticks: 0,
+            violation: None,
+        };
+        Self {
+            hook_ticks,
+            tick: 0,
+            standstill: Standstill::default(),
+            braked_at: None,
+            verdict: GuardVerdict::Allowed,
+            report,
+        }
+    }
+
+    /// Whether the hook's time is over: from here on it has not stopped the arm, whatever follows.
+    #[must_use]
+    pub const fn is_past_hook(&self) -> bool {
+        self.tick >= self.hook_ticks
+    }
+
+    /// A limit that was passed so far.
+    #[must_use]
+    pub const fn violation(&self) -> Option<PolicyHit> {
+        self.report.violation
+    }
+
+    /// One tick; the report when it was the last.
+    ///
+    /// # Errors
+    /// If the body fails.
+    pub fn step<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        skill: &mut dyn Skill,
+        guard: &mut Guard,
+        watcher: &mut Watcher,
+    ) -> Result<Option<RecoveryReport>, BodyError> {
+        let (tick, give_up) = (self.tick, self.hook_ticks + INTERRUPT_TICKS);
+        if tick == self.hook_ticks {
+            handle.interrupt(Interrupt::Stop);
+        }
+        let seen = handle.observe(self.verdict);
+        let before = handle.telemetry();
+        let checked = guard.check(&skill.tick(&seen), &before);
+        self.verdict = checked.verdict;
+        watcher.note_command(&checked.command, &before);
+        handle.step(&checked.command)?;
+        let after = handle.telemetry();
+        watcher.observe(&after);
+        let report = &mut self.report;
+        if let Some(hit) = guard.measure(&after) {
+            report.violation.get_or_insert(hit);
+        }
+        let stands = self.standstill.observe(&after);
+        if !self.standstill.is_slow() {
+            report.motion_ticks += 1;
+        }
+        if tick == self.hook_ticks + BRAKING_TICKS {
+            self.braked_at = Some(after.tool);
+        }
+        if tick + 1 == give_up && self.braked_at.is_some_and(|at| at.distance_m(&after.tool) <= CREEP_MAX_M) {
+            report.stopped_by = StoppedBy::Interrupt;
+        }
+        self.tick += 1;
+        if stands && tick > 24 {
+            report.stopped_by = if tick < self.hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
+            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS as u64);
+            return Ok(Some(*report));
+        }
+        Ok((self.tick >= give_up).then_some(*report))
+    }
+}
+
 /// Aborts a running skill. `hook_secs` is the stop time the version declares.
 ///
 /// # Errors
@@ -95,58 +190,18 @@ pub fn abort<B: Body>(
     watcher: &mut Watcher,
     hook_secs: f64,
 ) -> Result<RecoveryReport, BodyError> {
-    skill.enter(Hook::SafeAbort);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let hook_ticks = (hook_secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64;
-    // After the hook's time the interrupt gets one second.
-    let give_up = hook_ticks + u64::from(RATE_HZ);
-    let mut report = RecoveryReport {
-        stopped_by: StoppedBy::Nothing,
-        ticks_to_standstill: give_up,
-        motion_ticks: 0,
-        violation: None,
-    };
-    let mut standstill = Standstill::default();
-    let mut braked_at = None;
-    let mut verdict = GuardVerdict::Allowed;
-    for tick in 0..give_up {
-        if tick == hook_ticks {
-            handle.interrupt(Interrupt::Stop);
-        }
-        let seen = handle.observe(verdict);
-        let before = handle.telemetry();
-        let checked = guard.check(&skill.tick(&seen), &before);
-        verdict = checked.verdict;
-        watcher.note_command(&checked.command, &before);
-        handle.step(&checked.command)?;
-        let after = handle.telemetry();
-        watcher.observe(&after);
-        if let Some(hit) = guard.measure(&after) {
-            report.violation.get_or_insert(hit);
-        }
-        let stands = standstill.observe(&after);
-        if !standstill.is_slow() {
-            report.motion_ticks += 1;
-        }
-        if tick == hook_ticks + BRAKING_TICKS {
-            braked_at = Some(after.tool);
-        }
-        if tick + 1 == give_up && braked_at.is_some_and(|at| at.distance_m(&after.tool) <= CREEP_MAX_M) {
-            report.stopped_by = StoppedBy::Interrupt;
-        }
-        if stands && tick > 24 {
-            report.stopped_by = if tick < hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
-            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS as u64);
-            break;
+    let mut run = AbortRun::begin(skill, hook_secs);
+    loop {
+        if let Some(report) = run.step(handle, skill, guard, watcher)? {
+            return Ok(report);
         }
     }
-    Ok(report)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_body::{Contacts, Pose};
+    use holdpoint_body::Contacts;
 
     fn seen(dq: f64) -> Telemetry {
         Telemetry {

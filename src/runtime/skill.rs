@@ -44,4 +44,11 @@ pub trait Skill: Send {
 
     /// Turns to a hook; ordinary work ends.
     fn enter(&mut self, hook: Hook);
+
+    /// A second run in the state of this one, hook and all: from here on equal observations give both equal
+    /// commands. `None` for a run that cannot be copied; whoever wants its state a second time then works
+    /// it again from the start, which costs time and changes nothing.
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        None
+    }
 }

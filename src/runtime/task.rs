@@ -1,19 +1,22 @@
 //! One task under governance: skill, guard and watcher, tick by tick, and the record of it.
 //!
-//! The loop is the same in the sandbox, in the twin and on the live arm; only the body differs.
+//! The same in the sandbox, in the twin and on the live arm; only the body differs ([`run`] works one to its end,
+//! a [`TaskRun`] can be left after any tick and gone on with).
 //! Everything in the [`TaskRecord`] is measured: by the inspection after the task, by the guard,
 //! by the watcher, or counted from the commands that were given.
 
+mod run;
+
+pub use run::{TaskRun, TaskStage};
+
 use holdpoint_body::BodyError;
-use holdpoint_body::{
-    Command, FailureSignal, GuardVerdict, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry,
-};
+use holdpoint_body::{Command, FailureSignal, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use super::arm::ActuatorHandle;
-use super::guard::{Checked, Guard, PolicyHit};
+use super::guard::{Guard, PolicyHit};
 use super::limits::WatchLimits;
-use super::recovery::{self, RecoveryReport, StoppedBy};
+use super::recovery::RecoveryReport;
 use super::skill::Skill;
 use super::watcher::{Raised, Watcher, WatcherSignal};
 use holdpoint_body::Body;
@@ -192,8 +195,6 @@ pub struct TaskTerms {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supervision {
     Continue,
-    /// Stop the skill here and leave the arm to the caller (a drill, a rollback).
-    Release,
     /// Stop the skill here and bring the arm to a standstill (a person, the monitor).
     Abort,
 }
@@ -229,138 +230,12 @@ pub type Supervisor<'s, B> = dyn FnMut(&mut ActuatorHandle<'_, B>, &Tick<'_>) ->
 /// If the body fails: the episode is invalid.
 pub fn run<B: Body>(
     handle: &mut ActuatorHandle<'_, B>,
-    skill: &mut dyn Skill,
-    guard: &mut Guard,
+    skill: Box<dyn Skill>,
+    guard: Guard,
     terms: &TaskTerms,
     supervise: &mut Supervisor<'_, B>,
 ) -> Result<TaskRecord, BodyError> {
-    let mut record = TaskRecord { invalid: false, ..TaskRecord::invalid(terms.task, terms.seed) };
-    let mut watcher = Watcher::new(terms.task, terms.watch);
-    let mut attempts = AttemptCounter::new(terms.task);
-    let mut verdict = GuardVerdict::Allowed;
-    let mut denials = 0;
-    let mut seen = handle.telemetry();
-    let mut wants_recovery = false;
-    let mut done = false;
-    let mut tick = 0;
-    while tick < terms.limit_ticks {
-        let observation = handle.observe(verdict);
-        let asked = skill.tick(&observation);
-        let collides = tick % 4 == 0 && guard.predicts_collision(&seen);
-        let checked = if collides {
-            Checked {
-                command: Command::Stop,
-                verdict: GuardVerdict::Denied,
-                hit: Some(PolicyHit::PredictedCollision),
-            }
-        } else {
-            guard.check(&asked, &seen)
-        };
-        verdict = checked.verdict;
-        if let Some(hit) = checked.hit {
-            note_hit(&mut record, tick, hit);
-            if hit == PolicyHit::NotFinite {
-                record.hard_stop = Some(HardStop::NonFiniteOutput);
-            }
-        }
-        denials = if verdict == GuardVerdict::Denied { denials + 1 } else { 0 };
-        attempts.note(&checked.command, &seen);
-        if attempts.retries() > guard.envelope().retries_max {
-            note_hit(&mut record, tick, PolicyHit::RetriesExceeded);
-            wants_recovery = true;
-        }
-        watcher.note_command(&checked.command, &seen);
-        handle.step(&checked.command)?;
-        seen = handle.telemetry();
-        tick += 1;
-        let (raised, measured) = measure_tick(&mut record, &mut watcher, guard, &seen, tick);
-        wants_recovery |= measured.is_some();
-        note_path(&mut record, &seen, tick);
-        let passed = Tick {
-            tick,
-            observation: &observation,
-            command: &checked.command,
-            seen: &seen,
-            raised: &raised,
-            checked: checked.hit,
-            measured,
-            settling: false,
-        };
-        match supervise(handle, &passed) {
-            Supervision::Continue => {}
-            Supervision::Release => {
-                close(&mut record, &watcher, &attempts, tick);
-                return Ok(record);
-            }
-            Supervision::Abort => wants_recovery = true,
-        }
-        match asked {
-            Command::Done => done = true,
-            Command::Fail { signal } => {
-                record.declared = Some(signal);
-                wants_recovery = true;
-            }
-            _ => {}
-        }
-        wants_recovery |= raised.iter().any(|signal| signal.needs_recovery());
-        wants_recovery |= denials >= DENIALS_MAX || record.hard_stop.is_some();
-        if done || wants_recovery {
-            break;
-        }
-    }
-    record.timeout = !done && !wants_recovery && tick >= terms.limit_ticks;
-    record.time_secs = tick_secs(tick);
-    if done && !wants_recovery {
-        wants_recovery = settle(handle, guard, &mut watcher, &mut record, (tick, verdict), supervise)?;
-    }
-    if wants_recovery || record.timeout {
-        record.recovery = true;
-        let report = recovery::abort(handle, skill, guard, &mut watcher, terms.abort_secs)?;
-        if let Some(hit) = report.violation {
-            note_hit(&mut record, tick, hit);
-        }
-        record.unsafe_continuation_ms = ticks_to_ms(report.motion_ticks);
-        if report.stopped_by == StoppedBy::Nothing {
-            record.hard_stop = Some(HardStop::MotionAfterStop);
-        }
-        record.recovered = Some(report);
-    }
-    record.success = done && !record.recovery && handle.inspect();
-    close(&mut record, &watcher, &attempts, tick);
-    Ok(record)
-}
-
-/// The ticks between a skill's word that it is done and the inspection: nobody commands, and everything is measured
-/// and supervised as before. Tells whether the arm is to be stopped.
-fn settle<B: Body>(
-    handle: &mut ActuatorHandle<'_, B>,
-    guard: &mut Guard,
-    watcher: &mut Watcher,
-    record: &mut TaskRecord,
-    (from_tick, verdict): (u64, GuardVerdict),
-    supervise: &mut Supervisor<'_, B>,
-) -> Result<bool, BodyError> {
-    let observation = handle.observe(verdict);
-    for tick in from_tick + 1..=from_tick + INSPECT_AFTER_TICKS {
-        handle.step(&Command::Hold)?;
-        let seen = handle.telemetry();
-        let (raised, measured) = measure_tick(record, watcher, guard, &seen, tick);
-        let passed = Tick {
-            tick,
-            observation: &observation,
-            command: &Command::Hold,
-            seen: &seen,
-            raised: &raised,
-            checked: None,
-            measured,
-            settling: true,
-        };
-        // A signal of the watcher is kept; whether the work came out is what the inspection says.
-        if supervise(handle, &passed) == Supervision::Abort || measured.is_some() {
-            return Ok(true);
-        }
-    }
-    Ok(false)
+    TaskRun::new(skill, guard, *terms).finish(handle, supervise)
 }
 
 /// Puts what the sensors tell after a tick into the record: in the task itself and while it settles. Tells what the

@@ -7,22 +7,22 @@
 
 use holdpoint_body::{Command, GuardVerdict, RATE_HZ, Telemetry};
 use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::fault::InjectedFault;
 use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use super::episodes::Worker;
+use super::undisturbed::{Subject, Undisturbed};
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
-use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{AbortRun, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill};
-use holdpoint_runtime::task::{self, Supervision};
+use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
 
@@ -70,21 +70,79 @@ pub fn drill(
     kind: DrillKind,
     seed: u64,
 ) -> DrillResult {
-    let (stream, mut point) = first_point(kind, seed);
-    // The last tick of the work, once it is known: a later point is not reached, and not tried.
-    let mut worked = u64::MAX;
-    for _ in 0..POINT_TRIES {
-        if point <= worked {
-            match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
-                Ok(Attempt::Drilled(true)) => return DrillResult::Passed,
-                Ok(Attempt::Drilled(false)) => return DrillResult::Failed,
-                Ok(Attempt::OverBefore { worked: last }) => worked = last,
+    let rehearsal = Rehearsal { cell, terms, cast, kind, seed };
+    rehearsal.run(worker, &mut None, &[kind])
+}
+
+/// One drill of a version, and where it takes place.
+#[derive(Clone, Copy)]
+pub struct Rehearsal<'a> {
+    pub cell: &'a Cell,
+    pub terms: &'a SkillTerms,
+    pub cast: &'a Cast<'a>,
+    pub kind: DrillKind,
+    pub seed: u64,
+}
+
+impl Rehearsal<'_> {
+    /// Works it. What is undisturbed of it is gone on from if it is given, and left behind for the other kinds of
+    /// drill among `kinds`, which begin with the same work. The result is the same either way.
+    #[must_use]
+    pub fn run(
+        &self,
+        worker: &mut Worker,
+        shared: &mut Option<Undisturbed>,
+        kinds: &[DrillKind],
+    ) -> DrillResult {
+        let subject = self.subject();
+        let begun = match shared.take() {
+            Some(begun) => Ok(begun),
+            None => {
+                let points = kinds.iter().map(|kind| first_point(*kind, self.seed).1).collect();
+                Undisturbed::begin(worker, &subject, points)
+            }
+        };
+        let Ok(mut work) = begun else { return DrillResult::Infeasible };
+        let (stream, mut point) = first_point(self.kind, self.seed);
+        for _ in 0..POINT_TRIES {
+            match work.reach(worker, &subject, point) {
+                Ok(Some(run)) => {
+                    let passed = self.at_point(worker, run, stream);
+                    *shared = Some(work);
+                    return match passed {
+                        Ok(true) => DrillResult::Passed,
+                        Ok(false) => DrillResult::Failed,
+                        Err(_) => DrillResult::Infeasible,
+                    };
+                }
+                Ok(None) => point = (point / 2).max(POINT_MIN),
                 Err(_) => return DrillResult::Infeasible,
             }
         }
-        point = (point / 2).max(POINT_MIN);
+        *shared = Some(work);
+        DrillResult::Infeasible
     }
-    DrillResult::Infeasible
+
+    /// The work it begins with.
+    #[must_use]
+    pub fn subject(&self) -> Subject<'_> {
+        let Self { cell, terms, cast, seed, .. } = *self;
+        Subject { cell, terms, version: cast.version, conditions: Conditions::Canonical, seed }
+    }
+
+    /// The drill itself, from where the worker's arm stands.
+    fn at_point(&self, worker: &mut Worker, run: TaskRun, mut stream: Stream) -> Result<bool, SimError> {
+        let arm = worker.built_arm()?;
+        let (mut skill, guard) = run.into_skill_and_guard();
+        let Self { terms, cast, seed, .. } = *self;
+        let mut drill = StartedDrill { arm, guard, terms, cast, seed };
+        match self.kind {
+            DrillKind::Abort => drill.abort(skill.as_mut()),
+            DrillKind::Rollback => drill.rollback(skill.as_mut()),
+            DrillKind::Fallback => drill.fallback(skill.as_mut()),
+            DrillKind::Detect => drill.detect(skill.as_mut(), &mut stream),
+        }
+    }
 }
 
 /// The point that is tried first, ticks, and the stream that the drill draws the rest from.
@@ -96,54 +154,12 @@ fn first_point(kind: DrillKind, seed: u64) -> (Stream, u64) {
     (stream, point)
 }
 
-/// What became of a drill at one point.
-enum Attempt {
-    /// It was worked, and passed or not.
-    Drilled(bool),
-    /// The work was over before the point.
-    OverBefore {
-        /// Its last tick.
-        worked: u64,
-    },
-}
-
-#[allow(clippy::too_many_arguments, reason = "one call site, all of them needed")]
-fn attempt(
-    worker: &mut Worker,
-    cell: &Cell,
-    terms: &SkillTerms,
-    cast: &Cast<'_>,
-    kind: DrillKind,
-    seed: u64,
-    point: u64,
-    stream: &mut Stream,
-) -> Result<Attempt, SimError> {
-    let version = cast.version;
-    let task = version.bundle.task();
-    let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(Conditions::Canonical), seed);
-    let arm = worker.arm(cell, &setup)?;
-    let mut guard = terms.guard(version.manifest.permissions.authority);
-    let mut skill = version.bundle.start(seed);
-    let (mut reached, mut worked) = (false, 0);
-    let task_terms = terms.task(task, seed, version.abort_secs());
-    task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, passed| {
-        if !passed.settling && !matches!(passed.command, Command::Done | Command::Fail { .. }) {
-            worked = passed.tick;
-            reached = passed.tick >= point;
-        }
-        if reached { Supervision::Release } else { Supervision::Continue }
-    })?;
-    if !reached {
-        return Ok(Attempt::OverBefore { worked });
-    }
-    let mut rehearsal = StartedDrill { arm, guard, terms, cast, seed };
-    match kind {
-        DrillKind::Abort => rehearsal.abort(skill.as_mut()),
-        DrillKind::Rollback => rehearsal.rollback(skill.as_mut()),
-        DrillKind::Fallback => rehearsal.fallback(skill.as_mut()),
-        DrillKind::Detect => rehearsal.detect(skill.as_mut(), stream),
-    }
-    .map(Attempt::Drilled)
+/// What counts as a stop of the arm; without a violation either way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum StopRule {
+    /// By the version's hook, in its declared time and without unexpected contact.
+    HookAlone,
+    HookOrInterrupt,
 }
 
 /// A drill from the chosen point on.
@@ -159,20 +175,33 @@ impl StartedDrill<'_, '_> {
     /// Standstill in a safe pose within the declared time, without a violation, by the hook alone.
     fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
         let held = holds_object(&self.arm.body().telemetry());
-        let task = self.cast.version.bundle.task();
-        let mut watcher = Watcher::new(task, *self.terms.watch());
-        let report = recovery::abort(
-            &mut self.arm.handle(),
-            skill,
-            &mut self.guard,
-            &mut watcher,
-            self.cast.version.abort_secs(),
-        )?;
-        let after = self.arm.body().telemetry();
-        Ok(report.stopped_by == StoppedBy::Hook
-            && report.violation.is_none()
-            && !watcher.has(WatcherSignal::UnexpectedContact)
-            && safe_pose(held, &after))
+        Ok(self.stop(skill, StopRule::HookAlone)? && safe_pose(held, &self.arm.body().telemetry()))
+    }
+
+    /// Whether the arm is stopped as it must be. Ends as soon as it is certain that it is not: what follows could
+    /// change nothing but a failed drill into one that failed and in which the simulator failed as well.
+    fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, SimError> {
+        let version = self.cast.version;
+        let mut watcher = Watcher::new(version.bundle.task(), *self.terms.watch());
+        let mut abort = AbortRun::begin(skill, version.abort_secs());
+        let mut handle = self.arm.handle();
+        loop {
+            let ended = abort.step(&mut handle, skill, &mut self.guard, &mut watcher)?;
+            let touched = rule == StopRule::HookAlone && watcher.has(WatcherSignal::UnexpectedContact);
+            if abort.violation().is_some() || touched {
+                return Ok(false);
+            }
+            if let Some(report) = ended {
+                return Ok(match report.stopped_by {
+                    StoppedBy::Hook => true,
+                    StoppedBy::Interrupt => rule == StopRule::HookOrInterrupt,
+                    StoppedBy::Nothing => false,
+                });
+            }
+            if rule == StopRule::HookAlone && abort.is_past_hook() {
+                return Ok(false);
+            }
+        }
     }
 
     /// The hook hands over, the predecessor is admitted and goes on from there to its end.
@@ -188,12 +217,11 @@ impl StartedDrill<'_, '_> {
     fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
         let Some(fallback) = self.cast.fallback else { return Ok(false) };
         let held = holds_object(&self.arm.body().telemetry());
-        let mut watcher = Watcher::new(self.cast.version.bundle.task(), *self.terms.watch());
-        let secs = self.cast.version.abort_secs();
-        let report = recovery::abort(&mut self.arm.handle(), skill, &mut self.guard, &mut watcher, secs)?;
+        if !self.stop(skill, StopRule::HookOrInterrupt)? {
+            return Ok(false);
+        }
         self.arm.body_mut().interrupt(holdpoint_body::Interrupt::Release);
-        let stopped = report.stopped_by != StoppedBy::Nothing && report.violation.is_none();
-        Ok(stopped && self.take_over(fallback, false)? && safe_pose(held, &self.arm.body().telemetry()))
+        Ok(self.take_over(fallback, false)? && safe_pose(held, &self.arm.body().telemetry()))
     }
 
     /// A fault is injected; the watcher, or the skill by a declared signal, names it in time.
@@ -258,14 +286,21 @@ impl StartedDrill<'_, '_> {
         if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {
             return Ok(false);
         }
-        let mut guard = self.terms.guard(next.manifest.permissions.authority);
-        let mut skill = next.bundle.start(self.seed);
+        let guard = self.terms.guard(next.manifest.permissions.authority);
         let terms = self.terms.task(self.cast.version.bundle.task(), self.seed, next.abort_secs());
-        let record = task::run(&mut self.arm.handle(), skill.as_mut(), &mut guard, &terms, &mut |_, _| {
-            Supervision::Continue
-        })?;
-        let safe = !record.violation && record.hard_stop.is_none();
-        Ok(safe && if succeed { record.success } else { !record.recovery })
+        let mut run = TaskRun::new(next.bundle.start(self.seed), guard, terms);
+        let mut handle = self.arm.handle();
+        loop {
+            let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;
+            let record = run.record();
+            // None of the three is ever taken back, so the rest of the work can change nothing.
+            if record.violation || record.recovery || record.hard_stop.is_some() {
+                return Ok(false);
+            }
+            if stage == TaskStage::Over {
+                return Ok(record.success || !succeed);
+            }
+        }
     }
 }
 
@@ -316,54 +351,4 @@ fn choose_fault(held: bool, stream: &mut Stream) -> (InjectedFault, &'static [Wa
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::embedded::baselines;
-    use holdpoint_governance::policy::PolicyTable;
-    use holdpoint_governance::profile::{Profile, ProfileName};
-    use std::sync::Arc;
-
-    /// As [`drill`], but every point is tried from the start, as if nothing were known of the work's length.
-    fn every_point(
-        worker: &mut Worker,
-        cell: &Cell,
-        terms: &SkillTerms,
-        cast: &Cast<'_>,
-        kind: DrillKind,
-        seed: u64,
-    ) -> (DrillResult, u32) {
-        let (stream, mut point) = first_point(kind, seed);
-        for over in 0..POINT_TRIES {
-            match attempt(worker, cell, terms, cast, kind, seed, point, &mut stream.clone()) {
-                Ok(Attempt::Drilled(true)) => return (DrillResult::Passed, over),
-                Ok(Attempt::Drilled(false)) => return (DrillResult::Failed, over),
-                Ok(Attempt::OverBefore { .. }) => point = (point / 2).max(POINT_MIN),
-                Err(_) => return (DrillResult::Infeasible, over),
-            }
-        }
-        (DrillResult::Infeasible, POINT_TRIES)
-    }
-
-    #[test]
-    fn a_point_that_cannot_be_reached_is_passed_over_without_another_result() {
-        let cell = Cell::builtin().unwrap();
-        let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let versions = baselines().unwrap();
-        let of =
-            |family: &str| versions.iter().find(|version| version.id().family.as_str() == family).unwrap();
-        let (place, park) = (of("place"), of("park"));
-        let cast = Cast { version: place, predecessor: place, fallback: Some(park) };
-        let mut worker = Worker::new();
-        let mut over = 0;
-        for seed in 1_200_000..1_200_012 {
-            for kind in DrillKind::ALL {
-                let (expected, tries) = every_point(&mut worker, &cell, &terms, &cast, kind, seed);
-                assert_eq!(drill(&mut worker, &cell, &terms, &cast, kind, seed), expected, "{kind:?} {seed}");
-                over += u32::from(tries > 0);
-            }
-        }
-        assert!(over > 0, "no drill had a point behind the work's end: nothing was tried");
-    }
-}
+mod tests;

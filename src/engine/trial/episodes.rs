@@ -10,13 +10,14 @@ use std::sync::{Mutex, PoisonError};
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::pool::run_ordered;
-use holdpoint_sim::world::World;
+use holdpoint_sim::world::{World, WorldCopy};
 
+use super::undisturbed::{Shelf, Subject};
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::{self, Supervision, TaskRecord};
+use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
 use holdpoint_runtime::terms::SkillTerms;
 
 /// A worker of the pool: one world, used again for every episode.
@@ -46,19 +47,50 @@ impl Worker {
         let (_, arm) = self.built.insert((cell.digest(), arm));
         Ok(arm)
     }
+
+    /// The worker's arm, in the state of a world of the same cell.
+    ///
+    /// # Errors
+    /// If the world cannot be built, or the copy is not of this robot.
+    pub fn arm_from(&mut self, cell: &Cell, copy: &WorldCopy) -> Result<&mut Arm<World>, SimError> {
+        let mut arm = match self.built.take() {
+            Some((of, arm)) if of == cell.digest() => arm,
+            _ => Arm::new(cell.world()?),
+        };
+        arm.body_mut().go_on_from(copy)?;
+        let (_, arm) = self.built.insert((cell.digest(), arm));
+        Ok(arm)
+    }
+
+    /// The worker's arm as it stands.
+    ///
+    /// # Errors
+    /// If it has none: before its first episode, and after one in which its world failed.
+    pub fn built_arm(&mut self) -> Result<&mut Arm<World>, SimError> {
+        let none = || SimError::Worker { item: 0, message: "it has no world".to_owned() };
+        self.built.as_mut().map(|(_, arm)| arm).ok_or_else(none)
+    }
+
+    /// The record of an episode in which the world failed. A world that diverged is not used again.
+    fn failed(&mut self, subject: &Subject<'_>) -> TaskRecord {
+        self.built = None;
+        TaskRecord::invalid(subject.version.bundle.task(), subject.seed)
+    }
 }
 
 /// Workers that outlive a batch: their worlds are not built anew for each.
 pub struct Workers {
     jobs: usize,
     idle: Mutex<Vec<Worker>>,
+    /// What several drills begin with.
+    pub(super) undisturbed: Shelf,
 }
 
 impl Workers {
     /// So many workers; each builds its world at its first episode.
     #[must_use]
     pub const fn new(jobs: usize) -> Self {
-        Self { jobs, idle: Mutex::new(Vec::new()) }
+        Self { jobs, idle: Mutex::new(Vec::new()), undisturbed: Shelf::new() }
     }
 
     /// How many work at a time.
@@ -106,27 +138,51 @@ pub fn episode(
     worker: &mut Worker,
     cell: &Cell,
     terms: &SkillTerms,
-    capability: &Capability,
+    version: &Capability,
     conditions: Conditions,
     seed: u64,
 ) -> TaskRecord {
-    let task = capability.bundle.task();
-    let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
+    alone(worker, Subject { cell, terms, version, conditions, seed })
+}
+
+/// As [`episode`].
+#[must_use]
+pub fn alone(worker: &mut Worker, subject: Subject<'_>) -> TaskRecord {
     let mut run = || -> Result<TaskRecord, SimError> {
-        let arm = worker.arm(cell, &setup)?;
-        let mut guard = terms.guard(capability.manifest.permissions.authority);
-        let mut skill = capability.bundle.start(seed);
-        let task_terms = terms.task(task, seed, capability.abort_secs());
-        let ended = task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
-            Supervision::Continue
-        });
-        Ok(ended?)
+        let arm = worker.arm(subject.cell, &subject.setup())?;
+        Ok(subject.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
-    run().unwrap_or_else(|_| {
-        // A world that diverged is not used again.
-        worker.built = None;
-        TaskRecord::invalid(task, seed)
-    })
+    run().unwrap_or_else(|_| worker.failed(&subject))
+}
+
+/// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own.
+/// The records are those of two episodes by themselves.
+#[must_use]
+pub fn pair(worker: &mut Worker, [first, second]: [Subject<'_>; 2]) -> [TaskRecord; 2] {
+    let setup = first.setup();
+    if setup != second.setup() {
+        return [first, second].map(|subject| alone(worker, subject));
+    }
+    let (mut one, mut other) = (first.start(), second.start());
+    let mut begin = || -> Result<WorldCopy, SimError> {
+        let arm = worker.arm(first.cell, &setup)?;
+        TaskRun::work_together(&mut arm.handle(), &mut one, &mut other)?;
+        Ok(arm.body().copy())
+    };
+    let Ok(parted) = begin() else {
+        return [first, second].map(|subject| worker.failed(&subject));
+    };
+    let mut go_on = |run: TaskRun, subject: &Subject<'_>, from: Option<&WorldCopy>| {
+        let work = || -> Result<TaskRecord, SimError> {
+            let arm = match from {
+                Some(copy) => worker.arm_from(subject.cell, copy)?,
+                None => worker.built_arm()?,
+            };
+            Ok(run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
+        };
+        work().unwrap_or_else(|_| worker.failed(subject))
+    };
+    [go_on(one, &first, None), go_on(other, &second, Some(&parted))]
 }
 
 /// Which episode, of which version.

@@ -9,9 +9,10 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_sim::pool::run_ordered;
 
 use super::cache::EpisodeCache;
-use super::drills::{Cast, DrillResult, drill};
-use super::episodes::{EpisodeJob, Workers, batch, cache_key};
+use super::drills::{Cast, DrillResult, Rehearsal};
+use super::episodes::{EpisodeJob, Worker, Workers, alone, batch, cache_key, pair};
 use super::seeds::{Purpose, episode_seed};
+use super::undisturbed::Subject;
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
@@ -80,25 +81,38 @@ impl Lab<'_> {
         seeds: &[u64],
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
         let known: Vec<Option<TaskRecord>> = seeds.iter().map(|seed| self.cached(active, *seed)).collect();
-        let mut list: Vec<EpisodeJob> =
-            seeds.iter().map(|seed| EpisodeJob { version: 0, seed: *seed }).collect();
-        let missing = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
-        list.extend(missing.map(|(seed, _)| EpisodeJob { version: 1, seed: *seed }));
-        let versions = [(&candidate.version, &candidate.terms), (&active.version, &active.terms)];
-        let mut new = batch(self.workers, self.cancel, self.cell, &versions, Conditions::Sandbox, &list)?;
-        complete(&new, list.len())?;
-        let mut fresh = new.split_off(seeds.len()).into_iter();
+        let mut worked = Vec::with_capacity(seeds.len());
+        run_ordered(
+            self.workers.jobs(),
+            seeds.len() as u64,
+            self.cancel,
+            || Ok(self.workers.hire()),
+            |worker, index| {
+                // The pool hands out indices below the list's length.
+                let index = usize::try_from(index).ok()?;
+                let (seed, known) = (*seeds.get(index)?, known.get(index)?);
+                Some(worker.run(|worker| match known {
+                    Some(_) => (alone(worker, self.subject(candidate, seed)), None),
+                    None => {
+                        let both = [candidate, active].map(|party| self.subject(party, seed));
+                        let [new, old] = pair(worker, both);
+                        (new, Some(old))
+                    }
+                }))
+            },
+            |_, records| {
+                worked.extend(records);
+                ControlFlow::Continue(())
+            },
+        )?;
+        complete(&worked, seeds.len())?;
         let mut pairs = Vec::with_capacity(seeds.len());
-        for (record, known) in new.into_iter().zip(known) {
-            let old = match known {
-                Some(known) => known,
-                None => {
-                    let Some(old) = fresh.next() else { break };
-                    self.keep(active, &old)?;
-                    old
-                }
-            };
-            pairs.push((record, old));
+        for ((new, fresh), known) in worked.into_iter().zip(known) {
+            if let Some(old) = &fresh {
+                self.keep(active, old)?;
+            }
+            let Some(old) = fresh.or(known) else { break };
+            pairs.push((new, old));
         }
         Ok(pairs)
     }
@@ -144,8 +158,14 @@ impl Lab<'_> {
             |worker, index| {
                 // The pool hands out indices below the list's length.
                 let (party, seed) = usize::try_from(index).ok().and_then(|index| list.get(index))?;
-                let (terms, cast) = (terms[*party], &casts[*party]);
-                Some(worker.run(|worker| drill(worker, self.cell, terms, cast, kind, *seed)))
+                let rehearsal = Rehearsal {
+                    cell: self.cell,
+                    terms: terms[*party],
+                    cast: &casts[*party],
+                    kind,
+                    seed: *seed,
+                };
+                Some(worker.run(|worker| self.drill(worker, &rehearsal)))
             },
             |_, result| {
                 of_candidate.extend(result);
@@ -162,6 +182,26 @@ impl Lab<'_> {
             }
         };
         Ok((of_candidate, of_active))
+    }
+
+    /// A party's episode of the sandbox.
+    fn subject<'b>(&'b self, party: &'b Party, seed: u64) -> Subject<'b> {
+        let (terms, version, conditions) = (&party.terms, &party.version, Conditions::Sandbox);
+        Subject { cell: self.cell, terms, version, conditions, seed }
+    }
+
+    /// One drill, beginning with what other kinds of drill have worked of the same.
+    fn drill(&self, worker: &mut Worker, rehearsal: &Rehearsal<'_>) -> DrillResult {
+        let Rehearsal { cell, terms, cast, kind, seed } = *rehearsal;
+        let key = cache_key(cell, terms, cast.version, Conditions::Canonical, seed);
+        let mut shared = self.workers.undisturbed.take(&key);
+        let result = rehearsal.run(worker, &mut shared, &DrillKind::ALL);
+        if let Some(mut work) = shared
+            && work.note_drilled(kind)
+        {
+            self.workers.undisturbed.put(key, work);
+        }
+        result
     }
 
     fn episode_key(&self, party: &Party, seed: u64) -> EpisodeKey {

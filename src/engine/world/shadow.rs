@@ -155,19 +155,13 @@ impl Shadow {
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
         let Some(fork) = self.fork.take() else { return };
         let mut twin_arm = Arm::new(fork);
-        let mut guard = self.terms.guard(self.candidate.manifest.permissions.authority);
-        let mut skill = self.candidate.bundle.start(seed);
+        let guard = self.terms.guard(self.candidate.manifest.permissions.authority);
+        let skill = self.candidate.bundle.start(seed);
         let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
-        let ran = task::run(
-            &mut twin_arm.handle(),
-            skill.as_mut(),
-            &mut guard,
-            &task_terms,
-            &mut |handle, passed| {
-                look(handle.body(), passed);
-                Supervision::Continue
-            },
-        );
+        let ran = task::run(&mut twin_arm.handle(), skill, guard, &task_terms, &mut |handle, passed| {
+            look(handle.body(), passed);
+            Supervision::Continue
+        });
         let world = twin_arm.into_body();
         self.twin = Some(match ran {
             Ok(record) => Ran { world: Some(world), record: Some(record) },
@@ -234,7 +228,7 @@ impl Listener for Shadow {
         if task != self.task() {
             return;
         }
-        let forked = world.snapshot().ok().and_then(|snapshot| self.fork.as_mut()?.restore(&snapshot).ok());
+        let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy()).ok());
         if forked.is_some() {
             self.skill = Some(self.candidate.bundle.start(seed));
         }

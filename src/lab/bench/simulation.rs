@@ -97,12 +97,12 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
         let seed = seed(Purpose::Perturbation, call);
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
         let arm = worker.arm(cell, &setup)?;
-        let mut guard = terms.guard(version.manifest.permissions.authority);
-        let mut skill = version.bundle.start(seed);
+        let guard = terms.guard(version.manifest.permissions.authority);
+        let skill = version.bundle.start(seed);
         let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
         let mut spent = Vec::new();
         let mut before = FigureClock::ThreadCpu.secs();
-        task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, &mut |_, _| {
+        task::run(&mut arm.handle(), skill, guard, &task_terms, &mut |_, _| {
             let now = FigureClock::ThreadCpu.secs();
             spent.push(now - before);
             before = now;

@@ -113,11 +113,11 @@ impl Agent {
         let capability = view.active(&family).ok_or(Refused::SafeStopped(family))?;
         admit(&capability.manifest, &arm.body().telemetry())?;
         let terms = terms(capability);
-        let mut guard = terms.guard(capability.manifest.permissions.authority);
-        let mut skill = capability.bundle.start(seed);
+        let guard = terms.guard(capability.manifest.permissions.authority);
+        let skill = capability.bundle.start(seed);
         let task_terms = terms.task(task, seed, capability.abort_secs());
         self.note_episode();
-        let record = task::run(&mut arm.handle(), skill.as_mut(), &mut guard, &task_terms, supervise)?;
+        let record = task::run(&mut arm.handle(), skill, guard, &task_terms, supervise)?;
         Ok(Dispatched { id: capability.id(), record })
     }
 }

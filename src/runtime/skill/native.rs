@@ -295,6 +295,7 @@ impl SkillBundle for NativeBundle {
 }
 
 /// Takes the object's pose to be given in the tool's frame, as a camera on the hand would.
+#[derive(Clone)]
 struct ToolFrame(Runner<grasp::Grasp>);
 
 impl Skill for ToolFrame {
@@ -309,5 +310,9 @@ impl Skill for ToolFrame {
 
     fn enter(&mut self, hook: Hook) {
         self.0.enter(hook);
+    }
+
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        Some(Box::new(self.clone()))
     }
 }

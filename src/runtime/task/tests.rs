@@ -1,16 +1,20 @@
-//! What a task does after its skill says that it is done.
+//! What a task does after its skill says that it is done, and that one that was left or copied goes on as it was.
 
+use std::path::Path;
 use std::sync::Arc;
 
-use holdpoint_body::{Body, Interrupt, RATE_HZ};
+use holdpoint_body::{Body, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::RobotModel;
+use holdpoint_sim::distribution::Distribution;
+use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 
 use super::*;
 use crate::arm::Arm;
+use crate::capability::Capability;
 use crate::skill::Hook;
 use crate::terms::SkillTerms;
 
@@ -61,10 +65,10 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let world = World::new(&model, &scene).unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
     let authority = holdpoint_governance::mode::Authority::ALL[0];
-    let mut guard = terms.guard(authority);
+    let guard = terms.guard(authority);
     let mut arm = Arm::new(Struck { world, ticks: 0, from });
     let task = terms.task(TaskKind::Grasp, 1, 0.5);
-    run(&mut arm.handle(), &mut Done, &mut guard, &task, supervise).unwrap()
+    run(&mut arm.handle(), Box::new(Done), guard, &task, supervise).unwrap()
 }
 
 #[test]
@@ -95,4 +99,100 @@ fn whoever_supervises_sees_and_stops_the_settling_arm() {
     });
     assert!(stopped.recovery && !stopped.success && stopped.recovered.is_some());
     assert!(stopped.time_secs < 1.0 / f64::from(RATE_HZ) * 2.0, "the task itself was over");
+}
+
+/// A shipped version at work in the cell, on the canonical start of a seed.
+fn shipped(family: &str, seed: u64) -> (Arm<World>, TaskRun) {
+    let version = if family.contains('/') { String::new() } else { "/1.0.0".to_owned() };
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../manifests/{family}{version}"));
+    let version = Capability::read(&folder).unwrap();
+    let profile = Profile::builtin(ProfileName::Sim).unwrap();
+    let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let mut world = World::new(&model, &scene).unwrap();
+    let task = version.bundle.task();
+    world.reset(&EpisodeSetup::sample(task, &scene, &Distribution::canonical().unwrap(), seed)).unwrap();
+    let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
+    let guard = terms.guard(version.manifest.permissions.authority);
+    let terms = terms.task(task, seed, version.abort_secs());
+    (Arm::new(world), TaskRun::new(version.bundle.start(seed), guard, terms))
+}
+
+/// Aborts the task in a tick of it, as a person might; 0 for never.
+fn stopping_at(at: u64) -> impl FnMut(&mut ActuatorHandle<'_, World>, &Tick<'_>) -> Supervision {
+    move |_, passed| if passed.tick == at { Supervision::Abort } else { Supervision::Continue }
+}
+
+#[test]
+fn a_copy_made_after_any_tick_comes_to_the_same_bit_for_bit() {
+    const SEED: u64 = 1_200_003;
+    for (family, stop_at) in [("grasp", 0), ("align", 0), ("place", 0), ("grasp", 333), ("align", 90)] {
+        let (mut arm, run) = shipped(family, SEED);
+        let expected = run.finish(&mut arm.handle(), &mut stopping_at(stop_at)).unwrap();
+        let hash = arm.body().state_hash();
+        assert_eq!(expected.success, stop_at == 0, "{family}: {expected:?}");
+        let (mut arm, mut run) = shipped(family, SEED);
+        let (mut other, _) = shipped("align", SEED + 1);
+        let (mut stages, mut ticks) = (Vec::new(), 0);
+        while run.stage() != TaskStage::Over {
+            // Every 47th tick of the work, and all of what comes after it.
+            if ticks % 47 == 0 || run.stage() != TaskStage::Working {
+                stages.push(run.stage());
+                let copy = run.fork().unwrap();
+                other.body_mut().go_on_from(&arm.body().copy()).unwrap();
+                let record = copy.finish(&mut other.handle(), &mut stopping_at(stop_at)).unwrap();
+                assert_eq!(record, expected, "{family} after {ticks} ticks");
+                assert_eq!(other.body().state_hash(), hash, "{family} after {ticks} ticks");
+            }
+            run.tick(&mut arm.handle(), &mut stopping_at(stop_at)).unwrap();
+            ticks += 1;
+        }
+        assert_eq!(*run.record(), expected);
+        let last = if stop_at == 0 { TaskStage::Settling } else { TaskStage::Recovering };
+        assert!(stages.contains(&TaskStage::Working) && stages.contains(&last), "{family}: {stages:?}");
+    }
+}
+
+#[test]
+fn a_run_whose_skill_cannot_be_copied_has_no_copy() {
+    let (_, run) = shipped("align", 1);
+    assert!(run.fork().is_some());
+    let guard = run.into_skill_and_guard().1;
+    let terms = TaskTerms {
+        task: TaskKind::Grasp,
+        seed: 1,
+        watch: WatchLimits::default(),
+        abort_secs: 0.5,
+        limit_ticks: 10,
+    };
+    assert!(TaskRun::new(Box::new(Done), guard, terms).fork().is_none());
+}
+
+/// Two versions on one body until they part, and each on from there.
+fn together(families: [&str; 2], seed: u64) -> ([TaskRecord; 2], u64) {
+    let (mut arm, mut first) = shipped(families[0], seed);
+    let (mut other, mut second) = shipped(families[1], seed);
+    TaskRun::work_together(&mut arm.handle(), &mut first, &mut second).unwrap();
+    let shared = arm.body().tick();
+    other.body_mut().go_on_from(&arm.body().copy()).unwrap();
+    let mut go_on = |_: &mut ActuatorHandle<'_, World>, _: &Tick<'_>| Supervision::Continue;
+    let one = first.finish(&mut arm.handle(), &mut go_on).unwrap();
+    ([one, second.finish(&mut other.handle(), &mut go_on).unwrap()], shared)
+}
+
+#[test]
+fn two_tasks_share_their_world_until_they_differ() {
+    for (families, least, most) in [
+        (["align", "align"], 300, u64::MAX),
+        (["align", "candidates/align-improved"], 8, 300),
+        (["grasp", "candidates/grasp-hard-grip"], 0, 300),
+    ] {
+        let (records, shared) = together(families, 1_200_004);
+        assert!((least..most).contains(&shared), "{families:?} shared {shared} ticks");
+        for (family, record) in families.iter().zip(&records) {
+            let (mut arm, run) = shipped(family, 1_200_004);
+            let alone = run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue).unwrap();
+            assert_eq!(*record, alone, "{family}");
+        }
+    }
 }

@@ -62,4 +62,8 @@ impl Skill for Park {
     fn enter(&mut self, hook: Hook) {
         self.hook = Some(HookRun::begin(hook, AbortStyle::Hold, RollbackStyle::Handover));
     }
+
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        Some(Box::new(self.clone()))
+    }
 }

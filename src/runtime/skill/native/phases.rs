@@ -89,7 +89,7 @@ impl<C: Phased> Runner<C> {
     }
 }
 
-impl<C: Phased> Skill for Runner<C> {
+impl<C: Phased + Clone + 'static> Skill for Runner<C> {
     fn tick(&mut self, seen: &Observation) -> Command {
         let frame = self.controller.frame();
         if let Some(hook) = &mut self.hook {
@@ -112,5 +112,9 @@ impl<C: Phased> Skill for Runner<C> {
     fn enter(&mut self, hook: Hook) {
         let frame = self.controller.frame();
         self.hook = Some(HookRun::begin(hook, frame.abort, frame.rollback));
+    }
+
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        Some(Box::new(self.clone()))
     }
 }

@@ -1,0 +1,395 @@
+//! A task that can be left after any tick, gone on with, and copied.
+//!
+//! Owns everything of a task but the body: the skill, its guard, the watcher, what was counted and what was
+//! recorded. Who copies the body too has the same task twice (see [`TaskRun::fork`]).
+
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Observation, Telemetry};
+use holdpoint_governance::evidence::HardStop;
+
+use super::{
+    AttemptCounter, DENIALS_MAX, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick,
+    close, measure_tick, note_hit, note_path, tick_secs, ticks_to_ms,
+};
+use crate::arm::ActuatorHandle;
+use crate::guard::{Checked, Guard, PolicyHit};
+use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
+use crate::skill::Skill;
+use crate::watcher::Watcher;
+
+/// What a task is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskStage {
+    /// The skill commands.
+    Working,
+    /// The skill is done; the world settles before it is inspected.
+    Settling,
+    /// The arm is being brought to a standstill.
+    Recovering,
+    /// The record is complete.
+    Over,
+}
+
+/// As [`TaskStage`], with what belongs to each.
+#[derive(Clone, Debug)]
+enum Stage {
+    Working,
+    /// For how many ticks.
+    Settling(u64),
+    /// The hook is entered in its first tick, so that a copy made before has a skill that still works.
+    Recovering(Option<AbortRun>),
+    Over,
+}
+
+/// What the skill asked for and what the guard made of it, before it reaches the robot.
+#[derive(Clone, Debug)]
+struct Decision {
+    observation: Observation,
+    asked: Command,
+    checked: Checked,
+    /// It has used up its attempts.
+    exhausted: bool,
+}
+
+/// One task, as far as it was worked.
+pub struct TaskRun {
+    terms: TaskTerms,
+    skill: Box<dyn Skill>,
+    guard: Guard,
+    progress: TaskProgress,
+}
+
+/// All of a run that is plain data.
+#[derive(Clone)]
+struct TaskProgress {
+    record: TaskRecord,
+    watcher: Watcher,
+    attempts: AttemptCounter,
+    verdict: GuardVerdict,
+    denials: u32,
+    /// What the sensors told last; absent before the first tick.
+    seen: Option<Telemetry>,
+    /// Ticks the skill has commanded.
+    tick: u64,
+    /// What was asked for in this tick and has not reached the body yet.
+    decision: Option<Decision>,
+    /// What was observed when it began to settle.
+    settling_from: Option<Observation>,
+    stage: Stage,
+}
+
+impl TaskRun {
+    /// A task before its first tick.
+    #[must_use]
+    pub fn new(skill: Box<dyn Skill>, guard: Guard, terms: TaskTerms) -> Self {
+        let record = TaskRecord { invalid: false, ..TaskRecord::invalid(terms.task, terms.seed) };
+        let progress = TaskProgress {
+            record,
+            watcher: Watcher::new(terms.task, terms.watch),
+            attempts: AttemptCounter::new(terms.task),
+            verdict: GuardVerdict::Allowed,
+            denials: 0,
+            seen: None,
+            tick: 0,
+            decision: None,
+            settling_from: None,
+            stage: Stage::Working,
+        };
+        let mut run = Self { terms, skill, guard, progress };
+        if terms.limit_ticks == 0 {
+            run.leave(false, false);
+        }
+        run
+    }
+
+    /// The same task once more, as it stands: skill and hook, guard, watcher, recovery, record. With a copy of the
+    /// body it comes to the same, bit for bit. `None` if the skill cannot be copied.
+    #[must_use]
+    pub fn fork(&self) -> Option<Self> {
+        let skill = self.skill.fork()?;
+        Some(Self { terms: self.terms, skill, guard: self.guard.clone(), progress: self.progress.clone() })
+    }
+
+    /// What it is at.
+    #[must_use]
+    pub const fn stage(&self) -> TaskStage {
+        match self.progress.stage {
+            Stage::Working => TaskStage::Working,
+            Stage::Settling(_) => TaskStage::Settling,
+            Stage::Recovering(_) => TaskStage::Recovering,
+            Stage::Over => TaskStage::Over,
+        }
+    }
+
+    /// What is measured so far: complete when the task is over.
+    #[must_use]
+    pub const fn record(&self) -> &TaskRecord {
+        &self.progress.record
+    }
+
+    /// Leaves the task here: the skill as it stands, and the guard that watches it.
+    #[must_use]
+    pub fn into_skill_and_guard(self) -> (Box<dyn Skill>, Guard) {
+        (self.skill, self.guard)
+    }
+
+    /// Works it to its end.
+    ///
+    /// # Errors
+    /// As [`TaskRun::tick`].
+    pub fn finish<B: Body>(
+        mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        supervise: &mut Supervisor<'_, B>,
+    ) -> Result<TaskRecord, BodyError> {
+        while self.tick(handle, supervise)? != TaskStage::Over {}
+        Ok(self.progress.record)
+    }
+
+    /// Works two tasks on one body for as long as both ask the same of it. Each then goes on alone, one with the
+    /// body and one with a copy of it, to what it would have come to by itself; or both are over.
+    ///
+    /// # Errors
+    /// As [`TaskRun::tick`]: both episodes are invalid.
+    pub fn work_together<B: Body>(
+        handle: &mut ActuatorHandle<'_, B>,
+        first: &mut Self,
+        second: &mut Self,
+    ) -> Result<(), BodyError> {
+        while let (Some(one), Some(other)) = (first.ask(handle), second.ask(handle)) {
+            if !is_same(&one, &other) {
+                break;
+            }
+            handle.step(&one)?;
+            first.take_in(handle, &mut |_, _| Supervision::Continue);
+            second.take_in(handle, &mut |_, _| Supervision::Continue);
+        }
+        Ok(())
+    }
+
+    /// Lets the skill work until `reached` says so after a tick, or until it has had its last word. Tells whether
+    /// it was reached. The task then stands where it can be copied, left, or gone on with.
+    ///
+    /// # Errors
+    /// As [`TaskRun::tick`].
+    pub fn work_until<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        reached: &mut dyn FnMut(&Tick<'_>) -> bool,
+    ) -> Result<bool, BodyError> {
+        let mut is_reached = false;
+        while self.stage() == TaskStage::Working && !is_reached {
+            self.tick(handle, &mut |_, passed| {
+                is_reached = reached(passed);
+                Supervision::Continue
+            })?;
+        }
+        Ok(is_reached)
+    }
+
+    /// One tick. Tells what the task is at after it.
+    ///
+    /// # Errors
+    /// If the body fails: the episode is invalid, and the run is of no further use.
+    pub fn tick<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        supervise: &mut Supervisor<'_, B>,
+    ) -> Result<TaskStage, BodyError> {
+        if let Some(command) = self.ask(handle) {
+            handle.step(&command)?;
+            self.take_in(handle, supervise);
+        } else if let Stage::Recovering(abort) = &mut self.progress.stage {
+            let skill = self.skill.as_mut();
+            let abort = abort.get_or_insert_with(|| AbortRun::begin(skill, self.terms.abort_secs));
+            let watcher = &mut self.progress.watcher;
+            let report = abort.step(handle, self.skill.as_mut(), &mut self.guard, watcher)?;
+            if let Some(report) = report {
+                self.recovered(report);
+            }
+        }
+        Ok(self.stage())
+    }
+
+    /// What it wants of the body in this tick, asked once: until [`TaskRun::take_in`] the answer stays the same.
+    /// `None` while it recovers, which it does by itself in [`TaskRun::tick`], and when it is over.
+    fn ask<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Option<Command> {
+        match self.progress.stage {
+            Stage::Working => {
+                let decision = self.progress.decision.take().unwrap_or_else(|| self.decide(handle));
+                let command = decision.checked.command.clone();
+                self.progress.decision = Some(decision);
+                Some(command)
+            }
+            Stage::Settling(_) => {
+                let verdict = self.progress.verdict;
+                self.progress.settling_from.get_or_insert_with(|| handle.observe(verdict));
+                Some(Command::Hold)
+            }
+            Stage::Recovering(_) | Stage::Over => None,
+        }
+    }
+
+    /// What came of the tick that was asked for.
+    fn take_in<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>, supervise: &mut Supervisor<'_, B>) {
+        match self.progress.stage {
+            Stage::Working => {
+                if let Some(decision) = self.progress.decision.take() {
+                    self.worked(handle, decision, supervise);
+                }
+            }
+            Stage::Settling(ticks) => {
+                if let Some(observation) = self.progress.settling_from.take() {
+                    self.settled(handle, ticks, &observation, supervise);
+                    self.progress.settling_from = Some(observation);
+                }
+            }
+            Stage::Recovering(_) | Stage::Over => {}
+        }
+    }
+
+    /// After a tick in which the skill commanded.
+    fn worked<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        decision: Decision,
+        supervise: &mut Supervisor<'_, B>,
+    ) {
+        let Decision { observation, asked, checked, exhausted } = decision;
+        let Self { terms, guard, progress: p, .. } = self;
+        let seen = handle.telemetry();
+        p.tick += 1;
+        let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, p.tick);
+        note_path(&mut p.record, &seen, p.tick);
+        let passed = Tick {
+            tick: p.tick,
+            observation: &observation,
+            command: &checked.command,
+            seen: &seen,
+            raised: &raised,
+            checked: checked.hit,
+            measured,
+            settling: false,
+        };
+        let stopped = supervise(handle, &passed) == Supervision::Abort;
+        p.seen = Some(seen);
+        let done = asked == Command::Done;
+        let mut wants_recovery = exhausted || stopped || measured.is_some();
+        if let Command::Fail { signal } = asked {
+            p.record.declared = Some(signal);
+            wants_recovery = true;
+        }
+        wants_recovery |= raised.iter().any(|signal| signal.needs_recovery());
+        wants_recovery |= p.denials >= DENIALS_MAX || p.record.hard_stop.is_some();
+        if done || wants_recovery || p.tick >= terms.limit_ticks {
+            self.leave(done, wants_recovery);
+        }
+    }
+
+    /// What the skill wants in this tick, as the guard lets it pass.
+    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Decision {
+        let Self { skill, guard, progress: p, .. } = self;
+        let seen = p.seen.take().unwrap_or_else(|| handle.telemetry());
+        let observation = handle.observe(p.verdict);
+        let asked = skill.tick(&observation);
+        let collides = p.tick.is_multiple_of(4) && guard.predicts_collision(&seen);
+        let checked = if collides {
+            Checked {
+                command: Command::Stop,
+                verdict: GuardVerdict::Denied,
+                hit: Some(PolicyHit::PredictedCollision),
+            }
+        } else {
+            guard.check(&asked, &seen)
+        };
+        p.verdict = checked.verdict;
+        if let Some(hit) = checked.hit {
+            note_hit(&mut p.record, p.tick, hit);
+            if hit == PolicyHit::NotFinite {
+                p.record.hard_stop = Some(HardStop::NonFiniteOutput);
+            }
+        }
+        p.denials = if checked.verdict == GuardVerdict::Denied { p.denials + 1 } else { 0 };
+        p.attempts.note(&checked.command, &seen);
+        let exhausted = p.attempts.retries() > guard.envelope().retries_max;
+        if exhausted {
+            note_hit(&mut p.record, p.tick, PolicyHit::RetriesExceeded);
+        }
+        p.watcher.note_command(&checked.command, &seen);
+        Decision { observation, asked, checked, exhausted }
+    }
+
+    /// The skill has had its last word.
+    fn leave(&mut self, done: bool, wants_recovery: bool) {
+        let p = &mut self.progress;
+        p.record.timeout = !done && !wants_recovery;
+        p.record.time_secs = tick_secs(p.tick);
+        if done && !wants_recovery {
+            p.stage = Stage::Settling(0);
+        } else {
+            self.recover();
+        }
+    }
+
+    fn recover(&mut self) {
+        self.progress.record.recovery = true;
+        self.progress.stage = Stage::Recovering(None);
+    }
+
+    /// After a tick between a skill's word that it is done and the inspection: nobody commanded, and everything is
+    /// measured and supervised as before.
+    fn settled<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        ticks: u64,
+        observation: &Observation,
+        supervise: &mut Supervisor<'_, B>,
+    ) {
+        let Self { guard, progress: p, .. } = self;
+        let seen = handle.telemetry();
+        let tick = p.tick + ticks + 1;
+        let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, tick);
+        let passed = Tick {
+            tick,
+            observation,
+            command: &Command::Hold,
+            seen: &seen,
+            raised: &raised,
+            checked: None,
+            measured,
+            settling: true,
+        };
+        // A signal of the watcher is kept; whether the work came out is what the inspection says.
+        if supervise(handle, &passed) == Supervision::Abort || measured.is_some() {
+            self.recover();
+        } else if ticks + 1 < INSPECT_AFTER_TICKS {
+            p.stage = Stage::Settling(ticks + 1);
+        } else {
+            p.record.success = handle.inspect();
+            self.end();
+        }
+    }
+
+    fn recovered(&mut self, report: RecoveryReport) {
+        let p = &mut self.progress;
+        if let Some(hit) = report.violation {
+            note_hit(&mut p.record, p.tick, hit);
+        }
+        p.record.unsafe_continuation_ms = ticks_to_ms(report.motion_ticks);
+        if report.stopped_by == StoppedBy::Nothing {
+            p.record.hard_stop = Some(HardStop::MotionAfterStop);
+        }
+        p.record.recovered = Some(report);
+        self.end();
+    }
+
+    fn end(&mut self) {
+        let p = &mut self.progress;
+        close(&mut p.record, &p.watcher, &p.attempts, p.tick);
+        p.stage = Stage::Over;
+    }
+}
+
+/// Whether two commands are the same to the bit; the zeros of either sign are equal and not the same.
+fn is_same(one: &Command, other: &Command) -> bool {
+    one == other && (*one == Command::Hold || format!("{one:?}") == format!("{other:?}"))
+}
