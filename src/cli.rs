@@ -37,6 +37,7 @@ pub mod schema;
 mod settings;
 mod side;
 pub mod status;
+pub mod stop;
 #[cfg(feature = "console")]
 pub mod theme;
 
@@ -97,6 +98,10 @@ pub enum Verb {
     Rollback(decide::FamilyArgs),
     /// Sends a version back to evaluation.
     Demote(decide::VersionArgs),
+    /// Stops the arm at once, whatever is under way; `go` lets it work again.
+    Stop(stop::StopArgs),
+    /// Lets a stopped cell work again.
+    Go(stop::GoArgs),
     /// Pauses the pipeline; reject, demote and rollback still work.
     Pause(decide::PauseArgs),
     /// Resumes a paused pipeline.
@@ -175,6 +180,8 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Reject(args)) => engine.decide(&context()?, &AskedDecision::Reject(args.clone()), out),
         Some(Verb::Rollback(args)) => engine.decide(&context()?, &AskedDecision::Rollback(args.clone()), out),
         Some(Verb::Demote(args)) => engine.decide(&context()?, &AskedDecision::Demote(args.clone()), out),
+        Some(Verb::Stop(args)) => engine.decide(&context()?, &AskedDecision::Stop(args.clone()), out),
+        Some(Verb::Go(args)) => engine.decide(&context()?, &AskedDecision::Go(args.clone()), out),
         Some(Verb::Pause(args)) => engine.decide(&context()?, &AskedDecision::Pause(args.clone()), out),
         Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),

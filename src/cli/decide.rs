@@ -1,4 +1,4 @@
-//! `holdpoint approve | reject | rollback | demote | pause | resume`.
+//! `holdpoint approve | reject | rollback | demote | pause | resume`, and what `stop | go` come to.
 //!
 //! Approvals and refusals of what waits are signed with the identity's key; the verbs that stop something name who
 //! asked and need no key, because stopping must never be harder than going on. The engine re-validates every one of
@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::audit;
 use super::side::{Side, running};
+use super::stop::{self, GoArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -39,6 +40,10 @@ pub enum AskedDecision {
     Pause(PauseArgs),
     /// To take up stages again.
     Resume(PauseArgs),
+    /// To stop the cell.
+    Stop(StopArgs),
+    /// To let the stopped cell work again.
+    Go(GoArgs),
 }
 
 /// Who decides, and why.
@@ -156,22 +161,24 @@ pub(super) fn run(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     // What does not exist is said before an engine is opened, so that the store stays as it was.
-    let views = audit::open(&context.data)?;
+    let views = || audit::open(&context.data);
     match asked {
-        AskedDecision::Approve(args) => approve(context, &views, args, out),
-        AskedDecision::Reject(args) => reject(context, &views, args, out),
-        AskedDecision::Rollback(args) => rollback(context, &views, args, out),
+        AskedDecision::Approve(args) => approve(context, &views()?, args, out),
+        AskedDecision::Reject(args) => reject(context, &views()?, args, out),
+        AskedDecision::Rollback(args) => rollback(context, &views()?, args, out),
         AskedDecision::Demote(args) => {
-            known_version(&views, &args.version)?;
+            known_version(&views()?, &args.version)?;
             let operation = operation(&args.version, &args.signature);
             Side::open(context)?.carry_out(Command::Demote { operation, profiles: Vec::new() }, out)
         }
-        AskedDecision::Pause(args) => pause(context, &views, args, Pausing::Pause, out),
+        AskedDecision::Pause(args) => pause(context, &views()?, args, Pausing::Pause, out),
         AskedDecision::Resume(args) => {
             // Going on needs somebody who can be named for it.
             identity(context, &args.signature)?;
-            pause(context, &views, args, Pausing::Resume, out)
+            pause(context, &views()?, args, Pausing::Resume, out)
         }
+        AskedDecision::Stop(args) => stop::stop(context, args, out),
+        AskedDecision::Go(args) => stop::go(context, args, out),
     }
 }
 

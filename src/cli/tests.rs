@@ -45,6 +45,8 @@ impl EngineVerbs for Recorder {
             AskedDecision::Demote(args) => format!("demote {}", args.version),
             AskedDecision::Pause(args) => format!("pause {:?}", args.family),
             AskedDecision::Resume(args) => format!("resume {}", args.signature.identity),
+            AskedDecision::Stop(args) => format!("stop {:?}", args.who),
+            AskedDecision::Go(args) => format!("go {}", args.signature.identity),
         });
         Ok(Exit::Rejected)
     }

@@ -96,7 +96,11 @@ actions! {
     ShowApprovals = "approvals", Everywhere, ["6", "a"];
     /// Audit log
     ShowAudit = "audit", Everywhere, ["7"];
-    /// Abort: stop what runs, confirmed by one more key
+    /// Stop the arm at once, whatever is under way; no question is asked
+    Stop = "stop", Everywhere, ["X", "f9"];
+    /// Let the stopped cell work again, reason required
+    Go = "go", Everywhere, ["W"];
+    /// Abort: end what is evaluated or provisional, confirmed by one more key
     Abort = "abort", Everywhere, ["x", "ctrl-x"];
     /// Go to the highest alarm nobody has acknowledged
     JumpToAlarm = "jump-to-alarm", Everywhere, ["!"];
@@ -229,7 +233,7 @@ impl Action {
     /// Whether it works while text is typed, given a key with a modifier.
     #[must_use]
     pub const fn works_while_typing(self) -> bool {
-        matches!(self, Self::Abort)
+        matches!(self, Self::Abort | Self::Stop)
     }
 
     /// Whether a read-only console refuses it.
@@ -237,6 +241,7 @@ impl Action {
     pub const fn changes_something(self) -> bool {
         match self {
             Self::Abort
+            | Self::Go
             | Self::Demo
             | Self::Pause
             | Self::Resume
@@ -252,7 +257,9 @@ impl Action {
             | Self::ResetAlarm
             | Self::Approve
             | Self::Reject => true,
-            Self::ShowOverview
+            // Stopping is for everybody who sees the screen.
+            Self::Stop
+            | Self::ShowOverview
             | Self::ShowRegistry
             | Self::ShowCandidate
             | Self::ShowShadow

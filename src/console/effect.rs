@@ -81,6 +81,10 @@ pub enum Question {
         alarm: String,
         by: String,
     },
+    /// Stop the arm; needs no confirmation, because it is always safe to.
+    Stop {
+        by: String,
+    },
     /// How fast the simulated cell works.
     Pace(Option<f64>),
     /// Start a drift of the simulated cell, or end it.
@@ -103,6 +107,7 @@ impl Question {
             Self::Audit { .. } => AskedFor::Audit,
             Self::Verify => AskedFor::Verification,
             Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
+            Self::Stop { .. } => AskedFor::Operation,
             Self::Pace(_) => AskedFor::Pace,
             Self::Drift(_) => AskedFor::Drift,
         }
@@ -118,6 +123,7 @@ impl Question {
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
             Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },
+            Self::Stop { by } => Command::Stop { by, reason: String::new() },
             Self::Pace(times) => Command::Pace { times },
             Self::Drift(drift) => Command::Drift {
                 kind: drift.map(|drift| drift.kind),

@@ -32,6 +32,8 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Make a superseded version of a stopped family active again.
     Rearm(CapabilityId),
+    /// Let the stopped cell work again.
+    Go,
     /// Set an alarm aside.
     Shelve(String),
     /// Close a latched alarm.
@@ -63,6 +65,7 @@ impl Intent {
             Self::Restrict(_) => "Restrict",
             Self::Continue(_) => "Let go on unrestricted",
             Self::Rearm(_) => "Make active again",
+            Self::Go => "Let it work again",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
             Self::Quit => "End",
@@ -83,6 +86,7 @@ impl Intent {
             | Self::Continue(id)
             | Self::Rearm(id) => id.to_string(),
             Self::Shelve(alarm) | Self::ResetAlarm(alarm) => alarm.clone(),
+            Self::Go => "the stopped cell".to_owned(),
             Self::Quit => "Holdpoint".to_owned(),
         }
     }
@@ -232,6 +236,7 @@ impl Form {
             Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
             Intent::Continue(id) => Command::Continue(operation(id, &reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
+            Intent::Go => Command::Go { by, reason },
             Intent::Shelve(alarm) => {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
             }

@@ -97,8 +97,9 @@ impl Keymap {
                 }
             }
         }
-        if let Some(missing) =
-            [Action::Abort, Action::Quit, Action::Back].into_iter().find(|a| keymap.keys(*a).is_empty())
+        if let Some(missing) = [Action::Stop, Action::Abort, Action::Quit, Action::Back]
+            .into_iter()
+            .find(|a| keymap.keys(*a).is_empty())
         {
             problems.push(at(&(0..0), format!("{:?} has no key left; it needs one", missing.word())));
         }

@@ -11,7 +11,7 @@ mod operating;
 mod overlays;
 mod typing;
 
-use ratatui::crossterm::event::{KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 pub(super) use typing::into_line;
 
@@ -118,7 +118,8 @@ fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let in_prompt = matches!(model.entry.overlay, Some(Overlay::Prompt(_)));
     let action = model.keymap.action(key, in_prompt);
     // Stopping works everywhere, also while text is typed.
-    let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
+    let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT)
+        || matches!(key.code, KeyCode::F(_));
     if let Some(action) = action.filter(|action| chord && action.works_while_typing()) {
         return act(model, action);
     }
@@ -202,6 +203,8 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::NextPane
         | Action::PreviousPane
         | Action::Open => moving::go(model, action),
+        Action::Stop => asking::stop(model),
+        Action::Go => operating::go(model),
         Action::Abort
         | Action::Pause
         | Action::Resume

@@ -26,6 +26,7 @@ pub use client::{Client, Notification, Subscription};
 pub use socket::socket_path;
 
 use super::Engine;
+use crate::world::switch::Switch;
 use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::wire;
@@ -34,6 +35,9 @@ use holdpoint_text::Hint;
 
 /// The most connections at a time.
 pub const CONNECTIONS_MAX: usize = 32;
+
+/// Connections beyond these that are kept free for one request: to stop the cell.
+pub const STOPPING_MAX: usize = 4;
 
 /// The most requests that wait for the engine.
 pub const REQUESTS_MAX: usize = 64;
@@ -136,9 +140,16 @@ impl Door {
     /// Opens the door of the store that the caller's engine has. A socket left by an engine that is gone is
     /// removed. A second signal to end sets `cancel`, which interrupts the slice that runs.
     ///
+    /// A request to stop the cell stops the arm through `switch` when it is read, before the engine has it.
+    ///
     /// # Errors
     /// [`DoorError`].
-    pub fn open(layout: &Layout, cancel: Arc<AtomicBool>, signals: Signals) -> Result<Self, DoorError> {
+    pub fn open(
+        layout: &Layout,
+        cancel: Arc<AtomicBool>,
+        switch: Arc<Switch>,
+        signals: Signals,
+    ) -> Result<Self, DoorError> {
         let socket = socket_path(layout);
         let listener = socket::bind(&socket)?;
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
@@ -150,6 +161,7 @@ impl Door {
             events: events.clone(),
             endings: Arc::clone(&endings),
             cancel,
+            switch,
             stop: stop.clone(),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;

@@ -69,6 +69,8 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::AlarmReset
             | RecordKind::Drift
             | RecordKind::LiveFault
+            | RecordKind::CellStopped
+            | RecordKind::CellReleased
             | RecordKind::Recording
             | RecordKind::RecordingRemoved => {}
         }

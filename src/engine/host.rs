@@ -31,7 +31,7 @@ use super::pump::Pump;
 use super::{Config, Engine};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
-use crate::world::pacing::Switch;
+use crate::world::switch::{AskedStop, Switch};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::picture::Picture;
@@ -125,13 +125,18 @@ impl Host {
         Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
 
-    /// Hands a request over. Its answer comes as [`Update::Answer`]. Never waits; an operator's abort stops the arm
-    /// here and now, before the engine has read it.
+    /// Hands a request over. Its answer comes as [`Update::Answer`]. Never waits; an operator's stop or abort stops
+    /// the arm here and now, before the engine has read it. A stop does so even if the engine is busy, and is put on
+    /// record then without an answer.
     ///
     /// # Errors
     /// [`Busy`]; nothing was handed over then.
     pub fn ask(&self, request: Request) -> Result<(), Busy> {
         let stops = request.command.stops_the_arm();
+        if let (Command::Stop { by, reason }, Some(switch)) = (&request.command, self.shared.switch.get()) {
+            let (by, reason) = (by.clone(), reason.clone());
+            switch.halt(AskedStop { by, reason, caller: crate::caller::own() });
+        }
         let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
         self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).map_err(|_| Busy)?;
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.requests.try_send(request) {
@@ -210,9 +215,7 @@ fn run(
     let ended = match started {
         Ok(pump) => {
             // Both are set once, here.
-            if let Some(own) = pump.engine().switch() {
-                drop(shared.switch.set(own));
-            }
+            drop(shared.switch.set(pump.engine().switch()));
             if let Some(serve) = pump.serve() {
                 drop(shared.serve.set(serve));
             }

@@ -6,6 +6,7 @@
 
 mod alarms;
 mod binding;
+mod caller;
 pub mod cell;
 pub mod check;
 pub mod context;
@@ -15,6 +16,7 @@ pub mod doubt;
 pub mod embedded;
 pub mod explain;
 pub mod fault;
+pub mod halt;
 pub mod host;
 pub mod ledger;
 mod listeners;
@@ -44,7 +46,7 @@ use crate::ledger::{Ledger, LedgerError};
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
-use crate::world::pacing::Switch;
+use crate::world::switch::Switch;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
@@ -200,6 +202,7 @@ impl Engine {
                     version: None,
                 }
             }
+            Command::Stop { by, reason } => self.pipeline.halt(by, reason),
             _ if self.ended => refused("the engine is ending"),
             command => self.pipeline.command(command),
         };
@@ -236,6 +239,11 @@ impl Engine {
         self.pipeline.advance()
     }
 
+    /// A sequence of the live world falls due: where it works in step, the next slice is one.
+    pub fn work_one(&mut self) {
+        self.pipeline.work_one();
+    }
+
     /// From now on pictures of the live world go to `pictures`, which must not wait. Nothing else changes by it.
     pub fn draw_live_world(&mut self, pictures: Pictures) {
         self.pipeline.draw_live_world(pictures);
@@ -247,9 +255,9 @@ impl Engine {
         self.pipeline.pace_live_world(times, pictures);
     }
 
-    /// Stops the arm where it works now, from any thread; absent if the live world works in step.
+    /// Stops the arm where it works now, from any thread.
     #[must_use]
-    pub fn switch(&self) -> Option<Arc<Switch>> {
+    pub fn switch(&self) -> Arc<Switch> {
         self.pipeline.switch()
     }
 

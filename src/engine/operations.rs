@@ -29,7 +29,7 @@ use holdpoint_text::Untrusted;
 const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
 /// The longest reason and name of a person, bytes.
-const REASON_BYTES_MAX: usize = 4096;
+pub(crate) const REASON_BYTES_MAX: usize = 4096;
 
 /// Stage 1: a candidate enters the registry. It is not executable and no view of the agent shows it.
 pub(crate) fn register(

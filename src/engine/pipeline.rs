@@ -7,6 +7,7 @@
 
 mod commands;
 pub(crate) mod concurrent;
+mod halted;
 pub mod rehearsal;
 
 use std::sync::Arc;
@@ -29,6 +30,7 @@ use crate::cell::{COMPUTED_BY, Cell};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::halt;
 use crate::ledger::{FamilyEntry, Ledger, Note};
 use crate::monitors::Monitors;
 use crate::operations::registered_event;
@@ -47,7 +49,7 @@ use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
 use crate::view::snapshot::SnapshotView;
 use crate::world::LiveWorld;
-use crate::world::pacing::Switch;
+use crate::world::switch::Switch;
 use holdpoint_text::Hint;
 
 /// What a pipeline is made with.
@@ -127,6 +129,9 @@ impl Pipeline {
             resumptions: Vec::new(),
             work: None,
         };
+        if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
+            pipeline.world.stay_halted(halted);
+        }
         pipeline.announce();
         for baseline in baselines {
             let family = baseline.id().family;
@@ -188,7 +193,7 @@ impl Pipeline {
     fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
-            sequence_runs: self.world.is_running(),
+            sequence_runs: self.world.is_running() || self.world.is_halted(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,
             approvals: &mut self.approvals,
@@ -198,6 +203,7 @@ impl Pipeline {
 
     /// One slice of work.
     pub fn advance(&mut self) -> Progress {
+        self.take_in_halt();
         if self.record.holding().is_some() {
             self.look_at_alarms();
             self.collect_sequence(false);
@@ -216,10 +222,19 @@ impl Pipeline {
 
     fn slice(&mut self) -> Result<Progress, Fault> {
         self.look_at_alarms();
+        if self.world.is_halted() {
+            return self.halted_slice();
+        }
         if self.world.is_paced() {
             return self.concurrent_slice();
         }
-        if self.look_at_deadlines()? {
+        if self.look_at_deadlines()? || self.activation().take_granted()? {
+            return Ok(Progress::Worked);
+        }
+        if !self.resumptions.is_empty() {
+            // A version was taken off while the cell was stopped.
+            let report = self.live().sequence(None)?;
+            resume::look_at(&self.context, &mut self.record, &mut self.resumptions, &report)?;
             return Ok(Progress::Worked);
         }
         if self.world.take_due() {
@@ -329,7 +344,8 @@ impl Pipeline {
         let Some(mut along) = self.shadow_to_take()? else { return Ok(()) };
         let task = along.task();
         let report = self.live().sequence(Some(&mut along))?;
-        let live = report.task(task).map(|done| &done.record);
+        // A live task that somebody stopped says nothing about the candidate beside it.
+        let live = report.task(task).map(|done| &done.record).filter(|_| !self.world.is_halted());
         let id = along.id();
         let (trace, fork) = along.conclude(live, report.seed);
         self.shadow_worked(&id, trace, fork)
@@ -413,6 +429,11 @@ impl Pipeline {
         self.world.fall_due(share * f64::from(u32::try_from(episodes).unwrap_or(u32::MAX)));
     }
 
+    /// A sequence of the live world falls due.
+    pub(crate) fn work_one(&mut self) {
+        self.world.fall_due(1.0);
+    }
+
     /// The running stage of a version that left it.
     fn forget_work(&mut self, id: &CapabilityId) {
         self.approvals.close(id);
@@ -464,9 +485,9 @@ impl Pipeline {
         view.snapshot()
     }
 
-    /// Stops the arm where it works now; absent if the live world is not paced.
+    /// Stops the arm where it works now, from any thread.
     #[must_use]
-    pub fn switch(&self) -> Option<Arc<Switch>> {
+    pub fn switch(&self) -> Arc<Switch> {
         self.world.switch()
     }
 

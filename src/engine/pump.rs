@@ -43,7 +43,8 @@ impl Pump {
     /// # Errors
     /// [`DoorError`].
     pub fn open_door(&mut self, signals: Signals) -> Result<(), DoorError> {
-        self.door = Some(Door::open(self.engine.layout(), self.engine.cancel(), signals)?);
+        self.door =
+            Some(Door::open(self.engine.layout(), self.engine.cancel(), self.engine.switch(), signals)?);
         Ok(())
     }
 
@@ -66,6 +67,11 @@ impl Pump {
     /// As [`Engine::jump_to`].
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
         self.engine.jump_to(at_ms)
+    }
+
+    /// As [`Engine::work_one`].
+    pub fn work_one(&mut self) {
+        self.engine.work_one();
     }
 
     /// As [`Engine::draw_live_world`].

@@ -13,6 +13,7 @@ pub mod portrait;
 pub mod sequence;
 pub mod shadow;
 pub mod supervisor;
+pub mod switch;
 pub mod thread;
 
 use std::collections::VecDeque;
@@ -21,11 +22,12 @@ use std::sync::Arc;
 use holdpoint_protocol::event::TaskSummary;
 use holdpoint_protocol::picture::Scenery;
 use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_sim::SimError;
 
 use self::live::LiveCell;
-use self::pacing::Switch;
 use self::sequence::Stopped;
+use self::switch::Switch;
 use self::thread::LiveThread;
 use crate::cell::Cell;
 
@@ -43,6 +45,8 @@ pub struct LiveWorld {
     pub(crate) pictures: Option<Pictures>,
     /// How the last sequence was stopped, if it was.
     pub(crate) stopped: Option<Stopped>,
+    /// Who stopped the cell, while it is stopped.
+    pub(crate) halted: Option<StoppedView>,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
 }
@@ -60,6 +64,7 @@ impl LiveWorld {
             thread: None,
             pictures: None,
             stopped: None,
+            halted: None,
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
         })
@@ -69,7 +74,7 @@ impl LiveWorld {
     /// computes).
     pub fn work_on_a_thread(&mut self, times: Option<f64>) {
         self.pace = times;
-        self.thread = Some(LiveThread::new(times));
+        self.thread = Some(LiveThread::new(times, self.cell.switch()));
     }
 
     /// How fast it works from now on. Tells whether it has a pace at all.
@@ -106,15 +111,25 @@ impl LiveWorld {
 
     /// Stops the arm in the tick that runs. The sequence is over soon after.
     pub fn stop(&self) {
-        if let Some(thread) = &self.thread {
-            thread.switch().stop();
-        }
+        self.switch().stop();
     }
 
-    /// Stops the arm where it works now, from any thread; absent if it works in step.
+    /// Stops the arm where it works now, from any thread.
     #[must_use]
-    pub fn switch(&self) -> Option<Arc<Switch>> {
-        self.thread.as_ref().map(LiveThread::switch)
+    pub fn switch(&self) -> Arc<Switch> {
+        self.cell.switch()
+    }
+
+    /// Whether a person stopped the cell: nothing moves the arm.
+    #[must_use]
+    pub fn is_halted(&self) -> bool {
+        self.cell.switch().is_halted()
+    }
+
+    /// A stop from before a restart holds on.
+    pub(crate) fn stay_halted(&mut self, halted: StoppedView) {
+        self.cell.switch().latch();
+        self.halted = Some(halted);
     }
 
     /// So many sequences fall due, in fractions.

@@ -62,6 +62,10 @@ crate::words! {
         Drift = "drift",
         /// Something in the simulated live world broke, or was mended.
         LiveFault = "live-fault",
+        /// A person stopped the cell.
+        CellStopped = "cell-stopped",
+        /// A person let the stopped cell work again.
+        CellReleased = "cell-released",
         /// The record of an upgrade is closed.
         AuditClosed = "audit-closed",
         /// A scene recording was closed with its digest.

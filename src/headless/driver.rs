@@ -5,11 +5,12 @@
 use std::path::Path;
 
 use super::printer::Printer;
-use super::script::{DriftStep, Expect, Say, Step, Wait};
+use super::script::{DriftStep, Expect, Say, Step, Wait, Work};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
@@ -84,6 +85,14 @@ impl<'a> Driver<'a> {
             self.drift(drift)
         } else if let Some(fault) = &step.fault {
             self.accept(Command::LiveFault { fault: Some(fault.kind) })
+        } else if let Some(Say { who, reason }) = &step.stop {
+            self.accept(Command::Stop { by: who.clone(), reason: reason.clone() })
+        } else if let Some(Say { who, reason }) = &step.go {
+            self.accept(Command::Go { by: who.clone(), reason: reason.clone() })
+        } else if let Some(work) = &step.work {
+            self.work(work, index)
+        } else if let Some(pass) = step.pass {
+            self.pass(pass.for_s)
         } else if let Some(expect) = &step.expect {
             self.expect(expect, index)
         } else {
@@ -170,13 +179,52 @@ impl<'a> Driver<'a> {
 
     /// Works until what is waited for is so, or the time is over.
     fn wait(&mut self, wait: &Wait) -> Result<StepEnd, CliError> {
+        self.work_until(wait.timeout_s, &|driver, idle| driver.waited_for(wait, idle))
+    }
+
+    /// Lets the live cell work, until an alarm is raised if one is awaited; that it is not is an error.
+    fn work(&mut self, work: &Work, index: usize) -> Result<StepEnd, CliError> {
+        let raised = |driver: &Self| {
+            let alarms = driver.pump.engine().snapshot().alarms;
+            work.until.is_some_and(|kind| {
+                alarms.iter().any(|alarm| alarm.alarm.parse().is_ok_and(|key: AlarmKey| key.kind() == kind))
+            })
+        };
+        for _ in 0..work.sequences {
+            if self.is_over() || raised(self) {
+                return Ok(StepEnd::Done);
+            }
+            self.pump.work_one();
+            let (_, events) = self.pump.turn();
+            self.tell(&events)?;
+        }
+        match work.until {
+            Some(kind) if !raised(self) => {
+                let text = format!(
+                    "step {}: no alarm {kind} was raised within {} sequences",
+                    index + 1,
+                    work.sequences
+                );
+                Err(CliError::internal(text))
+            }
+            _ => Ok(StepEnd::Done),
+        }
+    }
+
+    /// Works until the time is over.
+    fn pass(&mut self, secs: f64) -> Result<StepEnd, CliError> {
+        let ended = self.work_until(secs, &|_, _| false)?;
+        Ok(if self.printer.is_gone() { ended } else { StepEnd::Done })
+    }
+
+    fn work_until(&mut self, secs: f64, is_so: &dyn Fn(&Self, bool) -> bool) -> Result<StepEnd, CliError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
-        let deadline_ms = self.pump.engine().now_ms().saturating_add((wait.timeout_s * 1000.0) as u64);
+        let deadline_ms = self.pump.engine().now_ms().saturating_add((secs * 1000.0) as u64);
         loop {
             if self.printer.is_gone() {
                 return Ok(StepEnd::TimedOut);
             }
-            if self.waited_for(wait, false) {
+            if is_so(self, false) {
                 return Ok(StepEnd::Done);
             }
             if self.pump.engine().now_ms() >= deadline_ms {
@@ -185,7 +233,7 @@ impl<'a> Driver<'a> {
             let (progress, events) = self.pump.turn();
             self.tell(&events)?;
             if let Progress::Idle { next_ms } = progress {
-                if self.waited_for(wait, true) {
+                if is_so(self, true) {
                     return Ok(StepEnd::Done);
                 }
                 let next_ms = next_ms.unwrap_or(deadline_ms).min(deadline_ms);

@@ -17,6 +17,7 @@
 use serde::Deserialize;
 
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use holdpoint_governance::alarms::AlarmKind;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
@@ -28,6 +29,9 @@ use holdpoint_protocol::standing::{Decider, Stands};
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
 
 pub const STEPS_MAX: usize = 256;
+
+/// The most sequences of one step.
+pub const SEQUENCES_MAX: u32 = 10_000;
 
 /// The longest wait, virtual s.
 pub const WAIT_MAX_SECS: f64 = 1.0e6;
@@ -61,6 +65,14 @@ pub struct Step {
     pub drift: Option<DriftStep>,
     /// Break something in the live world.
     pub fault: Option<FaultStep>,
+    /// Stop the cell.
+    pub stop: Option<Say>,
+    /// Let the stopped cell work again.
+    pub go: Option<Say>,
+    /// Let time pass.
+    pub pass: Option<Pass>,
+    /// Let the live cell work so many sequences, whether or not anything is evaluated.
+    pub work: Option<Work>,
     /// Check what has come of it.
     pub expect: Option<Expect>,
 }
@@ -86,6 +98,24 @@ pub struct Say {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
+}
+
+/// Sequences that the live cell works.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Work {
+    pub sequences: u32,
+    /// An alarm of this kind that has to be raised meanwhile; the step ends with it.
+    #[serde(default)]
+    pub until: Option<AlarmKind>,
+}
+
+/// Time that passes, whatever comes of it.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pass {
+    /// Virtual s.
+    pub for_s: f64,
 }
 
 /// A drift of the live world.
@@ -173,12 +203,26 @@ impl Script {
                 step.reject.is_some(),
                 step.drift.is_some(),
                 step.fault.is_some(),
+                step.stop.is_some(),
+                step.go.is_some(),
+                step.pass.is_some(),
+                step.work.is_some(),
                 step.expect.is_some(),
             ];
             let count = given.into_iter().filter(|given| *given).count();
             if count != 1 {
-                let allowed = "exactly one of register, wait, approve, reject, drift, fault, expect";
+                let allowed = "exactly one of register, wait, approve, reject, drift, fault, stop, go, pass, work, expect";
                 return problem(&at, &format!("{count} of them"), allowed);
+            }
+            if let Some(pass) = step.pass.filter(|pass| !(pass.for_s > 0.0 && pass.for_s <= WAIT_MAX_SECS)) {
+                let allowed = "above 0 and at most 1000000 s";
+                return problem(&format!("{at}.pass.for_s"), &pass.for_s.to_string(), allowed);
+            }
+            if let Some(work) =
+                step.work.as_ref().filter(|work| !(1..=SEQUENCES_MAX).contains(&work.sequences))
+            {
+                let allowed = "1 to 10000";
+                return problem(&format!("{at}.work.sequences"), &work.sequences.to_string(), allowed);
             }
             if let Some(wait) = &step.wait {
                 if wait.state.is_some() == wait.prompt.is_some() {
@@ -217,11 +261,19 @@ mod tests {
             [[step]]
             fault = { kind = "telemetry-lost" }
             [[step]]
+            stop = { as = "ana", reason = "somebody is in the cell" }
+            [[step]]
+            pass = { for_s = 60 }
+            [[step]]
+            go = { as = "ana", reason = "the cell is empty" }
+            [[step]]
+            work = { sequences = 10, until = "rolled-back" }
+            [[step]]
             wait = { state = "confirmed", timeout_s = 600 }
             [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 7);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 11);
     }
 
     #[test]
@@ -242,6 +294,8 @@ mod tests {
                 "`validation`, `sandbox`, `shadow`, `activation`, `monitor`",
             ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
+            ("profile = \"sim\"\n[[step]]\nwork = { sequences = 0 }", "sequences"),
+            ("profile = \"sim\"\n[[step]]\npass = { for_s = 0 }", "for_s"),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),
             ("profile = \"sim\"\nstep = []", "0 steps"),
         ] {

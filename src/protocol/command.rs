@@ -109,6 +109,21 @@ pub enum Command {
     },
     /// Answer a monitor's question: the version goes on as it is.
     Continue(Operation),
+    /// Stop the arm in the tick that runs, whatever is under way; carried out at any time, also while the engine
+    /// holds. It stays stopped, over restarts as well, until [`Command::Go`].
+    Stop {
+        /// Who stops it, as they call themselves; any text will do, also none.
+        by: String,
+        /// Why, in the person's own words; may be empty.
+        reason: String,
+    },
+    /// Let a stopped cell work again.
+    Go {
+        /// Identity of the person who answers for it.
+        by: String,
+        /// Why it is safe, in the person's own words; a blank reason is refused.
+        reason: String,
+    },
     /// How fast the simulated live world works.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
@@ -157,6 +172,39 @@ pub struct Operation {
     pub by: String,
     /// Why, in the person's own words; kept on record.
     pub reason: String,
+}
+
+/// Whose process asked for something, as the system has it: nobody can claim it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
+pub enum Caller {
+    /// A script, which is no person's process.
+    Script,
+    /// A process of this machine.
+    Process {
+        /// Number of the user it runs as.
+        uid: u32,
+        /// Name of that user; absent if the system has none.
+        user: Option<String>,
+        /// Its process id; absent if the system does not say.
+        process: Option<u32>,
+    },
+}
+
+impl std::fmt::Display for Caller {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Script => write!(f, "a script"),
+            Self::Process { uid, user, process } => {
+                match user {
+                    Some(user) => write!(f, "{user} (uid {uid}")?,
+                    None => write!(f, "uid {uid} (without a name")?,
+                }
+                process.map_or(Ok(()), |process| write!(f, ", process {process}"))?;
+                write!(f, ")")
+            }
+        }
+    }
 }
 
 /// A command with the id that makes a retry harmless.
@@ -247,7 +295,8 @@ pub enum Refusal {
 }
 
 impl Command {
-    /// Whether it only reads, or is about alarms alone: it is carried out while the engine holds as well.
+    /// Whether it only reads, is about alarms alone, or stops the cell: it is carried out while the engine holds as
+    /// well.
     #[must_use]
     pub const fn is_harmless(&self) -> bool {
         match self {
@@ -255,6 +304,7 @@ impl Command {
             | Self::ResetAlarm { .. }
             | Self::ShelveAlarm { .. }
             | Self::UnshelveAlarm { .. }
+            | Self::Stop { .. }
             | Self::Detail { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
@@ -273,6 +323,7 @@ impl Command {
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::Continue(_)
+            | Self::Go { .. }
             | Self::Pace { .. }
             | Self::Shutdown => false,
         }
@@ -319,6 +370,8 @@ impl Command {
             | Self::ResetAlarm { .. }
             | Self::ShelveAlarm { .. }
             | Self::UnshelveAlarm { .. }
+            | Self::Stop { .. }
+            | Self::Go { .. }
             | Self::Pace { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }

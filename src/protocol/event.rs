@@ -5,6 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::command::Caller;
 use super::explained::blank;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
@@ -269,6 +270,29 @@ pub enum EventKind {
         /// Identity of the person who answered.
         by: String,
         /// Why it may go on, in the person's own words.
+        reason: String,
+    },
+    /// A person stopped the cell: no command reaches the arm until somebody lets it go.
+    CellStopped {
+        /// Who stopped it, as they called themselves.
+        by: String,
+        /// Whose process asked, as the system has it.
+        caller: Caller,
+        /// Why, in the person's own words; may be empty.
+        reason: String,
+    },
+    /// The stopped arm stands: every joint, by its measured speed.
+    ArmStands {
+        /// Ticks from the request to the standstill; 0 if the arm was not at work.
+        ticks: u64,
+    },
+    /// The stopped cell works again.
+    CellReleased {
+        /// Identity of the person who answers for it.
+        by: String,
+        /// Whose process asked, as the system has it.
+        caller: Caller,
+        /// Why it is safe, in the person's own words.
         reason: String,
     },
     /// The simulated live world works at another pace from now on.

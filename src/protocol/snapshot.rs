@@ -5,6 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::command::Caller;
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
 use holdpoint_body::rehearsal::{Drift, LiveFault};
@@ -34,6 +35,8 @@ pub struct Snapshot {
     pub agent: Digest,
     /// Why the engine holds after a fault of its own; absent if it does not.
     pub holding: Option<String>,
+    /// Who stopped the cell, and since when; absent while it works.
+    pub stopped: Option<StoppedView>,
     /// Every family in the store, sorted by name.
     pub families: Vec<FamilyView>,
     /// Every version that is not history, the newest last.
@@ -52,6 +55,21 @@ pub struct Snapshot {
     pub scenery: Scenery,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
+}
+
+/// A cell that a person stopped.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StoppedView {
+    /// Who stopped it, as they called themselves.
+    pub by: String,
+    /// Whose process asked, as the system has it.
+    pub caller: Caller,
+    /// Why, in the person's own words; may be empty.
+    pub reason: String,
+    /// Virtual time since when, ms.
+    pub since_ms: u64,
+    /// Ticks from the request to the standing arm; absent until every joint stands.
+    pub stood_after_ticks: Option<u64>,
 }
 
 /// A monitor's question: people are needed, or the version is rolled back at the deadline.

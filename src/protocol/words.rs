@@ -158,6 +158,15 @@ fn text(kind: &EventKind) -> String {
         EventKind::Continued { version, by, reason } => {
             format!("goes on  {version}: {by} says so ({reason})")
         }
+        EventKind::CellStopped { by, caller, reason } => {
+            let by = if by.is_empty() { "somebody" } else { by };
+            let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
+            format!("STOP     the cell is stopped by {by}, {caller}{why}")
+        }
+        EventKind::ArmStands { ticks } => format!("stands   the arm stands, {ticks} ticks after the stop"),
+        EventKind::CellReleased { by, caller, reason } => {
+            format!("go       the cell works again: {by}, {caller}, says so ({reason})")
+        }
         EventKind::Pace { times } => match times {
             Some(times) => format!("pace     {times} simulated seconds in a second"),
             None => "pace     as fast as it computes".to_owned(),

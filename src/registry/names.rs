@@ -28,6 +28,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::AlarmReset
         | RecordKind::Drift
         | RecordKind::LiveFault
+        | RecordKind::CellStopped
+        | RecordKind::CellReleased
         | RecordKind::AuditClosed
         | RecordKind::Recording
         | RecordKind::RecordingRemoved => false,

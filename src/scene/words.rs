@@ -35,6 +35,9 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Sequence { .. }
         | EventKind::Drift { .. }
         | EventKind::LiveFault { .. }
+        | EventKind::CellStopped { .. }
+        | EventKind::ArmStands { .. }
+        | EventKind::CellReleased { .. }
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }
@@ -66,7 +69,7 @@ pub fn phase(kind: &EventKind) -> Option<String> {
 #[must_use]
 pub fn level(kind: &EventKind) -> &'static str {
     match kind {
-        EventKind::RolledBack { .. } | EventKind::Fault { .. } => "ERROR",
+        EventKind::RolledBack { .. } | EventKind::CellStopped { .. } | EventKind::Fault { .. } => "ERROR",
         EventKind::Rung { ok: false, .. } => "ERROR",
         EventKind::Rung { .. }
         | EventKind::Monitor { .. }

@@ -33,7 +33,8 @@ use serde_json::{Value, json};
 const PATIENCE: Duration = Duration::from_mins(1);
 
 fn door(folder: &Path) -> Result<Door, DoorError> {
-    Door::open(&Layout::new(folder), Arc::new(AtomicBool::new(false)), Signals::Left)
+    let (cancel, switch) = (Arc::new(AtomicBool::new(false)), Arc::default());
+    Door::open(&Layout::new(folder), cancel, switch, Signals::Left)
 }
 
 /// An engine in a thread of its own, behind its door.
@@ -293,15 +294,26 @@ fn there_are_only_so_many_connections() {
             raw
         })
         .collect();
+    // One more may stop the cell, and nothing else.
+    let asks_else =
+        || Client::connect(&Layout::new(folder.path())).unwrap().unwrap().ask(Command::VerifyAudit);
     let mut one_more = Raw::connect(folder.path());
+    assert_eq!(one_more.read().unwrap()["answer"], "hello");
+    one_more.send("{\"call\":\"subscribe\"}\n");
     assert_eq!(one_more.read().unwrap()["answer"], "closed");
     assert_eq!(one_more.read(), None);
-    let error = Client::connect(&Layout::new(folder.path())).unwrap_err();
+    let error = asks_else().unwrap_err();
     assert!(error.to_string().contains("connections are open"), "{error}");
     // One that leaves makes room, as soon as the door has noticed.
     open.pop();
     let until = std::time::Instant::now() + PATIENCE;
-    while Client::connect(&Layout::new(folder.path())).is_err() {
+    loop {
+        let mut next = Raw::connect(folder.path());
+        assert_eq!(next.read().unwrap()["answer"], "hello");
+        next.send("{\"call\":\"subscribe\"}\n");
+        if next.read().unwrap()["answer"] == "subscribed" {
+            break;
+        }
         assert!(std::time::Instant::now() < until);
     }
 }

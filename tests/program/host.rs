@@ -20,19 +20,19 @@ use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
 /// Longer than anything here takes.
-const PATIENCE: Duration = Duration::from_mins(2);
+pub(crate) const PATIENCE: Duration = Duration::from_mins(2);
 
 /// A front end without a screen.
-struct Front {
-    host: Host,
+pub(crate) struct Front {
+    pub(crate) host: Host,
     runtime: Runtime,
-    events: Vec<Event>,
+    pub(crate) events: Vec<Event>,
     answers: Vec<(String, Reply)>,
     asked: u64,
 }
 
 impl Front {
-    fn start(folder: &Path, pace: Option<f64>) -> Self {
+    pub(crate) fn start(folder: &Path, pace: Option<f64>) -> Self {
         let data = folder.to_owned();
         let profile = ProfileName::Sim;
         let scenes = SceneOptions::default();
@@ -79,12 +79,13 @@ impl Front {
         }
     }
 
-    fn carry_out(&mut self, command: Command) -> Reply {
+    pub(crate) fn carry_out(&mut self, command: Command) -> Reply {
         let id = self.ask(command);
         self.answer(&id)
     }
 
-    fn until(&mut self, wanted: impl Fn(&EventKind) -> bool) -> Event {
+    /// The first event of the kind, told already or still to come.
+    pub(crate) fn until(&mut self, wanted: impl Fn(&EventKind) -> bool) -> Event {
         loop {
             if let Some(found) = self.events.iter().find(|event| wanted(&event.kind)) {
                 return found.clone();
@@ -93,14 +94,14 @@ impl Front {
         }
     }
 
-    fn snapshot(&mut self) -> Snapshot {
+    pub(crate) fn snapshot(&mut self) -> Snapshot {
         match self.carry_out(Command::Snapshot) {
             Reply::Snapshot { snapshot } => *snapshot,
             other => panic!("{other:?}"),
         }
     }
 
-    fn picture(&mut self, wanted: impl Fn(&Picture) -> bool) -> Arc<Picture> {
+    pub(crate) fn picture(&mut self, wanted: impl Fn(&Picture) -> bool) -> Arc<Picture> {
         let pictures = &mut self.host.pictures;
         let wanted = |picture: &Option<Arc<Picture>>| picture.as_deref().is_some_and(&wanted);
         let look = async {
@@ -111,7 +112,7 @@ impl Front {
     }
 }
 
-fn operation(version: &str) -> Operation {
+pub(crate) fn operation(version: &str) -> Operation {
     Operation {
         version: version.parse().unwrap(),
         by: "ada".to_owned(),
@@ -119,7 +120,7 @@ fn operation(version: &str) -> Operation {
     }
 }
 
-fn refusal(reply: &Reply) -> Refusal {
+pub(crate) fn refusal(reply: &Reply) -> Refusal {
     match reply {
         Reply::Refused { code, .. } => *code,
         other => panic!("not refused: {other:?}"),

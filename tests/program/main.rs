@@ -25,6 +25,7 @@ mod recordings;
 mod refine;
 mod scenarios;
 mod second_arm;
+mod stop;
 
 #[cfg(feature = "rerun")]
 #[path = "../support/shift.rs"]

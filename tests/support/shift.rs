@@ -351,6 +351,7 @@ pub fn snapshot() -> Snapshot {
         policy: digest("policy"),
         agent: digest("agent"),
         holding: None,
+        stopped: None,
         families: families(),
         candidates: candidates(),
         prompts: vec![question(2)],

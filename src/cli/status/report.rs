@@ -9,13 +9,14 @@ use serde::Serialize;
 
 use super::StatusSubject;
 use crate::error::CliError;
+use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::VersionSummary;
-use holdpoint_protocol::snapshot::{PromptView, Snapshot};
+use holdpoint_protocol::snapshot::{PromptView, Snapshot, StoppedView};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -24,6 +25,8 @@ pub(super) struct StatusReport {
     pub(super) engine_running: bool,
     /// Why it holds, if it does.
     pub(super) holding: Option<String>,
+    /// Who stopped the cell, while it is stopped.
+    pub(super) stopped: Option<StoppedView>,
     /// The profile the store was last used with.
     pub(super) profile: Option<ProfileName>,
     pub(super) families: Vec<FamilyStatusRow>,
@@ -139,6 +142,11 @@ impl StatusReport {
         Ok(Self {
             engine_running: engine.is_some(),
             holding: engine.and_then(|engine| engine.holding.clone()),
+            // Without an engine the store tells; a stop outlives the engine.
+            stopped: match engine {
+                Some(engine) => engine.stopped.clone(),
+                None => halt::recall(views).map_err(CliError::usage)?,
+            },
             profile: views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile),
             families,
             versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
@@ -156,12 +164,24 @@ impl StatusReport {
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
             (false, _) => format!("engine   not running, last profile {profile}"),
         });
+        lines.extend(self.stopped.as_ref().map(stopped_line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(WaitingRow::line));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
         lines
     }
+}
+
+fn stopped_line(stopped: &StoppedView) -> String {
+    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
+    let since = stopped.since_ms / 1000;
+    let mut line = format!("STOPPED  by {by}, {}, since {since} s", stopped.caller);
+    if !stopped.reason.is_empty() {
+        line.push_str(&format!(": {}", stopped.reason));
+    }
+    line.push_str("; `holdpoint go` lets it work again");
+    line
 }
 
 impl FamilyStatusRow {

@@ -77,6 +77,9 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::StageStarted { .. }
         | EventKind::Progress { .. }
         | EventKind::StateChanged { .. }
+        | EventKind::CellStopped { .. }
+        | EventKind::ArmStands { .. }
+        | EventKind::CellReleased { .. }
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }

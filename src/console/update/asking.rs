@@ -14,10 +14,22 @@ pub(super) fn request(model: &mut Model, about: AskedFor, what: String) -> Optio
         tell(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
         return None;
     }
+    Some(noted(model, about, what))
+}
+
+fn noted(model: &mut Model, about: AskedFor, what: String) -> String {
     let id = format!("console-{}", model.asking.next_request);
     model.asking.next_request += 1;
     model.asking.pending.insert(id.clone(), PendingRequest { about, what });
-    Some(id)
+    id
+}
+
+/// Stops the cell: asked however many requests wait, and with nothing in between.
+pub(super) fn stop(model: &mut Model) -> Vec<Effect> {
+    let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
+    tell(model, "STOP: the arm is being stopped", true);
+    let question = Question::Stop { by };
+    vec![Effect::Ask { id: noted(model, question.about(), "stop the cell".to_owned()), question }]
 }
 
 /// Asks something that decides nothing.

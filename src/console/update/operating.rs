@@ -5,7 +5,7 @@ use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent};
 use crate::model::{AskedFor, EngineState, Model, Overlay};
-use crate::words::standing;
+use crate::words::{seconds, standing};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
 
@@ -42,6 +42,20 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
         Ok((intent, consequences)) => open(model, intent, consequences),
         Err(why) => refuse(model, &why),
     }
+}
+
+/// Opens the form that lets a stopped cell work again.
+pub(super) fn go(model: &mut Model) -> Vec<Effect> {
+    let Some(stopped) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone()) else {
+        return refuse(model, "the cell is not stopped");
+    };
+    let by = if stopped.by.is_empty() { "somebody".to_owned() } else { stopped.by };
+    let why = if stopped.reason.is_empty() { String::new() } else { format!(": {}", stopped.reason) };
+    let lines = vec![
+        format!("Stopped by {by}, {}, since {}{why}", stopped.caller, seconds(stopped.since_ms)),
+        "The arm moves again at once; make sure that nobody is in the cell".to_owned(),
+    ];
+    open(model, Intent::Go, lines)
 }
 
 /// Where a version stands, from whatever knows it.

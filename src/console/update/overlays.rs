@@ -80,7 +80,7 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
             }
             Vec::new()
         }
-        Some(Action::Abort) => act(model, Action::Abort),
+        Some(action @ (Action::Abort | Action::Stop)) => act(model, action),
         Some(Action::Down) => {
             prompt.scroll = prompt.scroll.saturating_add(1).min(prompt.scroll_max());
             Vec::new()
@@ -148,8 +148,8 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
             if let Some(line) = form.line_mut() {
                 typing::into_line(line, key);
                 form.problem = None;
-            } else if action == Some(Action::Abort) {
-                return act(model, Action::Abort);
+            } else if let Some(action @ (Action::Abort | Action::Stop)) = action {
+                return act(model, action);
             }
         }
     }

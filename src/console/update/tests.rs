@@ -15,8 +15,10 @@ use crate::msg::{Msg, MsgKind};
 use crate::operator::Operator;
 use crate::prompt::{GUARD_MS, Obstacle};
 use holdpoint_governance::approval::{Answer, Role};
-use holdpoint_protocol::command::Command;
-use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::command::{Caller, Command};
+use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
+
+mod stopping;
 
 mod aim;
 

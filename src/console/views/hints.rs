@@ -62,7 +62,9 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
         (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
-        (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
+        (None, View::Overview) => {
+            &[A::Stop, A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze]
+        }
         (None, View::Registry) => &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Rearm],
         (None, View::Candidate) => &[A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy],
         (None, View::Shadow) => &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Abort],

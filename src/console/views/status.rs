@@ -12,6 +12,7 @@ use crate::model::Model;
 use crate::theme::Mark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
+use crate::words::seconds;
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_protocol::snapshot::{AlarmView, Snapshot};
 
@@ -64,8 +65,17 @@ pub fn priority_words(look: &Look, priority: Priority) -> String {
     format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
 }
 
+/// Who stopped the cell and since when; it comes before every alarm.
+#[must_use]
+pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
+    let stopped = snapshot.stopped.as_ref()?;
+    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
+    let text = format!("STOPPED by {} since {}", super::short(by, 16), seconds(stopped.since_ms));
+    Some(Row::of(ThemeRole::Problem, &text).with(ThemeRole::Text, " "))
+}
+
 fn head(snapshot: &Snapshot, look: &Look) -> Row {
-    let mut row = Row::new();
+    let mut row = stopped(snapshot).unwrap_or_else(Row::new);
     if let Some(alarm) = highest(snapshot) {
         row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
         row.push(ThemeRole::Text, " ");

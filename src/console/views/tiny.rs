@@ -43,6 +43,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let waits = status::waiting(model, pen.look);
     let highest = model.told.snapshot.as_deref().and_then(status::highest);
+    let stopped = model.told.snapshot.as_deref().and_then(status::stopped);
     let row = match highest {
         Some(alarm) => {
             let head = status::priority_words(pen.look, alarm.priority);
@@ -54,7 +55,7 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             Row::of(ThemeRole::Muted, if model.told.snapshot.is_some() { "no alarm " } else { "no engine " })
         }
     };
-    row.and(waits)
+    stopped.unwrap_or_else(Row::new).and(row).and(waits)
 }
 
 fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {

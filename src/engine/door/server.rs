@@ -1,5 +1,6 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
+use std::collections::VecDeque;
 use std::io;
 use std::os::unix::net::UnixListener as StdListener;
 use std::sync::Arc;
@@ -13,18 +14,23 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{broadcast, oneshot};
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, Signals};
-use holdpoint_protocol::command::{Refusal, Reply};
+use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, STOPPING_MAX, Signals};
+use crate::caller;
+use crate::world::switch::{AskedStop, Switch};
+use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, ID_BYTES_MAX, PROTOCOL,
 };
 
 /// How long a connection may say nothing.
 const IDLE_MAX: Duration = Duration::from_mins(1);
+
+/// How long a connection that is kept for stopping may take to say it.
+const STOPPING_IDLE_MAX: Duration = Duration::from_secs(2);
 
 /// How long a reply may take to be read.
 const WRITE_MAX: Duration = Duration::from_secs(10);
@@ -42,6 +48,7 @@ pub(super) struct DoorServer {
     pub(super) events: broadcast::Sender<Arc<str>>,
     pub(super) endings: Arc<AtomicUsize>,
     pub(super) cancel: Arc<AtomicBool>,
+    pub(super) switch: Arc<Switch>,
     pub(super) stop: CancellationToken,
 }
 
@@ -75,10 +82,12 @@ impl DoorServer {
     async fn accept(self, listener: UnixListener) {
         let own_uid = rustix::process::geteuid().as_raw();
         let mut open = JoinSet::new();
+        let mut stopping = Stopping::default();
         loop {
             let accepted = tokio::select! {
                 () = self.stop.cancelled() => break,
                 Some(_) = open.join_next(), if !open.is_empty() => continue,
+                Some(_) = stopping.open.join_next(), if !stopping.open.is_empty() => continue,
                 accepted = listener.accept() => accepted,
             };
             let Ok((stream, _)) = accepted else {
@@ -86,34 +95,49 @@ impl DoorServer {
                 continue;
             };
             // Somebody else's process gets no word.
-            if !stream.peer_cred().is_ok_and(|peer| peer.uid() == own_uid) {
-                continue;
-            }
-            let full = open.len() >= CONNECTIONS_MAX;
+            let Some(peer) = stream.peer_cred().ok().filter(|peer| peer.uid() == own_uid) else { continue };
+            let caller = caller::named(peer.uid(), peer.pid().and_then(|pid| u32::try_from(pid).ok()));
             let server = self.clone();
-            if full {
-                let text = format!("{CONNECTIONS_MAX} connections are open, which is all there may be");
-                // The one line fits the socket's buffer; who does not read it is cut off with it.
-                if let Ok(line) = wire::line(&Answer::Closed { text }) {
-                    drop(stream.try_write(line.as_bytes()));
-                }
+            if open.len() >= CONNECTIONS_MAX {
+                stopping.take(server.stopping_connection(stream, caller));
                 continue;
             }
             open.spawn(async move {
                 // A client that goes away, or does not read, has only itself to tell.
-                drop(server.connection(stream).await);
+                drop(server.connection(stream, caller).await);
             });
         }
         drop(listener);
-        drop(timeout(CLOSING_MAX, async { while open.join_next().await.is_some() {} }).await);
+        let closing = async {
+            while open.join_next().await.is_some() {}
+            while stopping.open.join_next().await.is_some() {}
+        };
+        drop(timeout(CLOSING_MAX, closing).await);
     }
 
-    async fn connection(self, stream: UnixStream) -> io::Result<()> {
-        let (reader, mut writer) = stream.into_split();
-        let mut reader = BufReader::new(reader);
-        let version = env!("CARGO_PKG_VERSION").to_owned();
-        write(&mut writer, &Answer::Hello { protocol: PROTOCOL, version, process: std::process::id() })
-            .await?;
+    /// One that comes when all others are taken: it may stop the cell, and nothing else.
+    async fn stopping_connection(self, stream: UnixStream, caller: Caller) -> io::Result<()> {
+        let (mut reader, mut writer) = greeted(stream).await?;
+        let call = tokio::select! {
+            () = self.stop.cancelled() => return Ok(()),
+            read = timeout(STOPPING_IDLE_MAX, read_call(&mut reader)) => read.unwrap_or(Ok(Read::Nothing))?,
+        };
+        let answer = match call {
+            Read::Call(Call::Ask { request }) if matches!(request.command, Command::Stop { .. }) => {
+                Answer::Reply { reply: Box::new(self.ask(request, &caller).await) }
+            }
+            Read::Call(Call::Ask { .. } | Call::Subscribe {}) | Read::Nothing => Answer::Closed {
+                text: format!(
+                    "{CONNECTIONS_MAX} connections are open, which is all there may be; one more may stop the cell"
+                ),
+            },
+            Read::Bad(text) => Answer::Closed { text },
+        };
+        write(&mut writer, &answer).await
+    }
+
+    async fn connection(self, stream: UnixStream, caller: Caller) -> io::Result<()> {
+        let (mut reader, mut writer) = greeted(stream).await?;
         loop {
             let call = tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
@@ -127,14 +151,20 @@ impl DoorServer {
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
                 Read::Call(Call::Subscribe {}) => return self.tell(reader, writer).await,
                 Read::Call(Call::Ask { request }) => {
-                    let reply = self.ask(request).await;
+                    let reply = self.ask(request, &caller).await;
                     write(&mut writer, &Answer::Reply { reply: Box::new(reply) }).await?;
                 }
             }
         }
     }
 
-    async fn ask(&self, request: Box<holdpoint_protocol::command::Request>) -> Reply {
+    async fn ask(&self, request: Box<holdpoint_protocol::command::Request>, caller: &Caller) -> Reply {
+        let stops = matches!(request.command, Command::Stop { .. });
+        if let Command::Stop { by, reason } = &request.command {
+            // Here and now, whatever the engine is at, and however many requests wait.
+            let (by, reason) = (by.clone(), reason.clone());
+            self.switch.halt(AskedStop { by, reason, caller: caller.clone() });
+        }
         let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
         if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
@@ -143,6 +173,10 @@ impl DoorServer {
         let (answer, reply) = oneshot::channel();
         match self.requests.try_send(Incoming::Request(request, answer)) {
             Ok(()) => {}
+            Err(TrySendError::Full(_)) if stops => {
+                let text = "the cell is stopped; the engine puts it on record next".to_owned();
+                return Reply::Accepted { text, version: None };
+            }
             Err(TrySendError::Full(_)) => {
                 return Reply::Refused {
                     code: Refusal::NotNow,
@@ -208,6 +242,33 @@ impl DoorServer {
         };
         timeout(CLOSING_MAX, tell).await.unwrap_or(Ok(()))
     }
+}
+
+/// Connections kept for stopping: the oldest gives way to a new one.
+#[derive(Default)]
+struct Stopping {
+    open: JoinSet<()>,
+    oldest_first: VecDeque<AbortHandle>,
+}
+
+impl Stopping {
+    fn take(&mut self, connection: impl Future<Output = io::Result<()>> + Send + 'static) {
+        self.oldest_first.retain(|handle| !handle.is_finished());
+        if self.oldest_first.len() >= STOPPING_MAX
+            && let Some(oldest) = self.oldest_first.pop_front()
+        {
+            oldest.abort();
+        }
+        self.oldest_first.push_back(self.open.spawn(async move { drop(connection.await) }));
+    }
+}
+
+/// Both halves of a connection that was told who serves it.
+async fn greeted(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, OwnedWriteHalf)> {
+    let (reader, mut writer) = stream.into_split();
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    write(&mut writer, &Answer::Hello { protocol: PROTOCOL, version, process: std::process::id() }).await?;
+    Ok((BufReader::new(reader), writer))
 }
 
 enum Read {

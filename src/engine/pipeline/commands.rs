@@ -3,6 +3,7 @@
 use super::Pipeline;
 use crate::alarms;
 use crate::fault::Fault;
+use crate::halt;
 use crate::operations::{self, accepted, checked};
 use crate::people::questions;
 use crate::stages::closing::rejected;
@@ -112,6 +113,7 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
+            Command::Go { by, reason } => Ok(halt::go(record, world, by, reason)?),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
             Command::Registry { group, text, offset, limit } => {
@@ -120,7 +122,7 @@ impl Pipeline {
             Command::Audit { before, subject, limit } => lookup::audit_page(record, before, &subject, limit),
             Command::VerifyAudit => lookup::verify_audit(record),
             // The engine answers these itself.
-            Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
+            Command::Stop { .. } | Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
                 code: Refusal::BadInput,
                 text: "this is for the engine, not for the pipeline".to_owned(),
                 hint: None,

@@ -42,7 +42,7 @@ impl Pipeline {
             }
             // The deadline of a question does not wait for the end of a sequence, so the answer does not either.
             Command::Continue(operation) if self.monitors.has_question(&operation.version) => Timing::Stop,
-            Command::Drift { .. } | Command::LiveFault { .. } => Timing::Between,
+            Command::Drift { .. } | Command::LiveFault { .. } | Command::Go { .. } => Timing::Between,
             Command::Rollback(_)
             | Command::Restrict(_)
             | Command::Rearm(_)
@@ -59,6 +59,7 @@ impl Pipeline {
             | Command::ResetAlarm { .. }
             | Command::ShelveAlarm { .. }
             | Command::UnshelveAlarm { .. }
+            | Command::Stop { .. }
             | Command::Pace { .. }
             | Command::Detail { .. }
             | Command::Registry { .. }
@@ -164,7 +165,7 @@ impl Pipeline {
     }
 
     /// The sequence is over: what it was for happens now.
-    fn finish_sequence(&mut self, mut worked: Worked) -> Result<(), Fault> {
+    pub(super) fn finish_sequence(&mut self, mut worked: Worked) -> Result<(), Fault> {
         let shadowed = worked.shadow.take();
         self.world.stopped.clone_from(&worked.stopped);
         if self.record.holding().is_some() {

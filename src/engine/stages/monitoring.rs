@@ -25,7 +25,7 @@ use crate::world::LiveWorld;
 use crate::world::listener::NoListener;
 use crate::world::live::SequenceReport;
 use crate::world::painter::{Drawn, Painter};
-use crate::world::sequence::{self, Begun, Worked};
+use crate::world::sequence::{self, Begun, Stopped, Worked};
 use crate::world::shadow::Shadow;
 use crate::world::supervisor::{Trip, safety_events};
 
@@ -61,7 +61,7 @@ impl Live<'_> {
     /// If what it comes to cannot be written.
     pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, Fault> {
         let begun = self.begin_sequence()?;
-        let worked = match (self.world.pictures.clone(), shadow) {
+        let mut worked = match (self.world.pictures.clone(), shadow) {
             (Some(pictures), shadow) => {
                 let clock = self.record.clock().clone();
                 let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
@@ -73,6 +73,9 @@ impl Live<'_> {
             (None, Some(shadow)) => begun.work(shadow),
             (None, None) => begun.work(&mut NoListener),
         };
+        if self.world.is_halted() {
+            worked.stopped = Some(Stopped::here(&worked.report, self.record.now_tick()));
+        }
         self.end_sequence(worked)
     }
 
@@ -240,12 +243,17 @@ impl Live<'_> {
             world: self.world,
         };
         let Some(mut resumption) = rollback.run(id, trigger, trip, leave)? else { return Ok(()) };
-        if self.world.is_paced() {
+        // A stopped cell works nothing: what comes of it is seen when it works again.
+        if self.world.is_paced() || self.world.is_halted() {
             raise_rolled_back(self.context, self.record, resumption.record());
             self.resumptions.push(resumption.alarmed());
             return Ok(());
         }
         loop {
+            if self.world.is_halted() {
+                self.resumptions.push(resumption);
+                return Ok(());
+            }
             let report = self.sequence(None)?;
             if resume::takes_in(self.context, self.record, &mut resumption, &report) {
                 return resume::close(self.context, self.record, resumption);

@@ -69,6 +69,7 @@ impl SnapshotView<'_> {
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
             holding: self.record.holding().map(ToOwned::to_owned),
+            stopped: self.world.halted.clone(),
             families,
             candidates,
             prompts: self.approvals.views(self.context, self.record, self.dossiers),

@@ -101,7 +101,12 @@ impl Rig {
             } else {
                 before.saturating_sub(held_for) + stood_at
             });
-            let rung = retract(&mut self.arm_mut().handle(), &guard)?;
+            let rung = if self.arm_mut().body().is_halted() {
+                // A person's stop outranks the way up: the arm stands where it is.
+                RungRecord::new(Rung::Retract, None, 0, "the cell is stopped; the arm stays where it stands")
+            } else {
+                retract(&mut self.arm_mut().handle(), &guard)?
+            };
             descent.rungs.push(rung);
         }
         let ended = self.world().tick();
@@ -171,6 +176,10 @@ fn retract(
         ticks += 1;
         seen = handle.telemetry();
         stands = standstill.observe(&seen);
+        if stands && handle.body().is_halted() {
+            let text = "the cell was stopped on the way up; the arm stays where it stands";
+            return Ok(RungRecord::new(Rung::Retract, None, ticks, text));
+        }
         if stands && seen.tool.distance_m(&up) < 0.01 {
             break;
         }

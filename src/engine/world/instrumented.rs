@@ -1,12 +1,18 @@
 //! The live world's body, with a place for a referee and for somebody who draws beside it.
 //!
+//! While the cell is stopped it brakes and takes no command, whatever commands it: a skill, a hook, the ladder.
+//!
 //! Ground truth is for reports: what the referee sees is read by experiments and by nothing that decides.
 
+use std::sync::Arc;
+
 use holdpoint_body::{Command, GuardVerdict, Interrupt, Observation, Telemetry};
+use holdpoint_runtime::recovery::Standstill;
 use holdpoint_sim::referee::{Referee, RefereeLimits, RefereeReport};
 use holdpoint_sim::world::World;
 
 use crate::world::painter::Sketch;
+use crate::world::switch::Switch;
 use holdpoint_body::{Body, BodyError};
 
 /// A world, and a referee who looks on if one was asked for.
@@ -15,13 +21,23 @@ pub struct InstrumentedWorld {
     limits: Option<RefereeLimits>,
     referee: Option<Referee>,
     sketch: Option<Sketch>,
+    switch: Arc<Switch>,
+    /// Looks for a standstill while the cell is stopped.
+    standstill: Standstill,
 }
 
 impl InstrumentedWorld {
-    /// A world that nobody looks at.
+    /// A world that nobody looks at, and that `switch` stops.
     #[must_use]
-    pub const fn new(world: World) -> Self {
-        Self { world, limits: None, referee: None, sketch: None }
+    pub fn new(world: World, switch: Arc<Switch>) -> Self {
+        let standstill = Standstill::default();
+        Self { world, limits: None, referee: None, sketch: None, switch, standstill }
+    }
+
+    /// Whether the cell is stopped: no command reaches the arm.
+    #[must_use]
+    pub fn is_halted(&self) -> bool {
+        self.switch.is_halted()
     }
 
     /// The world, to look at.
@@ -60,7 +76,18 @@ impl Body for InstrumentedWorld {
         Body::telemetry(&self.world)
     }
     fn step(&mut self, command: &Command) -> Result<(), BodyError> {
-        Body::step(&mut self.world, command)?;
+        if self.switch.is_halted() {
+            if self.world.stop_declared().is_none() {
+                Body::interrupt(&mut self.world, Interrupt::Stop);
+            }
+            Body::step(&mut self.world, &Command::Hold)?;
+            let stands = self.standstill.observe(&self.world.telemetry());
+            self.switch.stepped(stands.then_some(Standstill::TICKS as u64));
+        } else {
+            self.standstill = Standstill::default();
+            Body::step(&mut self.world, command)?;
+            self.switch.stepped(None);
+        }
         if let Some(referee) = &mut self.referee {
             referee.observe(&self.world);
         }
@@ -70,6 +97,9 @@ impl Body for InstrumentedWorld {
         Ok(())
     }
     fn interrupt(&mut self, interrupt: Interrupt) {
+        if interrupt == Interrupt::Release && self.switch.is_halted() {
+            return;
+        }
         Body::interrupt(&mut self.world, interrupt);
     }
     fn inspect(&self) -> bool {

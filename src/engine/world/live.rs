@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::instrumented::InstrumentedWorld;
 use super::listener::Listener;
 use super::supervisor::SequenceSupervisor;
+use super::switch::Switch;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
@@ -91,6 +92,7 @@ impl Rig {
 pub struct LiveCell {
     cell: Cell,
     rig: Option<Box<Rig>>,
+    switch: Arc<Switch>,
     agent: Digest,
     distribution: Arc<Distribution>,
     drift: Option<Drift>,
@@ -113,18 +115,25 @@ impl LiveCell {
     /// # Errors
     /// If the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
-        let arm = Arm::new(InstrumentedWorld::new(cell.world()?));
+        let switch = Arc::new(Switch::default());
+        let arm = Arm::new(InstrumentedWorld::new(cell.world()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
         let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
         Ok(Self {
             cell,
             agent: rig.agent.identity_hash(),
             rig: Some(Box::new(rig)),
+            switch,
             distribution,
             drift: None,
             fault: None,
             sequences: 0,
         })
+    }
+
+    /// Stops the arm, from any thread.
+    pub(crate) fn switch(&self) -> Arc<Switch> {
+        Arc::clone(&self.switch)
     }
 
     /// Breaks something, or mends it.
@@ -261,12 +270,13 @@ impl RunningSequence {
             let started = world.tick();
             let at_work = view.active(&Agent::select(task)).map(Capability::id);
             let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>, passed: &Tick<'_>| {
+                let halted = handle.body().is_halted();
                 let asked = listener.tick(handle.body().world(), task, passed);
                 let watched = match (&mut supervisor, &at_work) {
                     (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
                     _ => Supervision::Continue,
                 };
-                if watched == Supervision::Abort { watched } else { asked }
+                if halted || watched == Supervision::Abort { Supervision::Abort } else { asked }
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
             let verdict = arm.body_mut().verdict();
@@ -279,7 +289,7 @@ impl RunningSequence {
                         let kept = verdict.map(|verdict| (self.sequence, dispatched.id.clone(), verdict));
                         verdicts.extend(kept);
                     }
-                    let done = dispatched.record.success;
+                    let done = dispatched.record.success && !arm.body().is_halted();
                     report.tasks.push(dispatched);
                     if !done {
                         break;

@@ -15,6 +15,7 @@ use super::live::SequenceReport;
 use super::painter::Painter;
 use super::sequence::{Shadowed, Stopped};
 use super::shadow::Shadow;
+use super::switch::Switch;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_runtime::task::{Supervision, Tick};
 
@@ -23,35 +24,6 @@ const WAIT_LEAST: Duration = Duration::from_millis(6);
 
 /// Who is further behind does not hurry to catch up.
 const LATE_MAX: Duration = Duration::from_millis(250);
-
-/// How somebody outside stops the arm: in the tick in which it is read.
-#[derive(Debug, Default)]
-pub struct Switch {
-    working: AtomicU64,
-    stop: AtomicU64,
-}
-
-impl Switch {
-    /// Stops the arm where it works now. A sequence that begins later is not meant.
-    pub fn stop(&self) {
-        self.stop.store(self.working.load(Ordering::Acquire), Ordering::Release);
-    }
-
-    /// A sequence begins; numbers count from 1.
-    pub(crate) fn begin(&self, number: u64) {
-        self.working.store(number, Ordering::Release);
-    }
-
-    /// The sequence is over.
-    pub(crate) fn end(&self) {
-        self.working.store(0, Ordering::Release);
-    }
-
-    /// Whether this sequence is to stop.
-    pub(crate) fn stops(&self, number: u64) -> bool {
-        self.stop.load(Ordering::Acquire) == number
-    }
-}
 
 /// A pace that several threads see.
 #[derive(Debug, Default)]
@@ -192,20 +164,6 @@ mod tests {
     use holdpoint_body::RATE_HZ;
 
     use super::*;
-
-    #[test]
-    fn the_switch_stops_the_sequence_at_work_alone() {
-        let switch = Switch::default();
-        switch.stop();
-        assert!(!switch.stops(1));
-        switch.begin(1);
-        assert!(!switch.stops(1));
-        switch.stop();
-        assert!(switch.stops(1));
-        switch.end();
-        switch.begin(2);
-        assert!(!switch.stops(2), "a later sequence is not meant");
-    }
 
     #[test]
     fn ticks_keep_to_the_clock() {

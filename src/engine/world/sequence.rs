@@ -81,6 +81,15 @@ pub(crate) struct Stopped {
     pub(crate) report: Option<RecoveryReport>,
 }
 
+impl Stopped {
+    /// A sequence worked in step, whose last task was stopped.
+    pub(crate) fn here(report: &SequenceReport, tick: u64) -> Self {
+        let last = report.tasks.last().map(|done| (done.id.clone(), done.record.recovered));
+        let (id, report) = last.unzip();
+        Self { id, world_tick: 0, tick, report: report.flatten() }
+    }
+}
+
 /// What a candidate in shadow gave in one sequence.
 pub(crate) struct Shadowed {
     pub(crate) id: CapabilityId,

@@ -11,11 +11,12 @@ use holdpoint_governance::monitor::MonitorDecision;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::sink::Pictures;
 
-use super::pacing::{Escort, SharedPace, Switch};
+use super::pacing::{Escort, SharedPace};
 use super::painter::Painter;
 use super::sequence::{Begun, Worked};
 use super::shadow::Shadow;
 use super::supervisor::Questions;
+use super::switch::Switch;
 use crate::fault::Fault;
 use crate::monitors::Watched;
 
@@ -35,23 +36,10 @@ pub struct LiveThread {
 impl LiveThread {
     /// A thread that waits for its first sequence.
     #[must_use]
-    pub(crate) fn new(times: Option<f64>) -> Self {
+    pub(crate) fn new(times: Option<f64>, switch: Arc<Switch>) -> Self {
         let pace = Arc::new(SharedPace::default());
         pace.set(times);
-        Self {
-            switch: Arc::new(Switch::default()),
-            pace,
-            questions: Questions::default(),
-            number: 0,
-            running: None,
-            not_before: None,
-        }
-    }
-
-    /// Stops the arm where it works now, from any thread.
-    #[must_use]
-    pub fn switch(&self) -> Arc<Switch> {
-        Arc::clone(&self.switch)
+        Self { switch, pace, questions: Questions::default(), number: 0, running: None, not_before: None }
     }
 
     /// Whether a sequence is being worked.

@@ -1,0 +1,68 @@
+//! `holdpoint stop | go`: stops the cell, at any time and without ceremony, and lets it work again.
+//!
+//! Stopping needs no identity, no key and no reason. Going on is a person's word: an identity of the store, and why.
+
+use clap::Args;
+
+use super::decide::{REASON_BYTES_MAX, SigningArgs, parse_identity};
+use super::side::Side;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_approvals::Identity;
+use holdpoint_protocol::command::Command;
+use holdpoint_registry::Layout;
+use holdpoint_text::Untrusted;
+
+/// The arguments of `stop`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The arm is stopped in the tick that runs, whatever is under way, and stays stopped, over restarts
+as well, until `holdpoint go`. This is no certified emergency stop.
+
+Examples:
+  holdpoint stop
+  holdpoint stop --as mara --reason 'somebody is in the cell'")]
+pub struct StopArgs {
+    /// Who stops it; any name will do, and none as well.
+    #[arg(long = "as", value_name = "NAME", value_parser = parse_identity)]
+    pub who: Option<String>,
+    /// Why; goes into the audit log.
+    #[arg(long, value_name = "TEXT", value_parser = parse_why)]
+    pub reason: Option<Untrusted>,
+}
+
+/// The arguments of `go`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint go --as mara --reason 'the cell is empty, the fence is closed'")]
+pub struct GoArgs {
+    /// Who answers for it, and why.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+fn parse_why(text: &str) -> Result<Untrusted, String> {
+    if text.len() > REASON_BYTES_MAX {
+        return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
+    }
+    Ok(text.into())
+}
+
+/// Stops the cell. Nothing is looked up before.
+pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let by = args.who.clone().unwrap_or_default();
+    let reason = args.reason.as_ref().map_or_else(String::new, |reason| reason.raw().to_owned());
+    Side::open(context)?.carry_out(Command::Stop { by, reason }, out)
+}
+
+/// Lets the stopped cell work again.
+pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let signature = &args.signature;
+    // Going on needs somebody who can be named for it.
+    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)?;
+    let by = signature.identity.clone();
+    let reason = signature.reason.raw().to_owned();
+    Side::open(context)?.carry_out(Command::Go { by, reason }, out)
+}

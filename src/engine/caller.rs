@@ -1,0 +1,46 @@
+//! Whose process asks, as the system has it.
+
+use std::fs::File;
+use std::io::Read as _;
+
+use holdpoint_protocol::command::Caller;
+
+/// The most of the list of users that is read, bytes.
+const USERS_BYTES_MAX: u64 = 1 << 20;
+
+/// This process.
+pub(crate) fn own() -> Caller {
+    named(rustix::process::geteuid().as_raw(), Some(std::process::id()))
+}
+
+/// A process of a user.
+pub(crate) fn named(uid: u32, process: Option<u32>) -> Caller {
+    let mut users = String::new();
+    let read =
+        File::open("/etc/passwd").and_then(|file| file.take(USERS_BYTES_MAX).read_to_string(&mut users));
+    let user = read.ok().and_then(|_| name_of(&users, uid));
+    Caller::Process { uid, user, process }
+}
+
+/// The first user of this number in a list of the form of `/etc/passwd` (passwd(5)).
+fn name_of(users: &str, uid: u32) -> Option<String> {
+    users.lines().find_map(|line| {
+        let mut fields = line.split(':');
+        let (name, number) = (fields.next()?, fields.nth(1)?);
+        (number.parse() == Ok(uid) && !name.is_empty()).then(|| name.to_owned())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_system_names_its_users() {
+        let users = "root:x:0:0::/root:/bin/sh\nbad\nana:x:1000:1000::/home/ana:/bin/sh\n";
+        assert_eq!(name_of(users, 1000).as_deref(), Some("ana"));
+        assert_eq!(name_of(users, 0).as_deref(), Some("root"));
+        assert_eq!(name_of(users, 7), None);
+        assert!(matches!(own(), Caller::Process { process: Some(_), .. }));
+    }
+}

@@ -1,0 +1,44 @@
+//! The pipeline while a person has stopped the cell: nothing is begun, activated or worked.
+
+use super::{Pipeline, Progress};
+use crate::fault::Fault;
+use crate::halt;
+use holdpoint_protocol::command::Reply;
+use holdpoint_text::Hint;
+
+impl Pipeline {
+    /// Puts a stop on record that was asked for on another thread, and tells when the arm stands.
+    pub(super) fn take_in_halt(&mut self) {
+        if let Err(error) = halt::take_in(&mut self.record, &mut self.world)
+            && self.record.holding().is_none()
+        {
+            self.hold(&error.sentence());
+        }
+        halt::look(&mut self.record, &mut self.world);
+    }
+
+    /// A person stops the cell, at any time. A stop that cannot be written is one all the same; the engine holds then.
+    pub(crate) fn halt(&mut self, by: String, reason: String) -> Reply {
+        let reply = halt::stop(&mut self.record, &mut self.world, by, reason);
+        if let Reply::Refused { text, .. } = &reply
+            && self.record.holding().is_none()
+        {
+            self.hold(text);
+        }
+        reply
+    }
+
+    /// A stopped cell: nothing is begun, activated or worked. What runs comes to its end, and deadlines pass.
+    pub(super) fn halted_slice(&mut self) -> Result<Progress, Fault> {
+        if self.world.is_running() {
+            let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(false));
+            let Some(finished) = finished else { return Ok(Progress::Idle { next_ms: None }) };
+            self.finish_sequence(finished?)?;
+            return Ok(Progress::Worked);
+        }
+        if self.look_at_deadlines()? {
+            return Ok(Progress::Worked);
+        }
+        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+    }
+}
