@@ -4,6 +4,7 @@
 //! anything, or print foreign text that did not pass the sanitiser. Verbs that need the engine are handed to an
 //! [`EngineVerbs`].
 
+pub mod alarms;
 pub mod audit;
 pub mod bench;
 pub mod candidate;
@@ -114,6 +115,8 @@ pub enum Verb {
     Profile(profile::ProfileArgs),
     /// Draws pools of candidates for experiments.
     Pool(pool::PoolArgs),
+    /// Shows the alarms that are open, or the history of all.
+    Alarms(alarms::AlarmsArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
     #[cfg(feature = "console")]
@@ -188,6 +191,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
+        Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         #[cfg(feature = "console")]
         Some(Verb::Replay(args)) => replay::run(&context()?, args, out),

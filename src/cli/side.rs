@@ -8,6 +8,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::Nonce;
+use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
 use holdpoint_engine::pump::Pump;
@@ -44,7 +45,7 @@ impl Side {
             seed: 1,
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().map_err(CliError::internal)?,
+            cell: last_cell(context)?,
             cache: EpisodeCache::InStore,
         };
         let engine = Engine::start(config).map_err(start_error)?;
@@ -113,6 +114,22 @@ fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
     Ok(last.map_or(ProfileName::Sim, |(profile, _, _)| profile))
 }
 
+/// The cell of the robot that the store is for; the built-in arm's if there is no store.
+fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
+    let recorded = if Layout::new(&context.data).database().exists() {
+        bound::robot(&audit::open(&context.data)?).map_err(CliError::usage)?
+    } else {
+        None
+    };
+    let Some(robot) = recorded else { return Cell::builtin().map_err(CliError::internal) };
+    robot.cell().map_err(|error| {
+        let text = format!("this store is for the robot {robot}, which cannot be read: {error}");
+        CliError::usage(text).with_hint(
+            "put the file back, or start an engine with `holdpoint run --robot FILE`, which carries verbs out as well",
+        )
+    })
+}
+
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
 pub(super) fn start_error(error: StartError) -> CliError {
     match &error {
@@ -122,6 +139,7 @@ pub(super) fn start_error(error: StartError) -> CliError {
         | StartError::Profile(_)
         | StartError::Policy(_)
         | StartError::Baseline(_)
+        | StartError::OtherRobot { .. }
         | StartError::Sim(_) => CliError::usage(error),
     }
 }

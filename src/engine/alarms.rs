@@ -2,8 +2,11 @@
 
 use crate::monitors::Monitors;
 use crate::record::Record;
-use holdpoint_governance::alarms::{AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, Priority};
+use holdpoint_governance::alarms::{
+    ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, AlarmState, Priority,
+};
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
@@ -33,6 +36,29 @@ impl RaisedAlarms {
 }
 
 impl Record {
+    /// Takes the alarms up as the store has them: what was open before a restart is open, whoever had seen it.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub(crate) fn recall_alarms(&mut self) -> Result<(), StoreError> {
+        let mut kept = self.ledger().store().views()?.alarms()?;
+        kept.retain(|entry| entry.state != AlarmState::Normal);
+        kept.truncate(ALARMS_MAX);
+        let now_ms = self.now_ms();
+        for entry in kept {
+            // An alarm of another build that cannot be read is one nobody may lose: it stands as a fault.
+            let Ok(alarm) = serde_json::from_str::<Alarm>(&entry.json) else {
+                let text = format!("the alarm {} of an earlier start cannot be read", entry.alarm);
+                self.raise(AlarmKey::EngineFault, entry.priority, true, &text);
+                continue;
+            };
+            let from = alarm.state();
+            let change = AlarmChange::Set { alarm, from, annunciated: false, at_ms: now_ms };
+            self.alarms.book.absorb(&[change]);
+        }
+        Ok(())
+    }
+
     /// Raises an alarm and says so.
     pub(crate) fn raise(&mut self, key: AlarmKey, priority: Priority, latching: bool, text: &str) {
         let text = holdpoint_text::Untrusted::new(text);
@@ -108,17 +134,23 @@ impl Record {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
             }
             AlarmKey::Restricted(version) => !self.is_restricted(version),
+            // Measured by the live tasks of the version (`health.rs`); who no longer works does no more of it.
+            AlarmKey::Violation(version) | AlarmKey::Degraded(version) => !self.is_active(version),
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
             // Whoever ends the question or the rejection clears it.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
             // An engine that holds does so until it comes up again.
-            AlarmKey::EngineFault => false,
+            AlarmKey::EngineFault => self.holding().is_none(),
         }
     }
 
     fn is_restricted(&self, version: &CapabilityId) -> bool {
         self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
+    }
+
+    fn is_active(&self, version: &CapabilityId) -> bool {
+        self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.state == State::Active)
     }
 
     /// Whether a family has an active version that may work.

@@ -1,5 +1,6 @@
 //! The cell everything is measured in: robot, scene and the published distributions.
 
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use holdpoint_body::{Geometry, Zone};
@@ -19,6 +20,8 @@ pub const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 #[derive(Clone)]
 pub struct Cell {
     pub model: Arc<RobotModel>,
+    /// The file the robot was read from; absent for a built-in one.
+    pub robot_file: Option<PathBuf>,
     /// Table, tray, zones, clutter.
     pub scene: Arc<Scene>,
     /// What a guard knows of the arm.
@@ -68,12 +71,25 @@ impl Cell {
             geometry: Arc::new(model.geometry.clone()),
             zones: scene.zones.clone().into(),
             model: Arc::new(model),
+            robot_file: None,
             scene: Arc::new(scene),
             canonical: Arc::new(canonical),
             sandbox: Arc::new(sandbox),
             live: Arc::new(live),
             digest,
         })
+    }
+
+    /// The cell with the robot of this file; the seven-axis arm without one.
+    ///
+    /// # Errors
+    /// As [`Cell::new`], or if the file cannot be read.
+    pub fn of(robot: Option<&Path>) -> Result<Self, SimError> {
+        let Some(file) = robot else { return Self::builtin() };
+        let cell = Self::new(RobotModel::load(file)?)?;
+        // The store names it for whoever starts elsewhere.
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        Ok(Self { robot_file: Some(file), ..cell })
     }
 
     /// The default cell: the seven-axis arm.

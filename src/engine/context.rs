@@ -7,14 +7,14 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_runtime::terms::SkillTerms;
 
-use crate::cell::{COMPUTED_BY, Cell};
+use crate::cell::Cell;
 
 /// The fixed frame of an engine's life. Nothing in it changes after the start.
 pub struct Context {
     pub profile: Arc<Profile>,
     pub profile_digest: Digest,
     pub table: Arc<PolicyTable>,
-    /// Digest of profile, policies and what computes episodes: what prompts and approvals are bound to.
+    /// Digest of profile, policies, robot, scene and what computes episodes: what prompts and approvals are bound to.
     pub digest: Digest,
     /// Robot, scene and distributions.
     pub cell: Cell,
@@ -28,8 +28,9 @@ impl Context {
     pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
         let digest = Digest::of_parts(
-            "holdpoint.context.v2",
-            &[profile_digest.bytes(), table.digest.bytes(), COMPUTED_BY.as_bytes()],
+            "holdpoint.context.v3",
+            // Robot, scene and distributions are in the cell's, and what computes episodes.
+            &[profile_digest.bytes(), table.digest.bytes(), cell.digest().bytes()],
         );
         Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), digest, cell })
     }

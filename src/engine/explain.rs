@@ -71,6 +71,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::LiveFault
             | RecordKind::CellStopped
             | RecordKind::CellReleased
+            | RecordKind::Commissioned
             | RecordKind::Recording
             | RecordKind::RecordingRemoved => {}
         }

@@ -20,7 +20,6 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint_sim::robot::RobotModel;
 use tokio::sync::{mpsc, watch};
 
 use self::publisher::Publisher;
@@ -231,17 +230,13 @@ fn run(
 }
 
 fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Result<Pump, String> {
-    let model = match &config.robot {
-        None => RobotModel::builtin("arm7"),
-        Some(path) => RobotModel::load(path),
-    };
     let engine = Engine::start(Config {
         data: &config.data,
         profile: config.profile,
         seed: config.seed,
         jobs: config.workers(),
         scripted: false,
-        cell: model.and_then(Cell::new).map_err(|error| error.to_string())?,
+        cell: Cell::of(config.robot.as_deref()).map_err(|error| error.to_string())?,
         cache: EpisodeCache::InStore,
     })
     .map_err(|error| error.sentence())?;

@@ -6,6 +6,7 @@
 
 mod alarms;
 mod binding;
+pub mod bound;
 mod caller;
 pub mod cell;
 pub mod check;
@@ -17,6 +18,7 @@ pub mod embedded;
 pub mod explain;
 pub mod fault;
 pub mod halt;
+mod health;
 pub mod host;
 pub mod ledger;
 mod listeners;
@@ -39,6 +41,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::bound::BoundRobot;
 use crate::cell::Cell;
 use crate::embedded::baselines;
 use crate::fault::Fault;
@@ -85,6 +88,14 @@ pub enum StartError {
     /// The cell cannot be built.
     #[error(transparent)]
     Sim(#[from] holdpoint_sim::SimError),
+    /// The store is for another robot. Nothing was written.
+    #[error("this store is for the robot {recorded}, not for {given}")]
+    OtherRobot {
+        /// The robot the store was made with.
+        recorded: Box<BoundRobot>,
+        /// The robot it was to be opened with.
+        given: Box<BoundRobot>,
+    },
     /// The start could not be written.
     #[error(transparent)]
     Fault(#[from] Fault),
@@ -99,6 +110,19 @@ impl Hint for StartError {
             Self::Policy(error) => error.hint(),
             Self::Baseline(error) => error.hint(),
             Self::Fault(error) => error.hint(),
+            Self::OtherRobot { recorded, .. } => Some(
+                match &recorded.file {
+                    Some(file) => format!(
+                        "start with `--robot {}`, or choose another store with `--data`: what was measured on one \
+                         robot says nothing of another",
+                        file.display()
+                    ),
+                    None => "start without `--robot`, or choose another store with `--data`: what was measured on \
+                             one robot says nothing of another"
+                        .to_owned(),
+                }
+                .into(),
+            ),
             Self::Sim(_) => None,
         }
     }
@@ -139,6 +163,12 @@ impl Engine {
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;
+        let given = BoundRobot::of(&config.cell);
+        if let Some(recorded) =
+            bound::robot(&ledger.store().views()?)?.filter(|recorded| !recorded.is(&given))
+        {
+            return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
+        }
         let settings = PipelineSettings {
             seed: config.seed,
             jobs: config.jobs,
@@ -334,3 +364,6 @@ fn refused(text: &str) -> Reply {
 /// Where the versions lie that tests read: their working folder is the crate's.
 #[cfg(test)]
 pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");
+
+#[cfg(test)]
+mod tests;

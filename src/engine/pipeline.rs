@@ -13,8 +13,8 @@ pub mod rehearsal;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{Leave, Stage, State};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::record::RecordKind;
@@ -23,14 +23,16 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_registry::{ActiveCause, Change};
+use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
 
-use crate::cell::{COMPUTED_BY, Cell};
+use crate::bound;
+use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::halt;
+use crate::health::CellHealth;
 use crate::ledger::{FamilyEntry, Ledger, Note};
 use crate::monitors::Monitors;
 use crate::operations::registered_event;
@@ -100,6 +102,9 @@ pub struct Pipeline {
     monitors: Monitors,
     world: LiveWorld,
     resumptions: Vec<Resumption>,
+    health: CellHealth,
+    /// The agent the store is for.
+    agent: Digest,
     work: Option<Work>,
 }
 
@@ -117,9 +122,12 @@ impl Pipeline {
     ) -> Result<Self, Fault> {
         let PipelineSettings { seed, jobs, profile, table, cell, cache } = settings;
         let context = Context::new(profile, table, cell)?;
-        set_context(&context, &mut ledger, clock.now_ms())?;
+        let world = LiveWorld::new(context.cell.clone())?;
+        let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
+        bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
         let mut pipeline = Self {
-            world: LiveWorld::new(context.cell.clone())?,
+            world,
+            agent,
             context,
             trials: Trials::new(seed, jobs, cache),
             record: Record::new(ledger, clock),
@@ -127,20 +135,39 @@ impl Pipeline {
             approvals: Approvals::default(),
             monitors: Monitors::default(),
             resumptions: Vec::new(),
+            health: CellHealth::default(),
             work: None,
         };
+        pipeline.record.recall_alarms()?;
+        pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
         if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.stay_halted(halted);
         }
         pipeline.announce();
+        if !pipeline.is_same_agent() {
+            pipeline.hold(&format!(
+                "the agent is not the one this store is for: its identity is {}, {} is on record; use the program that \
+                 made the store, or another store",
+                pipeline.world.cell.agent_hash().short(),
+                agent.short()
+            ));
+            return Ok(pipeline);
+        }
         for baseline in baselines {
             let family = baseline.id().family;
             if pipeline.record.ledger().family(&family).is_err() {
                 pipeline.bootstrap(baseline)?;
             }
         }
-        restart::recover(&mut pipeline.live())?;
+        let mut approvals = Approvals::default();
+        restart::recover(&mut pipeline.live(), &mut approvals)?;
+        pipeline.approvals = approvals;
         Ok(pipeline)
+    }
+
+    /// Whether the agent that dispatches is the one the store is for.
+    fn is_same_agent(&self) -> bool {
+        self.world.cell.agent_hash() == self.agent
     }
 
     fn announce(&mut self) {
@@ -186,13 +213,15 @@ impl Pipeline {
             monitors: &mut self.monitors,
             world: &mut self.world,
             resumptions: &mut self.resumptions,
+            health: &mut self.health,
         }
     }
 
     /// What stage 5 works on.
-    fn activation(&mut self) -> Activation<'_> {
+    pub(crate) fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
+            same_agent: self.is_same_agent(),
             sequence_runs: self.world.is_running() || self.world.is_halted(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,
@@ -556,27 +585,6 @@ impl Pipeline {
             self.hold(&fault.sentence());
         }
     }
-}
-
-/// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
-fn set_context(context: &Context, ledger: &mut Ledger, at_ms: u64) -> Result<(), Fault> {
-    let name = context.profile.name;
-    let known = ledger.store().views()?.context()?;
-    let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
-    if same {
-        return Ok(());
-    }
-    let json =
-        serde_json::json!({ "profile": context.profile_digest, "policy": context.table.digest, "computed_by": COMPUTED_BY }).to_string();
-    let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
-    ledger.write(vec![change], Vec::new(), at_ms)?;
-    let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
-    for family in families {
-        let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
-        let note = Note::because("the profile, its policies or the build that computes evidence changed");
-        ledger.transition(&family, event, at_ms, note)?;
-    }
-    Ok(())
 }
 
 fn has_provisional(entry: &FamilyEntry) -> bool {

@@ -1,22 +1,24 @@
 //! The clean-up after an interrupted engine: what ran does not count, what was asked is asked anew, a rollback that was
 //! under way is finished. It says all of it.
 
-use crate::dossier::Dossiers;
+use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::monitors::Watched;
-use crate::people::approvals::void_requests;
+use crate::people::approvals::{Approvals, void_requests};
 use crate::record::Record;
 use crate::stages::monitoring::Live;
 use crate::stages::rollback::trigger;
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Interrupted;
+use holdpoint_registry::names::EvidenceKind;
 
 /// Finishes or undoes what an interrupted engine left, and says so.
-pub(crate) fn recover(live: &mut Live<'_>) -> Result<(), Fault> {
+pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
     reload_dossiers(live.record, live.dossiers)?;
     let interrupted = live.record.ledger().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();
@@ -42,7 +44,7 @@ pub(crate) fn recover(live: &mut Live<'_>) -> Result<(), Fault> {
             Interrupted::Provisional { version } => resume_watch(live, &version)?,
         }
     }
-    resume_questions(live.record)
+    resume_questions(live, approvals)
 }
 
 /// A version whose repeated stage was interrupted goes back to that stage.
@@ -80,8 +82,10 @@ fn resume_watch(live: &mut Live<'_>, id: &CapabilityId) -> Result<(), Fault> {
     }
 }
 
-/// Questions that were open are asked anew, over the evidence as it was stored.
-fn resume_questions(record: &mut Record) -> Result<(), Fault> {
+/// Questions that were open are open as they were, with the answers that were given. People are asked anew only where
+/// something has changed that they were asked about.
+fn resume_questions(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
+    let record = &mut *live.record;
     let mut open = Vec::new();
     for (family, entry) in record.ledger().families() {
         for (index, version) in entry.state.versions.iter().enumerate() {
@@ -96,6 +100,19 @@ fn resume_questions(record: &mut Record) -> Result<(), Fault> {
         let Some(id) = record.ledger().family(&family)?.members.get(index).map(|m| m.capability.id()) else {
             continue;
         };
+        if let Some(answers) = approvals.take_up(live.context, record, live.dossiers, &id)? {
+            let priority = live.context.profile.alarms.approval_waiting;
+            record.raise(
+                AlarmKey::Approval(id.clone()),
+                priority,
+                false,
+                &format!("{id} waits for approval"),
+            );
+            let text =
+                format!("people had been asked; the question is open as it was, with {answers} answers");
+            say_recovered(record, &id, &text);
+            continue;
+        }
         let note = Note {
             before: void_requests(record.ledger(), &id)?,
             ..Note::because("the engine came up again: people are asked anew")
@@ -110,24 +127,33 @@ fn say_recovered(record: &mut Record, version: &CapabilityId, text: &str) {
     record.tell(EventKind::Recovered { version: version.clone(), text: text.to_owned() });
 }
 
-/// Reads the newest evidence of every version that is not history.
+/// What is still said of a version that is history; what was measured of it stays in the store.
+fn what_is_said_of(dossier: Dossier) -> Dossier {
+    let Dossier { kappas, reasons, conditions, .. } = dossier;
+    Dossier { kappas, reasons, conditions, ..Dossier::default() }
+}
+
+/// Reads the newest evidence of every version.
 fn reload_dossiers(record: &Record, dossiers: &mut Dossiers) -> Result<(), Fault> {
     let views = record.ledger().store().views()?;
     let mut loaded = Vec::new();
     for (_, entry) in record.ledger().families() {
         for (member, version) in entry.members.iter().zip(&entry.state.versions) {
-            if version.state.is_terminal() {
-                continue;
-            }
             let id = member.capability.id();
             let evidence = views.evidence(&id, None)?;
-            let newest = evidence.iter().rev().find(|entry| {
-                use holdpoint_registry::names::EvidenceKind;
-                matches!(entry.kind, EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow)
+            let is_over = version.state.is_terminal();
+            let mut kept = evidence.iter().rev().filter(|entry| match entry.kind {
+                EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow => true,
+                // Of a refusal at the gate; of a pass it is no dossier.
+                EvidenceKind::Gate => is_over,
+                EvidenceKind::Activation
+                | EvidenceKind::Monitor
+                | EvidenceKind::Rollback
+                | EvidenceKind::Drill => false,
             });
-            if let Some(dossier) = newest.and_then(|entry| serde_json::from_str(&entry.json).ok()) {
-                loaded.push((id, dossier));
-            }
+            let newest = kept.find_map(|entry| serde_json::from_str::<Dossier>(&entry.json).ok());
+            loaded
+                .extend(newest.map(|dossier| (id, if is_over { what_is_said_of(dossier) } else { dossier })));
         }
     }
     drop(views);

@@ -208,6 +208,7 @@ pub mod ended;
 pub mod evidence;
 pub mod exports;
 pub mod gate;
+pub mod health;
 pub mod ids;
 pub mod interface;
 pub mod kappa;

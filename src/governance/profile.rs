@@ -47,6 +47,8 @@ pub struct Profile {
     pub activation: ActivationSettings,
     /// Charts, silence and escalation while a version is watched.
     pub monitor: MonitorSettings,
+    /// What is normal for the cell itself, whoever is active, and when it no longer is.
+    pub health: HealthSettings,
     /// How many people have to approve, and how long an answer holds.
     pub approval: ApprovalSettings,
     /// Spans of virtual time in which nothing is activated.
@@ -259,6 +261,26 @@ pub struct MonitorSettings {
     pub restrict_factor: f64,
 }
 
+/// How every active version is watched, whether or not it is new.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HealthSettings {
+    /// Tasks of a family over which what is normal is counted, once.
+    pub commissioning_tasks: u32,
+    /// Largest share of failed, and of timed-out, tasks that may count as normal.
+    pub failure_max: f64,
+    /// Least share that is assumed to be normal: none in few tasks is no proof of none.
+    pub rate_min: f64,
+    /// Worsening of a share that the charts are tuned to find.
+    pub shift: f64,
+    /// Level of the charts (CUSUM of log-likelihood ratios); `e^level` tasks to a false alarm at least.
+    pub cusum_limit: f64,
+    /// Factor above the largest force of the commissioning from which a force counts as bad.
+    pub force_margin: f64,
+    /// Tasks in a row, all without it, after which a condition is measured to be over.
+    pub clear_tasks: u32,
+}
+
 /// How many people have to approve, and how long questions and answers hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -346,6 +368,12 @@ pub struct AlarmPriorities {
     /// No telemetry came for longer than the monitor allows.
     #[serde(with = "PriorityWord")]
     pub telemetry_silent: Priority,
+    /// An active version, whichever, violated a limit.
+    #[serde(with = "PriorityWord")]
+    pub violation: Priority,
+    /// A family works worse than when it was commissioned.
+    #[serde(with = "PriorityWord")]
+    pub degraded: Priority,
 }
 
 impl Profile {

@@ -66,6 +66,8 @@ crate::words! {
         CellStopped = "cell-stopped",
         /// A person let the stopped cell work again.
         CellReleased = "cell-released",
+        /// What is normal for a family was counted, once.
+        Commissioned = "commissioned",
         /// The record of an upgrade is closed.
         AuditClosed = "audit-closed",
         /// A scene recording was closed with its digest.

@@ -3,8 +3,6 @@
 use std::io::Write;
 use std::path::Path;
 
-use holdpoint_sim::robot::RobotModel;
-
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::Script;
@@ -161,11 +159,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 }
 
 fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
-    let model = match robot {
-        None => RobotModel::builtin("arm7"),
-        Some(path) => RobotModel::load(path),
-    };
-    model.and_then(Cell::new).map_err(|error| CliError::usage(error.to_string()))
+    Cell::of(robot).map_err(|error| CliError::usage(error.to_string()))
 }
 
 /// What cannot be opened or read is the caller's to mend; a fault of the engine is not.

@@ -272,6 +272,19 @@ pub enum EventKind {
         /// Why it may go on, in the person's own words.
         reason: String,
     },
+    /// What is normal for a family was counted over its first live tasks, and is kept.
+    Commissioned {
+        /// The version that worked them.
+        version: CapabilityId,
+        /// Tasks it was counted over.
+        tasks: u32,
+        /// Of these, not done.
+        failures: u32,
+        /// Of these, ran into their time limit.
+        timeouts: u32,
+        /// The largest force in any of them, N.
+        peak_force_n: f64,
+    },
     /// A person stopped the cell: no command reaches the arm until somebody lets it go.
     CellStopped {
         /// Who stopped it, as they called themselves.

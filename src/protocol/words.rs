@@ -158,6 +158,11 @@ fn text(kind: &EventKind) -> String {
         EventKind::Continued { version, by, reason } => {
             format!("goes on  {version}: {by} says so ({reason})")
         }
+        EventKind::Commissioned { version, tasks, failures, timeouts, peak_force_n } => format!(
+            "normal   {version}: {failures} of {tasks} tasks failed, {timeouts} ran out of time, at most \
+             {peak_force_n:.1} N; kept as what is normal for {}",
+            version.family
+        ),
         EventKind::CellStopped { by, caller, reason } => {
             let by = if by.is_empty() { "somebody" } else { by };
             let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };

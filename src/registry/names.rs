@@ -30,6 +30,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::LiveFault
         | RecordKind::CellStopped
         | RecordKind::CellReleased
+        | RecordKind::Commissioned
         | RecordKind::AuditClosed
         | RecordKind::Recording
         | RecordKind::RecordingRemoved => false,

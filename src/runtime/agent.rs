@@ -23,6 +23,9 @@ pub enum Goal {
     Single(TaskKind),
 }
 
+/// Every goal there is, as it is asked for.
+const GOALS: [&str; 4] = ["pick-align-place", "grasp", "align", "place"];
+
 /// A request that is no goal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\"")]
@@ -90,14 +93,28 @@ impl Default for Agent {
 }
 
 impl Agent {
-    /// SHA-256 over identity and decision policy; upgrades never change it (paper section 3.1).
+    /// SHA-256 over identity and decision policy: what it calls itself, and what it decides for every goal. Upgrades
+    /// never change it (paper section 3.1); another interpreter, planner or selector does.
     #[must_use]
     pub fn identity_hash(&self) -> Digest {
         let version = self.identity.decision_policy.to_le_bytes();
-        Digest::of_parts(
-            "holdpoint.agent.v1",
-            &[self.identity.name.as_bytes(), self.identity.purpose.as_bytes(), &version],
-        )
+        let decides = GOALS.map(|text| {
+            let plan = Goal::interpret(text).map(Goal::plan).unwrap_or_default();
+            let steps: Vec<String> = plan.into_iter().map(|task| Self::select(task).to_string()).collect();
+            format!("{text}: {}", steps.join(", "))
+        });
+        let mut parts = vec![self.identity.name.as_bytes(), self.identity.purpose.as_bytes(), &version];
+        parts.extend(decides.iter().map(String::as_bytes));
+        Digest::of_parts("holdpoint.agent.v2", &parts)
+    }
+
+    /// Another agent, to try what a changed one does.
+    #[must_use]
+    #[doc(hidden)]
+    pub fn called(name: &str) -> Self {
+        let mut other = Self::default();
+        name.clone_into(&mut other.identity.name);
+        other
     }
 
     /// Tasks dispatched so far (episodic memory).
@@ -132,6 +149,7 @@ mod tests {
         assert_eq!(Goal::interpret("pick-align-place").unwrap().plan(), TaskKind::SEQUENCE);
         assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Align]);
         assert!(Goal::interpret("pick align place").is_err());
+        assert!(GOALS.into_iter().all(|text| Goal::interpret(text).is_ok()));
     }
 
     #[test]
@@ -141,5 +159,6 @@ mod tests {
         agent.note_episode();
         assert_eq!(agent.identity_hash(), before);
         assert_eq!(agent.episodes(), 1);
+        assert_ne!(Agent::called("another").identity_hash(), before);
     }
 }

@@ -35,6 +35,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Sequence { .. }
         | EventKind::Drift { .. }
         | EventKind::LiveFault { .. }
+        | EventKind::Commissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }
         | EventKind::CellReleased { .. }

@@ -77,6 +77,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::StageStarted { .. }
         | EventKind::Progress { .. }
         | EventKind::StateChanged { .. }
+        | EventKind::Commissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }
         | EventKind::CellReleased { .. }

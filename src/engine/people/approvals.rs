@@ -2,6 +2,8 @@
 //!
 //! Asks and takes votes; what a vote comes to is the rules' ([`holdpoint_governance::approval`]) and the gate's.
 
+mod taken_up;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_approvals::{Identity, SignedApproval};

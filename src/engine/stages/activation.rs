@@ -33,6 +33,8 @@ pub struct Activation<'a> {
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
     pub sequence_runs: bool,
+    /// The agent that dispatches is the one the store is for.
+    pub same_agent: bool,
 }
 
 impl Activation<'_> {
@@ -62,6 +64,9 @@ impl Activation<'_> {
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason = first_reason(decision);
         match (decision.outcome(), result.passed) {
+            (GateOutcome::Pass, Some(_)) if !self.same_agent => {
+                Err(Fault::Impossible("the agent is not the one this store is for".to_owned()))
+            }
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
                 activate(self.context, self.record, self.monitors, dossier, id, (&passed, body), &approvals)

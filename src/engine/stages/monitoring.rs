@@ -18,6 +18,7 @@ use super::rollback::Rollback;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::health::CellHealth;
 use crate::ledger::Note;
 use crate::monitors::Monitors;
 use crate::record::Record;
@@ -42,6 +43,8 @@ pub struct Live<'a> {
     pub world: &'a mut LiveWorld,
     /// Predecessors whose first tasks are looked at.
     pub resumptions: &'a mut Vec<Resumption>,
+    /// What is normal for each family, whoever is active.
+    pub(crate) health: &'a mut CellHealth,
 }
 
 impl Live<'_> {
@@ -115,6 +118,9 @@ impl Live<'_> {
                 self.act_on(id, &raised.decision, raised.trip.as_ref())?;
             }
             let cut_short = stopped && place + 1 == report.tasks.len();
+            if link_up && !cut_short {
+                self.health.observe(self.context, self.record, id, &dispatched.record)?;
+            }
             if link_up && !tripped && !cut_short {
                 self.watch(id, &dispatched.record)?;
             }

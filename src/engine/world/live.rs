@@ -188,10 +188,18 @@ impl LiveCell {
         self.drift.as_ref()
     }
 
-    /// Hash of the agent's identity, which never changes.
+    /// Hash of the identity of the agent that dispatches; of the one that set out, while a sequence has it.
     #[must_use]
-    pub const fn agent_hash(&self) -> Digest {
-        self.agent
+    pub fn agent_hash(&self) -> Digest {
+        self.rig.as_ref().map_or(self.agent, |rig| rig.agent.identity_hash())
+    }
+
+    /// Another agent, to try what a changed one does.
+    #[cfg(test)]
+    pub(crate) fn replace_agent(&mut self, agent: Agent) {
+        if let Some(rig) = &mut self.rig {
+            rig.agent = agent;
+        }
     }
 
     /// Sequences begun so far.

@@ -16,6 +16,10 @@ crate::words! {
         Escalated = "escalated",
         /// The monitor capped a version's speed and force.
         Restricted = "restricted",
+        /// An active version, whichever, violated a limit.
+        Violation = "violation",
+        /// A version works worse than its family did when it was commissioned.
+        Degraded = "degraded",
         /// A family is stopped without an active version.
         SafeStopped = "safe-stopped",
         /// A family is back at its predecessor and does not work safely.
@@ -50,7 +54,7 @@ impl AlarmKind {
     #[must_use]
     pub const fn topic(self) -> AlarmTopic {
         match self {
-            Self::Escalated | Self::Restricted => AlarmTopic::Monitor,
+            Self::Escalated | Self::Restricted | Self::Violation | Self::Degraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval => AlarmTopic::Approval,
@@ -71,6 +75,10 @@ pub enum AlarmKey {
     Escalated(CapabilityId),
     /// The version whose envelope was tightened.
     Restricted(CapabilityId),
+    /// The active version that violated a limit.
+    Violation(CapabilityId),
+    /// The active version under which the family works worse.
+    Degraded(CapabilityId),
     /// The family that is stopped.
     SafeStopped(Family),
     /// The family that does not work safely under the predecessor either.
@@ -96,6 +104,8 @@ impl AlarmKey {
             Self::RolledBack(_) => AlarmKind::RolledBack,
             Self::Escalated(_) => AlarmKind::Escalated,
             Self::Restricted(_) => AlarmKind::Restricted,
+            Self::Violation(_) => AlarmKind::Violation,
+            Self::Degraded(_) => AlarmKind::Degraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
             Self::Rejected(_) => AlarmKind::Rejected,
@@ -112,6 +122,8 @@ impl fmt::Display for AlarmKey {
             Self::RolledBack(version)
             | Self::Escalated(version)
             | Self::Restricted(version)
+            | Self::Violation(version)
+            | Self::Degraded(version)
             | Self::Rejected(version)
             | Self::Approval(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
@@ -131,6 +143,8 @@ impl FromStr for AlarmKey {
             AlarmKind::RolledBack => Self::RolledBack(version()?),
             AlarmKind::Escalated => Self::Escalated(version()?),
             AlarmKind::Restricted => Self::Restricted(version()?),
+            AlarmKind::Violation => Self::Violation(version()?),
+            AlarmKind::Degraded => Self::Degraded(version()?),
             AlarmKind::SafeStopped => Self::SafeStopped(family()?),
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
@@ -179,6 +193,8 @@ mod tests {
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated
                 | AlarmKind::Restricted
+                | AlarmKind::Violation
+                | AlarmKind::Degraded
                 | AlarmKind::Rejected
                 | AlarmKind::Approval => ":grasp@1.3.0",
             };

@@ -1,0 +1,108 @@
+//! `holdpoint alarms`: the alarms of a store, open ones or their whole history.
+//!
+//! Reads the store alone, so that it answers with and without an engine. Changes nothing.
+
+use clap::Args;
+use serde::Serialize;
+
+use super::audit;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_registry::AuditFilter;
+use holdpoint_text::Untrusted;
+
+/// The arguments of `alarms`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint alarms
+  holdpoint alarms --history --limit 20
+  holdpoint alarms --history --alarm degraded:grasp@1.0.0")]
+pub struct AlarmsArgs {
+    /// Every change of every alarm, the newest first, instead of what is open now.
+    #[arg(long)]
+    pub history: bool,
+    /// Only this alarm.
+    #[arg(long, value_name = "NAME")]
+    pub alarm: Option<String>,
+    /// At most so many lines.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub limit: u16,
+}
+
+/// An alarm, or a change of one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct AlarmLine {
+    /// Virtual time, ms.
+    at_ms: u64,
+    alarm: String,
+    priority: Priority,
+    state: AlarmState,
+    /// What was said of it last; absent for one that the store no longer has.
+    text: Option<Untrusted>,
+}
+
+impl AlarmLine {
+    fn line(&self) -> String {
+        let secs = self.at_ms / 1000;
+        let line = format!("{secs:>8} s  {} {}, {}", self.priority, self.alarm, self.state);
+        match &self.text {
+            Some(text) => format!("{line}: {}", text.raw()),
+            None => line,
+        }
+    }
+}
+
+/// Shows them.
+///
+/// # Errors
+/// [`CliError`] if the store cannot be read.
+pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = audit::open(&context.data)?;
+    let kept = views.alarms().map_err(CliError::usage)?;
+    let text_of = |name: &str| {
+        let entry = kept.iter().find(|entry| entry.alarm == name)?;
+        serde_json::from_str::<Alarm>(&entry.json).ok().map(|alarm| alarm.text)
+    };
+    let wanted = |name: &str| args.alarm.as_ref().is_none_or(|alarm| alarm == name);
+    let mut lines: Vec<AlarmLine> = if args.history {
+        let filter = AuditFilter {
+            kind: Some(RecordKind::AlarmChanged),
+            newest_first: true,
+            ..AuditFilter::default()
+        };
+        let records = views.audit(&filter).map_err(CliError::usage)?;
+        records.iter().filter_map(|record| changed(record.at_ms, &record.body, &text_of)).collect()
+    } else {
+        let open = kept.iter().filter(|entry| entry.state != AlarmState::Normal);
+        open.map(|entry| AlarmLine {
+            at_ms: entry.changed_ms,
+            alarm: entry.alarm.clone(),
+            priority: entry.priority,
+            state: entry.state,
+            text: text_of(&entry.alarm),
+        })
+        .collect()
+    };
+    lines.retain(|line| wanted(&line.alarm));
+    lines.truncate(usize::from(args.limit));
+    for line in &lines {
+        out.answer(line, |out| out.line(&line.line()))?;
+    }
+    if lines.is_empty() && !out.is_json() {
+        out.line(if args.history { "no alarm was ever raised" } else { "no alarm is open" })?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+/// A change of an alarm, as the record of the chain has it.
+fn changed(at_ms: u64, body: &str, text_of: &dyn Fn(&str) -> Option<Untrusted>) -> Option<AlarmLine> {
+    let body: serde_json::Value = serde_json::from_str(body).ok()?;
+    let field = |name: &str| body.get("change")?.get(name)?.as_str();
+    let alarm = field("alarm")?.to_owned();
+    let (priority, state) = (field("priority")?.parse().ok()?, field("state")?.parse().ok()?);
+    Some(AlarmLine { at_ms, text: text_of(&alarm), alarm, priority, state })
+}

@@ -1,0 +1,114 @@
+//! A question that was open when the engine ended, taken up as it was.
+
+use holdpoint_approvals::Identity;
+use holdpoint_governance::approval::{self, ApprovalOutcome, Request, SignatureCheck, Subject, Vote};
+use holdpoint_governance::gate;
+use holdpoint_governance::ids::CapabilityId;
+
+use super::{Approvals, PendingQuestion, secs_to_ms};
+use crate::context::Context;
+use crate::dossier::Dossiers;
+use crate::fault::Fault;
+use crate::record::Record;
+
+impl Approvals {
+    /// Takes a question up again that was open when the engine ended, with the answers that were given: the same
+    /// question over the same evidence, until the same deadline. Tells how many answers it has; `None` if anything it
+    /// was about has changed, so that people have to be asked anew.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn take_up(
+        &mut self,
+        context: &Context,
+        record: &Record,
+        dossiers: &Dossiers,
+        id: &CapabilityId,
+    ) -> Result<Option<usize>, Fault> {
+        let views = record.ledger().store().views()?;
+        // The newest of those that an interrupted engine may have left.
+        let asked = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
+        let (Some(asked), Some(dossier)) = (asked, dossiers.of(id)) else { return Ok(None) };
+        let Some(kappas) = dossier.kappas.as_ref() else { return Ok(None) };
+        let candidate = record.capability(id)?;
+        let (_, standing, member) = record.ledger().version(id)?;
+        let risk = candidate.submission.estimated_risk;
+        let review = gate::needs_review(kappas, &context.profile);
+        let quorum = approval::quorum(&context.profile.approval, context.needs_approval(), risk, review);
+        let evidence = dossier.digest()?;
+        let unchanged = asked.policy_digest == context.digest
+            && asked.profile == context.profile.name
+            && asked.evidence_digest == evidence
+            && asked.row_version == member.row_version
+            && asked.needed == u32::from(quorum);
+        if !unchanged {
+            return Ok(None);
+        }
+        let asked_ms = asked.deadline_ms.saturating_sub(secs_to_ms(context.profile.approval.timeout_s));
+        let subject = Subject {
+            candidate: candidate.digest(),
+            row_version: asked.row_version,
+            evidence,
+            policy: context.digest,
+            profile: context.profile_digest,
+        };
+        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
+        let secs = |ms: u64| ms as f64 / 1000.0;
+        let mut prompt = PendingQuestion {
+            id: asked.id,
+            request: Request {
+                subject,
+                risk,
+                quorum,
+                requester: "engine".to_owned(),
+                author: candidate.submission.author.clone(),
+                asked_s: secs(asked_ms),
+            },
+            votes: Vec::new(),
+            signed: Vec::new(),
+            evidence,
+            row_version: asked.row_version,
+            life_row_version: standing.row_version,
+            asked_ms,
+            deadline_ms: asked.deadline_ms,
+            replaces: record.active_of(&id.family).map(|active| active.id()),
+            review,
+        };
+        let identities = record.ledger().store().layout().identities();
+        for entry in views.approvals(id)? {
+            let said = entry.signed.approval().clone();
+            let same = said.candidate_digest == subject.candidate
+                && said.row_version == subject.row_version
+                && said.evidence_digest == evidence
+                && said.policy_digest == context.digest
+                && said.profile == context.profile.name
+                && entry.at_ms >= asked_ms;
+            // Who may no longer decide has not decided.
+            let Some(who) = Identity::find(&identities, &said.who).ok().filter(|_| same) else { continue };
+            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() {
+                continue;
+            }
+            prompt.votes.push(Vote {
+                person: said.who.clone(),
+                role: who.role,
+                answer: said.decision,
+                reason: said.reason.clone(),
+                subject,
+                expires_s: secs(said.not_after_ms),
+                break_glass: false,
+                signature: SignatureCheck::Valid,
+                nonce_used: false,
+            });
+            prompt.signed.push(entry.signed);
+        }
+        drop(views);
+        let answers = prompt.votes.len();
+        match prompt.result(context, record.now_s()).outcome {
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => self.grant_later(id),
+            ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => {
+            }
+        }
+        self.prompts.insert(id.clone(), prompt);
+        Ok(Some(answers))
+    }
+}

@@ -1,0 +1,210 @@
+//! What outlasts a restart, and what a store is for.
+
+use std::path::Path;
+
+use holdpoint_approvals::Identity;
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
+use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::Kappa;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::outcome::{
+    Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
+};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{Change, Store};
+use holdpoint_runtime::agent::Agent;
+use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use holdpoint_sim::robot::RobotModel;
+
+use crate::cell::Cell;
+use crate::ledger::{Ledger, Note};
+use crate::pipeline::{Pipeline, PipelineSettings, Progress};
+use crate::stages::activation::Activation;
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::{Config, Engine, StartError};
+use holdpoint_text::Hint;
+
+fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
+    let profile = Profile::builtin(profile).unwrap();
+    let store = Store::open(folder).unwrap();
+    let clock = Clock::scripted(store.opening().head.at_ms);
+    let settings = PipelineSettings {
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        table: PolicyTable::builtin(&profile).unwrap(),
+        profile,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+    };
+    let baselines = crate::embedded::baselines().unwrap();
+    Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()
+}
+
+fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
+    Engine::start(Config {
+        data: folder,
+        profile: ProfileName::Sim,
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        scripted: true,
+        cell: Cell::new(RobotModel::builtin(robot).unwrap()).unwrap(),
+        cache: EpisodeCache::InStore,
+    })
+}
+
+fn accepted(reply: &Reply) {
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+#[test]
+fn alarms_are_open_after_a_restart_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let id: CapabilityId = "grasp@1.0.0".parse().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let record = &mut *first.live().record;
+    let taken_off = AlarmKey::RolledBack(id.clone());
+    record.raise(taken_off.clone(), Priority::Critical, true, "it was taken off");
+    record.alarm_event(&AlarmEvent::Acknowledge { key: taken_off.clone(), by: "ana".to_owned() });
+    record.alarm_event(&AlarmEvent::Clear { key: taken_off });
+    record.raise(AlarmKey::Violation(id), Priority::High, true, "it violated a limit");
+    let (alarms, summary) = (first.snapshot().alarms, first.snapshot().alarm_summary);
+    assert_eq!((alarms.len(), summary.latched, summary.unacknowledged), (2, 1, [0, 1, 0]));
+    drop(first);
+    let second = pipeline(folder.path(), ProfileName::Sim);
+    assert_eq!(second.snapshot().alarms, alarms);
+    assert_eq!(second.snapshot().alarm_summary, summary);
+}
+
+#[test]
+fn another_robot_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(engine(folder.path(), "arm7").unwrap());
+    let head = || Store::open(folder.path()).unwrap().opening().head.seq;
+    let before = head();
+    let refused = engine(folder.path(), "arm6").err().unwrap();
+    assert!(matches!(refused, StartError::OtherRobot { .. }), "{refused}");
+    assert!(refused.to_string().contains("arm7") && refused.to_string().contains("arm6"), "{refused}");
+    assert!(refused.hint().unwrap().contains("without `--robot`"), "{:?}", refused.hint());
+    assert_eq!(head(), before);
+    assert_eq!(engine(folder.path(), "arm7").unwrap().snapshot().robot, "arm7");
+}
+
+#[test]
+fn another_agent_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    assert_eq!(first.record().holding(), None);
+    // At each activation ...
+    first.live().world.cell.replace_agent(Agent::called("another"));
+    assert!(!first.activation().same_agent);
+    drop(first);
+    // ... and at each start.
+    let store = Store::open(folder.path()).unwrap();
+    let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
+    let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
+    context["agent"] = serde_json::json!(Agent::called("another").identity_hash());
+    let change = Change::SetContext { profile, policy_digest, json: context.to_string() };
+    let at_ms = store.opening().head.at_ms;
+    store
+        .commit(holdpoint_registry::Transaction {
+            command_id: "test".to_owned(),
+            at_ms,
+            wall_ms: 0,
+            changes: vec![change],
+            audit: Vec::new(),
+        })
+        .unwrap();
+    drop(store);
+    let second = pipeline(folder.path(), ProfileName::Sim);
+    assert!(second.record().holding().is_some_and(|why| why.contains("the agent is not the one")));
+}
+
+#[test]
+fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    let drift = Drift { kind: DriftKind::Combined, magnitude: Magnitude::Strong };
+    pipeline.live().world.cell.set_drift(Some(drift)).unwrap();
+    let degraded = |pipeline: &Pipeline| {
+        pipeline.record().alarms().iter().any(|alarm| matches!(alarm.key, AlarmKey::Degraded(_)))
+    };
+    for _ in 0..10 {
+        pipeline.work_one();
+        assert_eq!(pipeline.advance(), Progress::Worked);
+    }
+    assert!(degraded(&pipeline), "{:?}", pipeline.snapshot().alarms);
+    assert!(pipeline.snapshot().candidates.is_empty());
+}
+
+fn compatible<O>(outcome: O) -> Assessment<O> {
+    let kappa = Kappa::new(0.97);
+    Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
+}
+
+/// A candidate for which people are asked, without its evaluation: what is tested comes after that.
+fn asked(pipeline: &mut Pipeline) -> CapabilityId {
+    const NAME: &str = "align-improved";
+    let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
+    let id = Capability::load(NAME, package.clone()).unwrap().id();
+    accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned() }));
+    let live = pipeline.live();
+    let dossier = live.dossiers.edit(&id);
+    dossier.kappas = Some(Kappas {
+        interface: compatible(InterfaceOutcome::Compatible),
+        // A review takes two people.
+        policy: compatible(PolicyOutcome::Review),
+        behavior: compatible(BehaviorOutcome::Compatible),
+        recovery: compatible(RecoveryOutcome::Compatible),
+    });
+    let (json, digest) = (serde_json::to_string(dossier).unwrap(), dossier.digest().unwrap());
+    let version = live.record.ledger().version(&id).unwrap().0;
+    for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
+        for event in [LifecycleEvent::Start { version, stage }, LifecycleEvent::Pass { version, stage }] {
+            live.record.transition(&id.family, event, Note::because("test")).unwrap();
+        }
+    }
+    let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
+    live.record.write(vec![evidence], Vec::new()).unwrap();
+    let start = LifecycleEvent::Start { version, stage: Stage::Activation };
+    live.record.transition(&id.family, start, Note::because("test")).unwrap();
+    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
+    approvals.ask(context, record, dossiers, &id).unwrap();
+    id
+}
+
+#[test]
+fn a_question_is_open_after_a_restart_with_the_answers_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Human);
+    asked(&mut first);
+    let mut before = first.snapshot().prompts;
+    let identities = first.record().ledger().store().layout().identities();
+    let ana = Identity::create(&identities, "ana", Role::Engineer).unwrap();
+    let answer = before[0].answer(&ana, Answer::Approve, "evidence read", None).unwrap();
+    accepted(&first.command(answer));
+    before[0].approved_by = vec!["ana".to_owned()];
+    assert!(before[0].needed > 1, "one answer is not enough");
+    assert_eq!(first.snapshot().prompts, before);
+    drop(first);
+
+    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let after = second.snapshot().prompts;
+    // Until when a decision signed now is good is told anew.
+    before[0].valid_until_ms = after[0].valid_until_ms;
+    assert_eq!(after, before);
+    let events = second.drain_events();
+    assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
+    drop(second);
+    // Under another profile it is another question.
+    let third = pipeline(folder.path(), ProfileName::Real);
+    assert!(third.snapshot().prompts.is_empty());
+}

@@ -1,0 +1,337 @@
+//! Absolute monitors: whether a family's active version works as the cell did when it was commissioned, baselines too.
+//!
+//! The monitor of an activation ([`crate::monitor`]) compares a new version with what it was measured to be. This one
+//! knows no candidate: what is normal is counted over the first tasks the cell works, kept, and charted from then on,
+//! whoever is active; a violation is a finding of its own. Pure: it says what was found and what was found to be over.
+
+use serde::{Deserialize, Serialize};
+
+use crate::profile::HealthSettings;
+use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
+
+/// One-sided error of the bound that a commissioning leaves open: what so few tasks cannot exclude counts as normal.
+const NORMAL_ALPHA: f64 = 0.05;
+
+crate::words! {
+    /// What is charted of a family, each as the share of bad tasks.
+    HealthRate, "rate of a family's health", {
+        /// Tasks that were not done.
+        Failure = "failure",
+        /// Tasks that ran into their time limit.
+        Timeout = "timeout",
+        /// Tasks with a larger force than commissioning saw, by the profile's margin.
+        Force = "force",
+    }
+}
+
+/// What one live task showed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HealthValues {
+    /// The task was done.
+    pub success: bool,
+    /// The task ran into its time limit.
+    pub timeout: bool,
+    /// A measured quantity passed its limit, or the guard denied a command.
+    pub violation: bool,
+    /// The largest force on wrist, pads or hand, N.
+    pub peak_force_n: f64,
+}
+
+/// What was normal when a family was commissioned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Commissioned {
+    /// Tasks it was counted over.
+    pub tasks: u32,
+    /// Of these, not done.
+    pub failures: u32,
+    /// Of these, ran into their time limit.
+    pub timeouts: u32,
+    /// The largest force in any of them, N.
+    pub peak_force_n: f64,
+}
+
+/// What a task brought to light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HealthFinding {
+    /// What is normal is known now, and to be kept.
+    Commissioned(Commissioned),
+    /// A version violated a limit.
+    Violated,
+    /// So many tasks in a row were without a violation: the condition is over.
+    ViolationsOver,
+    /// The share of bad tasks is established as more than normal.
+    Degraded(HealthRate),
+    /// So many tasks in a row were good in every respect: the condition is over.
+    DegradedOver,
+}
+
+#[derive(Clone, Debug)]
+struct HealthChart {
+    rate: HealthRate,
+    cusum: Cusum,
+}
+
+/// The health of one family.
+#[derive(Clone, Debug)]
+pub struct FamilyHealth {
+    settings: HealthSettings,
+    normal: Option<Commissioned>,
+    /// Counted so far, while nothing is known.
+    tally: Commissioned,
+    charts: Vec<HealthChart>,
+    /// Tasks in a row without a violation, and without anything bad.
+    clean: u32,
+    good: u32,
+    violated: bool,
+    degraded: bool,
+}
+
+impl FamilyHealth {
+    /// The health of a family; `normal` is what its commissioning gave, absent before it.
+    ///
+    /// # Errors
+    /// Settings that no chart can be tuned with.
+    pub fn new(settings: HealthSettings, normal: Option<Commissioned>) -> Result<Self, StatsError> {
+        let mut health = Self {
+            settings,
+            normal,
+            tally: Commissioned::default(),
+            charts: Vec::new(),
+            clean: 0,
+            good: 0,
+            violated: false,
+            degraded: false,
+        };
+        health.begin_anew()?;
+        Ok(health)
+    }
+
+    /// Another version works from now on: nothing of the one before counts, but what is normal stays.
+    ///
+    /// # Errors
+    /// As [`FamilyHealth::new`].
+    pub fn begin_anew(&mut self) -> Result<(), StatsError> {
+        self.tally = Commissioned::default();
+        (self.clean, self.good) = (0, 0);
+        (self.violated, self.degraded) = (false, false);
+        self.set_charts()
+    }
+
+    /// What an alarm from before a restart stands for is present until it is measured to be over.
+    pub const fn stays(&mut self, violated: bool, degraded: bool) {
+        self.violated = violated;
+        self.degraded = degraded;
+    }
+
+    /// What is normal, once it is known.
+    #[must_use]
+    pub const fn normal(&self) -> Option<&Commissioned> {
+        self.normal.as_ref()
+    }
+
+    fn set_charts(&mut self) -> Result<(), StatsError> {
+        let limit = self.settings.failure_max;
+        let share = |count: u32, tasks: u32| wilson_upper(count.into(), tasks.into(), NORMAL_ALPHA);
+        let rates = match &self.normal {
+            // Until it is known, what the profile allows at most is normal, and no force is.
+            None => vec![(HealthRate::Failure, limit), (HealthRate::Timeout, limit)],
+            Some(normal) => vec![
+                (HealthRate::Failure, share(normal.failures, normal.tasks)?),
+                (HealthRate::Timeout, share(normal.timeouts, normal.tasks)?),
+                (HealthRate::Force, share(0, normal.tasks)?),
+            ],
+        };
+        self.charts = rates
+            .into_iter()
+            .map(|(rate, share)| {
+                let normal = share.clamp(self.settings.rate_min, limit);
+                let degraded = normal + self.settings.shift;
+                Ok(HealthChart { rate, cusum: Cusum::new(normal, degraded, self.settings.cusum_limit)? })
+            })
+            .collect::<Result<_, StatsError>>()?;
+        Ok(())
+    }
+
+    /// Takes in one live task of the family's active version.
+    ///
+    /// # Errors
+    /// As [`FamilyHealth::new`].
+    pub fn observe(&mut self, task: &HealthValues) -> Result<Vec<HealthFinding>, StatsError> {
+        let mut found = Vec::new();
+        let force_max =
+            self.normal.map_or(f64::INFINITY, |normal| normal.peak_force_n * self.settings.force_margin);
+        // A force that is no number is above every limit.
+        let forced = !matches!(task.peak_force_n.partial_cmp(&force_max), Some(o) if o.is_le());
+        let bad = |rate| match rate {
+            HealthRate::Failure => !task.success,
+            HealthRate::Timeout => task.timeout,
+            HealthRate::Force => forced,
+        };
+        let all_good = HealthRate::ALL.into_iter().all(|rate| !bad(rate)) && !task.violation;
+        self.clean = if task.violation { 0 } else { self.clean.saturating_add(1) };
+        self.good = if all_good { self.good.saturating_add(1) } else { 0 };
+        if task.violation {
+            self.violated = true;
+            found.push(HealthFinding::Violated);
+        } else if self.violated && self.clean >= self.settings.clear_tasks {
+            self.violated = false;
+            found.push(HealthFinding::ViolationsOver);
+        }
+        let alarmed: Vec<HealthRate> = self
+            .charts
+            .iter_mut()
+            .filter_map(|chart| {
+                (chart.cusum.update(bad(chart.rate)) == DriftSignal::Alarm).then_some(chart.rate)
+            })
+            .collect();
+        if let (Some(rate), false) = (alarmed.first(), self.degraded) {
+            self.degraded = true;
+            found.push(HealthFinding::Degraded(*rate));
+        } else if self.degraded && self.good >= self.settings.clear_tasks {
+            self.degraded = false;
+            // A chart that alarmed stays so; what comes next is looked at afresh.
+            self.set_charts()?;
+            found.push(HealthFinding::DegradedOver);
+        }
+        found.extend(self.count(task)?.map(HealthFinding::Commissioned));
+        Ok(found)
+    }
+
+    /// Counts towards the commissioning. A family that fails more than the profile allows is not commissioned so.
+    fn count(&mut self, task: &HealthValues) -> Result<Option<Commissioned>, StatsError> {
+        if self.normal.is_some() {
+            return Ok(None);
+        }
+        let tally = &mut self.tally;
+        tally.tasks += 1;
+        tally.failures += u32::from(!task.success);
+        tally.timeouts += u32::from(task.timeout);
+        tally.peak_force_n = tally.peak_force_n.max(task.peak_force_n);
+        if tally.tasks < self.settings.commissioning_tasks {
+            return Ok(None);
+        }
+        let done = std::mem::take(tally);
+        let allowed = f64::from(done.tasks) * self.settings.failure_max;
+        if f64::from(done.failures) > allowed || !done.peak_force_n.is_finite() {
+            return Ok(None);
+        }
+        self.normal = Some(done);
+        if !self.degraded {
+            self.set_charts()?;
+        }
+        Ok(Some(done))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::{Profile, ProfileName};
+
+    const GOOD: HealthValues =
+        HealthValues { success: true, timeout: false, violation: false, peak_force_n: 20.0 };
+    const FAILED: HealthValues = HealthValues { success: false, ..GOOD };
+
+    fn settings() -> HealthSettings {
+        Profile::builtin(ProfileName::Sim).unwrap().health
+    }
+
+    /// A family whose commissioning had one failure in twenty.
+    fn commissioned() -> FamilyHealth {
+        let mut health = FamilyHealth::new(settings(), None).unwrap();
+        let tasks = settings().commissioning_tasks;
+        let found: Vec<HealthFinding> = (0..tasks)
+            .flat_map(|task| health.observe(if task % 20 == 7 { &FAILED } else { &GOOD }).unwrap())
+            .collect();
+        let failures = (0..tasks).filter(|task| task % 20 == 7).count();
+        let normal = Commissioned {
+            tasks,
+            failures: u32::try_from(failures).unwrap(),
+            timeouts: 0,
+            peak_force_n: 20.0,
+        };
+        assert_eq!(found, [HealthFinding::Commissioned(normal)]);
+        health
+    }
+
+    fn until(health: &mut FamilyHealth, task: &HealthValues, wanted: HealthFinding) -> Option<usize> {
+        (1..=40).find(|_| health.observe(task).unwrap().contains(&wanted))
+    }
+
+    #[test]
+    fn what_fails_altogether_alarms_within_ten_tasks_before_and_after_commissioning() {
+        let failing = HealthFinding::Degraded(HealthRate::Failure);
+        let mut fresh = FamilyHealth::new(settings(), None).unwrap();
+        let before = until(&mut fresh, &FAILED, failing).unwrap();
+        let after = until(&mut commissioned(), &FAILED, failing).unwrap();
+        println!("failing altogether: after {before} tasks without, {after} with a commissioning");
+        assert!(before <= 10 && after <= 10, "{before}, {after}");
+        let forced = HealthValues { peak_force_n: 26.0, ..GOOD };
+        let force = until(&mut commissioned(), &forced, HealthFinding::Degraded(HealthRate::Force));
+        assert!(force.is_some_and(|tasks| tasks <= 10), "{force:?}");
+        let nan = HealthValues { peak_force_n: f64::NAN, ..GOOD };
+        assert!(until(&mut commissioned(), &nan, HealthFinding::Degraded(HealthRate::Force)).is_some());
+        let late = HealthValues { timeout: true, ..GOOD };
+        assert!(until(&mut commissioned(), &late, HealthFinding::Degraded(HealthRate::Timeout)).is_some());
+    }
+
+    #[test]
+    fn a_cell_that_fails_is_not_commissioned_so() {
+        let mut health = FamilyHealth::new(settings(), None).unwrap();
+        for _ in 0..5 * settings().commissioning_tasks {
+            health.observe(&FAILED).unwrap();
+        }
+        assert_eq!(health.normal(), None);
+    }
+
+    #[test]
+    fn a_violation_is_found_at_once_and_over_when_it_was_measured_to_be() {
+        let mut health = commissioned();
+        let violated = HealthValues { violation: true, ..GOOD };
+        assert_eq!(health.observe(&violated).unwrap(), [HealthFinding::Violated]);
+        assert_eq!(health.observe(&violated).unwrap(), [HealthFinding::Violated]);
+        let over = until(&mut health, &GOOD, HealthFinding::ViolationsOver);
+        assert_eq!(over, usize::try_from(settings().clear_tasks).ok());
+        until(&mut health, &FAILED, HealthFinding::Degraded(HealthRate::Failure)).unwrap();
+        let over = until(&mut health, &GOOD, HealthFinding::DegradedOver);
+        assert_eq!(over, usize::try_from(settings().clear_tasks).ok());
+        assert!(until(&mut health, &FAILED, HealthFinding::Degraded(HealthRate::Failure)).is_some());
+        // What an alarm of before a restart stands for is not over by the restart.
+        let mut restarted = FamilyHealth::new(settings(), health.normal().copied()).unwrap();
+        restarted.stays(false, true);
+        assert!(restarted.observe(&GOOD).unwrap().is_empty());
+        assert!(until(&mut restarted, &GOOD, HealthFinding::DegradedOver).is_some());
+    }
+
+    /// The bound of the charts holds: with what is normal at the unfavourable end of its bound, far fewer than one
+    /// false alarm in 10,000 tasks.
+    #[test]
+    fn what_is_normal_seldom_alarms() {
+        let mut state = 11_u64;
+        // SplitMix64 (Steele, Lea & Flood 2014), as a share.
+        let mut unit = || {
+            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mixed = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            f64::from(u32::try_from((mixed ^ (mixed >> 31)) >> 32).unwrap()) / f64::from(u32::MAX)
+        };
+        let (mut alarms, runs, tasks) = (0, 50, 2_000);
+        for _ in 0..runs {
+            let mut health = commissioned();
+            let rate = wilson_upper(
+                health.normal().unwrap().failures.into(),
+                health.normal().unwrap().tasks.into(),
+                NORMAL_ALPHA,
+            )
+            .unwrap();
+            for _ in 0..tasks {
+                let task = if unit() < rate { FAILED } else { GOOD };
+                let found = health.observe(&task).unwrap();
+                alarms += found.iter().filter(|f| matches!(f, HealthFinding::Degraded(_))).count();
+            }
+        }
+        println!("{alarms} false alarms in {} tasks at the bound of the normal rate", runs * tasks);
+        assert!(alarms <= 10, "{alarms}");
+    }
+}
