@@ -5,6 +5,9 @@
 #[doc = include_str!("guide/operating.md")]
 pub mod operating {}
 
+#[doc = include_str!("guide/governance.md")]
+pub mod governance {}
+
 #[doc = include_str!("guide/scenarios.md")]
 pub mod scenarios {}
 

@@ -31,9 +31,18 @@ impl Prompt {
             |replaced| format!("Replaces {replaced}, which stays pinned as the way back"),
         ));
         lines.push(format!("Made by {}", seen.author));
+        if let Some(deployment) = self.evidence.deployment {
+            lines.push(format!("Deployment outcome so far: {deployment}"));
+        }
         self.evidence_lines(&mut lines);
         let listed = |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
         lines.push(format!("New permissions: {}", listed(&seen.new_permissions)));
+        let changes = seen.changes.lines();
+        if changes.is_empty() {
+            lines.push("Changes: none known of permissions, parameters and interface".to_owned());
+        }
+        lines.extend(changes.iter().map(|line| format!("Change: {line}")));
+        lines.extend(self.evidence.conditions.iter().map(|condition| format!("Condition: {condition}")));
         if seen.untested.is_empty() {
             lines.push("Not tested: nothing is known to be missing".to_owned());
         }

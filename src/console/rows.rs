@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use super::model::{ItemKey, Model, STORY_PANE, View};
-use super::words::condition_words;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
@@ -355,7 +354,7 @@ pub fn said(item: &CandidateItem<'_>) -> String {
         CandidateItem::Dimension(result) => result.dimension.words().to_owned(),
         CandidateItem::Worsening(measure) | CandidateItem::Measure(measure) => measure.name.clone(),
         CandidateItem::Reason(reason) => format!("{}: {}", reason.code, reason.text),
-        CandidateItem::Condition(condition) => condition_words(condition),
+        CandidateItem::Condition(condition) => condition.to_string(),
         CandidateItem::Untested(what) => (*what).to_owned(),
         CandidateItem::Difference(difference) => difference.field.clone(),
         CandidateItem::Mode(mode) => (*mode).to_owned(),

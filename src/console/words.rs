@@ -1,6 +1,5 @@
 //! Words and numbers as every view, export and prompt writes them: one formatter each.
 
-use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
@@ -76,26 +75,6 @@ pub fn standing(state: State, flags: &Flags) -> String {
         words.push(format!("in {}", stage.name()));
     }
     words.join(", ")
-}
-
-/// A condition of use in a sentence.
-#[must_use]
-pub fn condition_words(condition: &Condition) -> String {
-    match condition {
-        Condition::SimulationOnly => "in simulation alone".to_owned(),
-        Condition::TighterEnvelope { speed_max_m_s, force_max_n } => {
-            format!("at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
-        }
-        Condition::StricterThresholds { factor } => format!("the monitor's limits times {factor}"),
-        Condition::ShadowFirst { sequences } => format!("{sequences} sequences in shadow first"),
-        Condition::ApprovalRequired { quorum } => format!("approval by {quorum} distinct people"),
-        Condition::InterfaceAdapter { fields } => {
-            format!("callers go through an adapter that fills in {}", fields.join(", "))
-        }
-        Condition::RollbackCoupled => {
-            "its predecessor stays loaded and takes over at the first trip".to_owned()
-        }
-    }
 }
 
 /// The seven stages of the pipeline strip, in order.

@@ -4,6 +4,7 @@
 
 use holdpoint_approvals::{Identity, keyfile};
 use holdpoint_governance::composition;
+use holdpoint_governance::condition::people_needed;
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::Digest;
@@ -30,7 +31,15 @@ pub fn terms_of(
     let (speed, force) = composition::envelope(&capability.manifest, conditions);
     let restricted = monitors.of(&id).is_some_and(|watched| watched.restricted);
     let terms = context.terms().capped(speed, force);
+    // On the arm only what passed the gate with these people's approval runs; in sandbox and shadow it is tried.
+    let terms = if people_needed(conditions) > 0 { terms.reviewed() } else { terms };
     if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+}
+
+/// Whether a version's declaration admits the profile in force: what does not is never given the arm.
+#[must_use]
+pub fn is_admitted(context: &Context, capability: &Capability) -> bool {
+    capability.manifest.deployment.environments.contains(&context.profile.name)
 }
 
 /// A version with the terms and the fallback it has now.

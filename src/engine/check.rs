@@ -5,6 +5,7 @@
 
 use holdpoint_governance::composition::admits;
 use holdpoint_governance::decision::Reason;
+use holdpoint_governance::interface::declared::{self, held_against};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::policy::{self, PolicyError, PolicyInput, PolicyTable};
@@ -35,6 +36,8 @@ pub struct StaticFindings {
     pub interface: Assessment<InterfaceOutcome>,
     /// Whether what it asks for is allowed.
     pub policy: Assessment<PolicyOutcome>,
+    /// What it asks for beyond the active version.
+    pub asks_more: Vec<String>,
 }
 
 impl StaticFindings {
@@ -69,6 +72,11 @@ pub fn judge(
         },
         &profile.thresholds,
     );
+    let changed = declared::changes(active.map(|active| &*active.manifest), &candidate.manifest);
+    let mut interface = interface.assessment;
+    if active.is_some() && interface.outcome != InterfaceOutcome::NoData {
+        interface.reasons.extend(held_against(&candidate.submission.interface_changes, &changed));
+    }
     let policy = policy::assess(
         &PolicyInput {
             permissions: &candidate.manifest.permissions,
@@ -79,7 +87,8 @@ pub fn judge(
         table,
         profile,
     );
-    StaticFindings { interface: interface.assessment, policy: policy.assessment }
+    let asks_more = policy.asks_more();
+    StaticFindings { interface, policy: policy.assessment, asks_more }
 }
 
 /// Judges a version against the embedded baseline of its family, profile by profile.

@@ -19,8 +19,20 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_protocol::detail::Changes;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::ProgressView;
+
+/// What stage 2 finds of a candidate against the version that is active then.
+pub struct StaticAssessment {
+    /// Interface and policy; behaviour and recovery as estimates.
+    pub kappas: Kappas,
+    /// What it asks for beyond the active version.
+    pub asks_more: Vec<String>,
+    /// The whole difference.
+    pub changes: Changes,
+}
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -51,8 +63,12 @@ pub struct Dossier {
     pub conditions: Vec<Condition>,
     /// Reasons of the last decision.
     pub reasons: Vec<Reason>,
-    /// New permissions against the active version.
+    /// Permissions that the active version does not have, or has at a lower level.
     pub new_permissions: Vec<String>,
+    /// The whole difference to the active version it was assessed against.
+    pub changes: Changes,
+    /// The deployment outcome of the last decision.
+    pub deployment: Option<Deployability>,
     /// Profiles closed to it by a profile demotion.
     pub closed: BTreeSet<ProfileName>,
     /// Nobody answered in time: it is not asked about again by itself.
@@ -70,6 +86,7 @@ impl Dossier {
     pub fn digest(&self) -> Result<Digest, serde_json::Error> {
         let evidence = Self {
             conditions: Vec::new(),
+            deployment: None,
             reasons: Vec::new(),
             closed: BTreeSet::new(),
             confirmation: None,
@@ -77,6 +94,14 @@ impl Dossier {
             ..self.clone()
         };
         Digest::of_json("holdpoint.evidence.v1", &evidence)
+    }
+
+    /// Takes in what can be said without running it.
+    pub fn take_static(&mut self, found: StaticAssessment) {
+        self.conditions = found.kappas.conditions();
+        self.kappas = Some(found.kappas);
+        self.new_permissions = found.asks_more;
+        self.changes = found.changes;
     }
 
     /// The dimensions for display.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
+use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::snapshot::{MonitorView, QuestionView};
 
 use crate::context::Context;
@@ -46,7 +47,8 @@ impl Watched {
         let expected = dossier
             .and_then(|dossier| normal_rates(&dossier.twins))
             .ok_or_else(|| Fault::Impossible(format!("{id} has no shadow evidence to monitor it against")))?;
-        let monitor = Monitor::new(&context.profile, &expected, now_tick)
+        let conditions = dossier.map(|dossier| &*dossier.conditions).unwrap_or_default();
+        let monitor = Monitor::strict(&context.profile, &expected, Strictness::of(conditions), now_tick)
             .map_err(|error| Fault::Impossible(error.to_string()))?;
         Ok(Self {
             id: id.clone(),
@@ -157,6 +159,8 @@ impl Monitors {
             episodes: watched.episodes,
             needed,
             restricted: watched.restricted,
+            factor: watched.monitor.strictness().factor(),
+            coupled: watched.monitor.strictness().coupled(),
             charts: watched
                 .monitor
                 .charts()

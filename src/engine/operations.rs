@@ -63,6 +63,7 @@ pub(crate) fn registered_event(capability: &Capability) -> EventKind {
         provenance: submission.provenance,
         risk: submission.estimated_risk,
         parent: submission.parent.as_ref().map(ToString::to_string),
+        interface_changes: submission.interface_changes.clone(),
     }
 }
 

@@ -1,6 +1,8 @@
 //! The clean-up after an interrupted engine: what ran does not count, what was asked is asked anew, a rollback that was
 //! under way is finished. It says all of it.
 
+use crate::binding::is_admitted;
+use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
@@ -10,16 +12,19 @@ use crate::record::Record;
 use crate::stages::monitoring::Live;
 use crate::stages::rollback::trigger;
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::condition::Condition;
+use holdpoint_governance::decision::Decision;
+use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::Interrupted;
 use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{EvidenceEntry, Interrupted};
 
 /// Finishes or undoes what an interrupted engine left, and says so.
 pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
-    reload_dossiers(live.record, live.dossiers)?;
+    reload_dossiers(live.context, live.record, live.dossiers)?;
     let interrupted = live.record.ledger().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();
     for left in interrupted {
@@ -44,7 +49,26 @@ pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<
             Interrupted::Provisional { version } => resume_watch(live, &version)?,
         }
     }
+    leave_unadmitted(live)?;
     resume_questions(live, approvals)
+}
+
+/// What does not admit the profile that the store was opened under is taken off: a version for simulation alone gets
+/// no other arm.
+fn leave_unadmitted(live: &mut Live<'_>) -> Result<(), Fault> {
+    let active = live.record.ledger().families().filter_map(|(_, entry)| entry.active());
+    let stray: Vec<CapabilityId> = active
+        .filter(|member| !is_admitted(live.context, &member.capability))
+        .map(|member| member.capability.id())
+        .collect();
+    for id in stray {
+        let profile = live.context.profile.name;
+        say_recovered(live.record, &id, &format!("it does not admit the profile {profile} and is taken off"));
+        let text = format!("the store was opened under the profile {profile}, which it does not admit");
+        let trigger = trigger(live.record, TriggerKind::ProfileNotAdmitted, &text);
+        live.take_off(&id, trigger, None, Leave::Demoted)?;
+    }
+    Ok(())
 }
 
 /// A version whose repeated stage was interrupted goes back to that stage.
@@ -134,7 +158,7 @@ fn what_is_said_of(dossier: Dossier) -> Dossier {
 }
 
 /// Reads the newest evidence of every version.
-fn reload_dossiers(record: &Record, dossiers: &mut Dossiers) -> Result<(), Fault> {
+fn reload_dossiers(context: &Context, record: &Record, dossiers: &mut Dossiers) -> Result<(), Fault> {
     let views = record.ledger().store().views()?;
     let mut loaded = Vec::new();
     for (_, entry) in record.ledger().families() {
@@ -152,11 +176,40 @@ fn reload_dossiers(record: &Record, dossiers: &mut Dossiers) -> Result<(), Fault
                 | EvidenceKind::Drill => false,
             });
             let newest = kept.find_map(|entry| serde_json::from_str::<Dossier>(&entry.json).ok());
-            loaded
-                .extend(newest.map(|dossier| (id, if is_over { what_is_said_of(dossier) } else { dossier })));
+            let Some(mut dossier) = newest else { continue };
+            if is_over {
+                dossier = what_is_said_of(dossier);
+            } else if version.state == State::Active {
+                dossier.conditions = conditions_in_force(context, &evidence, &dossier.conditions);
+                if !version.flags.provisional {
+                    dossier.conditions.retain(Condition::outlives_confirmation);
+                }
+            }
+            loaded.push((id, dossier));
         }
     }
     drop(views);
     dossiers.extend(loaded);
     Ok(())
+}
+
+/// The conditions of an active version: those its gate was passed under. What people approved under another profile or
+/// other policies is no approval under these.
+fn conditions_in_force(
+    context: &Context,
+    evidence: &[EvidenceEntry],
+    measured: &[Condition],
+) -> Vec<Condition> {
+    let gate = evidence.iter().rev().find(|entry| entry.kind == EvidenceKind::Gate);
+    let passed = gate.and_then(|entry| serde_json::from_str::<Decision<GateOutcome>>(&entry.json).ok());
+    let under_these = passed.as_ref().is_some_and(|decision| {
+        let under = decision.made_under();
+        under.profile == context.profile_digest && under.policy == context.table.digest
+    });
+    let mut conditions =
+        passed.map_or_else(|| measured.to_vec(), |passed| passed.answers().conditions.clone());
+    if !under_these {
+        conditions.retain(|condition| !matches!(condition, Condition::ApprovalRequired { .. }));
+    }
+    conditions
 }

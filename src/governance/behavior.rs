@@ -20,6 +20,9 @@ use crate::stats::{self, PairedBound, PairedCounts};
 /// The error rate of the one-sided upper bounds that `compatible` asks for.
 const UPPER_ALPHA: f64 = 0.05;
 
+/// Factor on the monitor's limits for a version that is suspicious: half the evidence of a worsening is enough.
+const SUSPICIOUS_FACTOR: f64 = 0.5;
+
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
 
@@ -399,8 +402,11 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
         reasons.push(Finding::Improved.reason(c.name).with(-c.worsening, 0.0));
     }
     if outcome == BehaviorOutcome::Suspicious {
-        result.assessment.conditions =
-            vec![Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
+        result.assessment.conditions = vec![
+            Condition::StricterThresholds { factor: SUSPICIOUS_FACTOR },
+            Condition::ShadowFirst { sequences: profile.evaluation.shadow_sequences_max },
+            Condition::RollbackCoupled,
+        ];
     }
     result.assessment.outcome = outcome;
     result.assessment.reasons = reasons;

@@ -14,6 +14,7 @@ use super::outcome::{
     Recommendation, RecoveryOutcome,
 };
 use super::profile::fields::Weights;
+use super::vocabulary::{deployability_of_shadow, words};
 
 /// The four assessments of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -103,9 +104,10 @@ pub struct PsiContext {
 
 /// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
 ///
-/// I incompatible -> reject; P incompatible -> reject; P review -> rollback-review; B incompatible -> sandbox;
-/// R incompatible -> sandbox (rollback-review if an approver exists and rollback itself works);
-/// missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
+/// I incompatible -> reject; P incompatible -> reject; a measured failure of B, or of R beyond review -> sandbox;
+/// P review -> rollback-review; R incompatible -> sandbox (rollback-review if an approver exists and rollback itself
+/// works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
+/// A measured failure is not put to people: a review is about permissions, and cannot outweigh what was measured.
 #[must_use]
 pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decision<Recommendation> {
     let (outcome, dimension) = recommend(kappas, context);
@@ -143,8 +145,22 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decis
         conditions: kappas.conditions(),
         monitoring: "by the watcher and the policy guard of the stage it is admitted to".into(),
         rollback_when: "nothing is active: leaving the stage leaves the active version untouched".into(),
+        deployment: Some(words(outcome).deployability),
     };
     Decision::new(outcome, reasons, answers, made_under)
+}
+
+/// `Psi` at the end of shadow: the deployment outcome is what shadow leaves of it.
+#[must_use]
+pub fn psi_after_shadow(
+    kappas: &Kappas,
+    context: PsiContext,
+    made_under: MadeUnder,
+    check: Check,
+) -> Decision<Recommendation> {
+    let decision = psi(kappas, context, made_under);
+    let before = words(*decision.outcome()).deployability;
+    decision.with_deployment(deployability_of_shadow(check, before))
 }
 
 /// Whether interface and policy let a version into the sandbox, which is all that can be said without running it:
@@ -169,7 +185,11 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     if blocked(policy) {
         return (Recommendation::Reject, Some(Dimension::Policy));
     }
-    if policy == Check::Review {
+    let measured_failure = behavior == Check::Fail && kappas.behavior.basis == Basis::Measured;
+    let unrecoverable = recovery == Check::Fail
+        && kappas.recovery.basis == Basis::Measured
+        && !(context.has_approver && recovery_is_reviewable(&kappas.recovery));
+    if policy == Check::Review && !measured_failure && !unrecoverable {
         return (Recommendation::RollbackReview, Some(Dimension::Policy));
     }
     if blocked(behavior) {
@@ -217,7 +237,7 @@ pub fn envelope(manifest: &Manifest, conditions: &[Condition]) -> (f64, f64) {
         | Condition::StricterThresholds { .. }
         | Condition::ShadowFirst { .. }
         | Condition::ApprovalRequired { .. }
-        | Condition::InterfaceAdapter { .. }
+        | Condition::CheckedCall { .. }
         | Condition::RollbackCoupled => (speed, force),
     })
 }

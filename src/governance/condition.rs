@@ -15,7 +15,8 @@ pub enum Condition {
         /// Largest force on anything touched, N.
         force_max_n: f64,
     },
-    /// The monitor's thresholds are scaled by this factor, below 1.
+    /// The levels of the monitor's charts and its longest unsafe continuation are scaled by this factor until the
+    /// version is confirmed.
     StricterThresholds {
         /// Factor in (0, 1); the smaller, the stricter.
         factor: f64,
@@ -25,16 +26,99 @@ pub enum Condition {
         /// Whole sequences that shadow has to work before the gate.
         sequences: u32,
     },
-    /// This many distinct people have to approve.
+    /// This many distinct people have to approve, also where the profile asks nobody.
     ApprovalRequired {
         /// Distinct people needed, 1 or more.
         quorum: u8,
     },
-    /// Callers go through an adapter that supplies these fields with their defaults.
-    InterfaceAdapter {
+    /// The dispatcher measures these inputs before each call and starts no task where the stronger precondition does
+    /// not hold. It is the one adaptation there is: calls carry no values that could be filled in or converted.
+    #[serde(alias = "interface-adapter")]
+    CheckedCall {
         /// Names of the input fields, in alphabetical order.
         fields: Vec<String>,
     },
-    /// The predecessor stays loaded and takes over at the first trip.
+    /// The predecessor stays loaded and takes over at the first warning of a chart, without asking, until the version
+    /// is confirmed.
     RollbackCoupled,
+}
+
+impl Condition {
+    /// Whether it bounds how the version is used once it is active, so that the activation is a conditional one. The
+    /// others were met before (shadow, approval) or are a mode of their own.
+    #[must_use]
+    pub const fn bounds_use(&self) -> bool {
+        match self {
+            Self::SimulationOnly
+            | Self::TighterEnvelope { .. }
+            | Self::StricterThresholds { .. }
+            | Self::CheckedCall { .. } => true,
+            Self::ShadowFirst { .. } | Self::ApprovalRequired { .. } | Self::RollbackCoupled => false,
+        }
+    }
+
+    /// Whether it still holds for a version that was confirmed: what watched a doubt ends with the doubt.
+    #[must_use]
+    pub const fn outlives_confirmation(&self) -> bool {
+        match self {
+            Self::StricterThresholds { .. } | Self::RollbackCoupled => false,
+            Self::SimulationOnly
+            | Self::TighterEnvelope { .. }
+            | Self::ShadowFirst { .. }
+            | Self::ApprovalRequired { .. }
+            | Self::CheckedCall { .. } => true,
+        }
+    }
+}
+
+/// The condition in a sentence, as prompts, screens and the plain stream have it.
+impl std::fmt::Display for Condition {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::SimulationOnly => f.write_str("in simulation alone"),
+            Self::TighterEnvelope { speed_max_m_s, force_max_n } => {
+                write!(f, "at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
+            }
+            Self::StricterThresholds { factor } => write!(f, "the monitor's limits times {factor}"),
+            Self::ShadowFirst { sequences } => write!(f, "{sequences} sequences in shadow first"),
+            Self::ApprovalRequired { quorum: 1 } => f.write_str("approval by a person"),
+            Self::ApprovalRequired { quorum } => write!(f, "approval by {quorum} distinct people"),
+            Self::CheckedCall { fields } => {
+                write!(f, "each call is checked before it starts: {}", fields.join(", "))
+            }
+            Self::RollbackCoupled => f.write_str(
+                "its predecessor stays loaded and takes over at the first warning, without asking",
+            ),
+        }
+    }
+}
+
+/// The sequences that shadow has to work before the gate by these conditions; 0 without such a condition.
+#[must_use]
+pub fn shadow_needed(conditions: &[Condition]) -> u32 {
+    let sequences = conditions.iter().map(|condition| match condition {
+        Condition::ShadowFirst { sequences } => *sequences,
+        Condition::SimulationOnly
+        | Condition::TighterEnvelope { .. }
+        | Condition::StricterThresholds { .. }
+        | Condition::ApprovalRequired { .. }
+        | Condition::CheckedCall { .. }
+        | Condition::RollbackCoupled => 0,
+    });
+    sequences.max().unwrap_or(0)
+}
+
+/// The distinct people who have to approve by these conditions; 0 without such a condition.
+#[must_use]
+pub fn people_needed(conditions: &[Condition]) -> u8 {
+    let quorums = conditions.iter().map(|condition| match condition {
+        Condition::ApprovalRequired { quorum } => *quorum,
+        Condition::SimulationOnly
+        | Condition::TighterEnvelope { .. }
+        | Condition::StricterThresholds { .. }
+        | Condition::ShadowFirst { .. }
+        | Condition::CheckedCall { .. }
+        | Condition::RollbackCoupled => 0,
+    });
+    quorums.max().unwrap_or(0)
 }

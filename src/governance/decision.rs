@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
 use super::ids::Digest;
+use super::vocabulary::Deployability;
 
 pub use super::kappa::{Kappa, KappaError};
 
@@ -77,15 +78,15 @@ reason_codes! {
     InterfaceCompatible = "interface-compatible",
     /// A call valid for the active version is not valid for the candidate.
     InterfaceSignatureBreaking = "interface-signature-breaking",
-    /// A caller needs an adapter (a new required input that has a default).
+    /// A caller would need an adapter; in records of older builds.
     InterfaceSignatureAdaptable = "interface-signature-adaptable",
     /// An output's type, unit or frame changed, or an output went away.
     InterfaceSchemaBreaking = "interface-schema-breaking",
-    /// An output's form differs in a way an adapter can mend.
+    /// An output's form differs in a way an adapter could mend; in records of older builds.
     InterfaceSchemaAdaptable = "interface-schema-adaptable",
     /// A precondition was strengthened or a postcondition weakened, beyond mending.
     InterfaceConditionBreaking = "interface-condition-breaking",
-    /// A precondition was strengthened within what the caller can assure.
+    /// A precondition was strengthened within what the dispatcher checks before each call.
     InterfaceConditionAdaptable = "interface-condition-adaptable",
     /// A dependency has no version in the registry, or the dependencies form a cycle.
     InterfaceDependencyBreaking = "interface-dependency-breaking",
@@ -95,6 +96,8 @@ reason_codes! {
     InterfaceExportMismatch = "interface-export-mismatch",
     /// The version number promises more compatibility than was found.
     InterfaceVersionMislabelled = "interface-version-mislabelled",
+    /// The interface differs where the submission declares no change, or the reverse.
+    InterfaceUndeclaredChange = "interface-undeclared-change",
     /// Nothing was there to assess the interface with.
     InterfaceNoData = "interface-no-data",
 
@@ -118,6 +121,8 @@ reason_codes! {
     PolicyAuthorityReview = "policy-authority-review",
     /// Allowed, but only in a tighter envelope than declared.
     PolicyTighterEnvelope = "policy-tighter-envelope",
+    /// It may be used in simulation alone, by its own declaration.
+    PolicySimulationOnly = "policy-simulation-only",
     /// A permission the active version does not have.
     PolicyNewPermission = "policy-new-permission",
     /// A permission of a higher level than the active version's.
@@ -211,6 +216,16 @@ reason_codes! {
     GateFrozen = "gate-frozen",
     /// The profile demands an improvement and none is established.
     GateNoImprovement = "gate-no-improvement",
+    /// No improvement is established, and the profile waives it.
+    GateImprovementWaived = "gate-improvement-waived",
+    /// An improvement of success is established.
+    GateImproved = "gate-improved",
+    /// Shadow was worked for fewer sequences than a condition demands.
+    GateShadowTooShort = "gate-shadow-too-short",
+    /// A family it depends on has no active version that would do.
+    GateDependencyUnmet = "gate-dependency-unmet",
+    /// It may be activated in simulation alone, and this is no simulation.
+    GateSimulationOnly = "gate-simulation-only",
     /// A site policy forbids this activation.
     GateSitePolicyForbids = "gate-site-policy-forbids",
     /// A hard stop was seen, which the runtime has to make impossible.
@@ -255,6 +270,8 @@ reason_codes! {
     MonitorRateTrip = "monitor-rate-trip",
     /// A rate drifts; early warning, restricts.
     MonitorRateWarning = "monitor-rate-warning",
+    /// A rate drifts under a version that is rollback-coupled; rolls back without asking.
+    MonitorCoupledTrip = "monitor-coupled-trip",
     /// Telemetry is missing or not a number.
     MonitorTelemetryMissing = "monitor-telemetry-missing",
     /// Nobody answered an escalation by its deadline.
@@ -281,6 +298,7 @@ impl ReasonCode {
             | Self::InterfaceDependencyAdaptable
             | Self::InterfaceExportMismatch
             | Self::InterfaceVersionMislabelled
+            | Self::InterfaceUndeclaredChange
             | Self::InterfaceNoData
             | Self::PolicyCompatible
             | Self::PolicyForbiddenMode
@@ -292,6 +310,7 @@ impl ReasonCode {
             | Self::PolicyResourcesExceeded
             | Self::PolicyAuthorityReview
             | Self::PolicyTighterEnvelope
+            | Self::PolicySimulationOnly
             | Self::PolicyNewPermission
             | Self::PolicyEscalation
             | Self::PolicyNoData
@@ -336,6 +355,11 @@ impl ReasonCode {
             | Self::GateSkipped
             | Self::GateFrozen
             | Self::GateNoImprovement
+            | Self::GateImprovementWaived
+            | Self::GateImproved
+            | Self::GateShadowTooShort
+            | Self::GateDependencyUnmet
+            | Self::GateSimulationOnly
             | Self::GateSitePolicyForbids
             | Self::GateHardLimit
             | Self::GateReviewOpen
@@ -357,6 +381,7 @@ impl ReasonCode {
             | Self::MonitorSafetyTrip
             | Self::MonitorRateTrip
             | Self::MonitorRateWarning
+            | Self::MonitorCoupledTrip
             | Self::MonitorTelemetryMissing
             | Self::MonitorEscalationUnanswered
             | Self::MonitorOperator
@@ -462,6 +487,9 @@ pub struct Answers {
     pub monitoring: String,
     /// What would take it off again?
     pub rollback_when: String,
+    /// Which of the paper's four deployment outcomes it comes to; absent in records of older builds.
+    #[serde(default)]
+    pub deployment: Option<Deployability>,
 }
 
 /// Digests of what a decision was made under; a change of any of them voids it.
@@ -495,6 +523,12 @@ pub struct Decision<O> {
 }
 
 impl<O> Decision<O> {
+    /// The same decision with another deployment outcome.
+    pub(super) const fn with_deployment(mut self, deployment: Deployability) -> Self {
+        self.answers.deployment = Some(deployment);
+        self
+    }
+
     pub(super) const fn new(
         outcome: O,
         reasons: Vec<Reason>,

@@ -9,14 +9,16 @@ use serde::{Deserialize, Serialize};
 
 use super::approval::{ApprovalOutcome, ApprovalResult};
 use super::composition::{Kappas, recovery_is_reviewable};
-use super::condition::Condition;
+use super::condition::{self, Condition};
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
 use super::evidence::{Binding, ShadowEvidence, ShadowSequence};
 pub use super::outcome::GateOutcome;
 use super::outcome::{ActivationMode, Basis, Check};
 use super::policy::PolicyTable;
 use super::profile::{Profile, ProfileName};
+use super::strictness::Strictness;
 use super::submission::{Provenance, Risk};
+use super::vocabulary;
 use crate::stats::{self, PairedCounts};
 
 /// Result of the shadow comparison `Delta_shadow`.
@@ -194,6 +196,8 @@ pub struct GateInput<'a> {
     pub provenance: Provenance,
     /// Profiles closed to this version by a profile demotion.
     pub closed: &'a BTreeSet<ProfileName>,
+    /// Dependencies that no active version meets.
+    pub unmet: &'a [String],
     /// A break-glass review of the family is open.
     pub review_open: bool,
     /// Virtual time of the decision, s; freeze windows and approvals are held against it.
@@ -263,19 +267,33 @@ pub fn needs_review(kappas: &Kappas, profile: &Profile) -> bool {
     policy == Check::Review || (profile.has_approver() && recovery_is_reviewable(&kappas.recovery))
 }
 
+/// Distinct people who have to approve an activation: by the profile and the risk tier, by a review that a dimension
+/// asks for, by a condition, and by a site policy that reviews activations; at least the most of these.
+#[must_use]
+pub fn people_needed(
+    kappas: &Kappas,
+    (risk, provenance): (Risk, Provenance),
+    table: &PolicyTable,
+    profile: &Profile,
+) -> u8 {
+    let review = needs_review(kappas, profile);
+    let asked = super::approval::quorum(&profile.approval, profile.activation.approval_bound, risk, review);
+    let site =
+        table.activation_reviewed(risk, provenance).map_or(0, |_| profile.approval.quorum_review.max(1));
+    asked.max(site).max(condition::people_needed(&kappas.conditions()))
+}
+
 /// `theta_act(kappas, S, Delta_shadow, Gamma)` (paper equation 10).
 #[must_use]
 pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -> GateResult {
     let mut found = GateFindings::default();
     found.dimensions(input, profile);
     found.evidence(input);
-    found.shadow(input.shadow);
+    found.shadow(input.shadow, condition::shadow_needed(&input.kappas.conditions()));
     found.rules(input, table, profile);
-    let review = needs_review(input.kappas, profile);
-    let quorum =
-        super::approval::quorum(&profile.approval, profile.activation.approval_bound, input.risk, review);
+    let quorum = people_needed(input.kappas, (input.risk, input.provenance), table, profile);
     let glass = found.approvals(input.approval, quorum);
-    found.conclude(input, profile, quorum > 0, glass)
+    found.conclude(input, profile, quorum, glass)
 }
 
 #[derive(Default)]
@@ -358,11 +376,16 @@ impl GateFindings {
         }
     }
 
-    fn shadow(&mut self, shadow: Option<&ShadowAssessment>) {
+    fn shadow(&mut self, shadow: Option<&ShadowAssessment>, needed: u32) {
         let Some(shadow) = shadow else {
             self.demote.push(reason(ReasonCode::GateNoData, "shadow was not worked"));
             return;
         };
+        if shadow.check == Check::Pass && shadow.sequences < needed {
+            let text = "shadow was worked for fewer sequences than a condition demands";
+            let short = reason(ReasonCode::GateShadowTooShort, text);
+            self.demote.push(short.with(f64::from(shadow.sequences), f64::from(needed)));
+        }
         let list = match shadow.check {
             Check::Pass => &mut self.noted,
             Check::Fail => {
@@ -394,6 +417,10 @@ impl GateFindings {
             let text = format!("the profile {:?} is closed to this version", profile.name.name());
             self.hold.push(reason(ReasonCode::GateProfileClosed, text));
         }
+        if !input.unmet.is_empty() {
+            let text = format!("no active version meets what it depends on: {}", input.unmet.join(", "));
+            self.hold.push(reason(ReasonCode::GateDependencyUnmet, text));
+        }
         if input.review_open {
             let text = "a review after an emergency approval is open";
             self.hold.push(reason(ReasonCode::GateReviewOpen, text));
@@ -401,9 +428,25 @@ impl GateFindings {
         if let Some(why) = profile.frozen_at(input.now_s) {
             self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen: {why}")));
         }
-        if profile.activation.require_improvement && !input.improved {
-            let text = "the profile demands an improvement and none is established";
-            self.demote.push(reason(ReasonCode::GateNoImprovement, text));
+        if input.kappas.conditions().contains(&Condition::SimulationOnly) && profile.name != ProfileName::Sim
+        {
+            let text = format!("it is for simulation alone, and the profile is {:?}", profile.name.name());
+            self.reject.push(reason(ReasonCode::GateSimulationOnly, text));
+        }
+        match (profile.activation.require_improvement, input.improved) {
+            (true, false) => {
+                let text = "the profile demands an improvement and none is established";
+                self.demote.push(reason(ReasonCode::GateNoImprovement, text));
+            }
+            (false, false) => {
+                let text =
+                    "no improvement is established; the profile waives it (require_improvement = false)";
+                self.noted.push(reason(ReasonCode::GateImprovementWaived, text));
+            }
+            (true | false, true) => {
+                let text = "an improvement of success over the active version is established";
+                self.noted.push(reason(ReasonCode::GateImproved, text));
+            }
         }
     }
 
@@ -447,7 +490,7 @@ impl GateFindings {
         glass
     }
 
-    fn conclude(self, input: &GateInput<'_>, profile: &Profile, asked: bool, glass: bool) -> GateResult {
+    fn conclude(self, input: &GateInput<'_>, profile: &Profile, quorum: u8, glass: bool) -> GateResult {
         let outcome = if !self.reject.is_empty() {
             GateOutcome::Reject
         } else if !self.demote.is_empty() {
@@ -459,7 +502,7 @@ impl GateFindings {
         } else {
             GateOutcome::Pass
         };
-        let terms = terms(input.kappas, profile, asked, glass);
+        let terms = terms(input.kappas, profile, quorum, glass);
         let mut reasons = self.reject;
         for list in [self.demote, self.hold, self.ask] {
             reasons.extend(list);
@@ -468,16 +511,21 @@ impl GateFindings {
             reasons.push(reason(ReasonCode::GatePassed, "every demand of the profile is met"));
         }
         reasons.extend(self.noted);
-        let coupled = terms.modes.contains(&ActivationMode::RollbackCoupled);
+        let watch = Strictness::of(&terms.conditions);
         let answers = Answers {
             admitted: outcome == GateOutcome::Pass,
             conditions: terms.conditions.clone(),
-            monitoring: format!("provisional for {} episodes, then continuously", terms.provisional_episodes),
-            rollback_when: if coupled {
-                "at the first safety event or established worsening; the predecessor stays loaded".into()
+            monitoring: format!(
+                "provisional for {} episodes, then continuously; {}",
+                terms.provisional_episodes,
+                watch.limits(&profile.monitor)
+            ),
+            rollback_when: if watch.coupled() {
+                "at the first safety event or warning of a chart, without asking; the predecessor stays loaded".into()
             } else {
                 "at a safety event, an established worsening, or an escalation nobody answers".into()
             },
+            deployment: Some(vocabulary::deployability_of_gate(outcome, &terms.modes)),
         };
         let passed = (outcome == GateOutcome::Pass).then_some(GatePassed {
             terms,
@@ -489,11 +537,15 @@ impl GateFindings {
     }
 }
 
-fn terms(kappas: &Kappas, profile: &Profile, asked: bool, glass: bool) -> Terms {
+fn terms(kappas: &Kappas, profile: &Profile, quorum: u8, glass: bool) -> Terms {
     let mut modes = kappas.caps();
     let mut conditions = kappas.conditions();
-    if asked || profile.activation.approval_bound {
+    if quorum > 0 || profile.activation.approval_bound {
         modes.insert(ActivationMode::ApprovalBound);
+    }
+    if quorum > 0 {
+        conditions.retain(|condition| !matches!(condition, Condition::ApprovalRequired { .. }));
+        conditions.push(Condition::ApprovalRequired { quorum });
     }
     if glass || profile.activation.rollback_coupled || needs_review(kappas, profile) {
         modes.insert(ActivationMode::RollbackCoupled);
@@ -502,7 +554,7 @@ fn terms(kappas: &Kappas, profile: &Profile, asked: bool, glass: bool) -> Terms 
     if coupled && !conditions.contains(&Condition::RollbackCoupled) {
         conditions.push(Condition::RollbackCoupled);
     }
-    if !conditions.is_empty() && conditions.iter().any(|c| *c != Condition::RollbackCoupled) {
+    if conditions.iter().any(Condition::bounds_use) {
         modes.insert(ActivationMode::Conditional);
     }
     if modes.is_empty() {

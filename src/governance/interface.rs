@@ -4,6 +4,8 @@
 //! weaker, dependencies satisfiable and acyclic, and the code's real exports as the manifest says.
 //! Source: paper section 4.3, Procedure 1; design rule 3.2; readings 2.2.
 
+pub mod declared;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
@@ -27,7 +29,7 @@ pub enum Deviation {
     /// Callers notice nothing: as before, or a proper refinement.
     #[default]
     None,
-    /// An adapter at the call can mend it, e.g. by supplying a default.
+    /// Bounded: the dispatcher's check before a call carries it, or another version of a dependency does.
     Adaptable,
     /// No adapter can mend it; callers would have to change.
     Breaking,
@@ -145,7 +147,7 @@ struct InterfaceFindings {
     deviations: Deviations,
     reasons: Vec<Reason>,
     notes: Vec<Reason>,
-    adapter: BTreeSet<String>,
+    checked: BTreeSet<String>,
 }
 
 /// Which of the four deviations.
@@ -249,9 +251,6 @@ impl InterfaceFindings {
             }
             for (name, spec) in new {
                 let (deviation, text) = accepts(old.get(name), spec);
-                if deviation == Deviation::Adaptable {
-                    self.adapter.insert(name.clone());
-                }
                 self.add(DeviationKind::Signature, deviation, format!("the {what} {name:?} {text}"));
             }
         }
@@ -266,12 +265,9 @@ impl InterfaceFindings {
                 Some(new) if !contains(old, new) => {
                     (Deviation::Breaking, "can take values it could not take before")
                 }
-                Some(new) if old.required && !new.required && new.default.is_none() => {
-                    (Deviation::Breaking, "is no longer always there")
-                }
+                // No adapter stands between a version and its callers that could put a default in its place.
                 Some(new) if old.required && !new.required => {
-                    self.adapter.insert(name.clone());
-                    (Deviation::Adaptable, "is no longer always there; its default can stand in")
+                    (Deviation::Breaking, "is no longer always there")
                 }
                 Some(_) => (Deviation::None, ""),
             };
@@ -285,11 +281,12 @@ impl InterfaceFindings {
             if old.preconditions.get(name).is_some_and(|before| within(before, bound)) {
                 continue;
             }
-            // A caller can check what it hands over; it cannot assure anything else.
+            // The dispatcher measures inputs before a call; nobody can assure anything else.
             if candidate.inputs.contains_key(name) {
-                self.adapter.insert(name.clone());
-                let text =
-                    format!("the precondition on the input {name:?} is stronger; the caller can check it");
+                self.checked.insert(name.clone());
+                let text = format!(
+                    "the precondition on the input {name:?} is stronger; the dispatcher checks it before each call"
+                );
                 self.add(DeviationKind::Conditions, Deviation::Adaptable, text);
             } else {
                 self.add(
@@ -375,12 +372,13 @@ impl InterfaceFindings {
             self.reasons.push(Reason::new(code, Dimension::Interface, text).with(value, threshold));
         }
         self.reasons.extend(self.notes);
-        let fields: Vec<String> = self.adapter.into_iter().collect();
+        let fields: Vec<String> = self.checked.into_iter().collect();
         let conditions = match outcome {
-            InterfaceOutcome::Conditional => vec![Condition::InterfaceAdapter { fields }],
-            InterfaceOutcome::Compatible | InterfaceOutcome::Incompatible | InterfaceOutcome::NoData => {
-                Vec::new()
-            }
+            InterfaceOutcome::Conditional if !fields.is_empty() => vec![Condition::CheckedCall { fields }],
+            InterfaceOutcome::Compatible
+            | InterfaceOutcome::Conditional
+            | InterfaceOutcome::Incompatible
+            | InterfaceOutcome::NoData => Vec::new(),
         };
         let assessment =
             Assessment { outcome, kappa, basis: Basis::Measured, reasons: self.reasons, conditions };
@@ -414,7 +412,7 @@ fn accepts(old: Option<&FieldSpec>, new: &FieldSpec) -> (Deviation, &'static str
     let Some(old) = old else {
         return match (new.required, new.default.is_some()) {
             (false, _) => (Deviation::None, ""),
-            (true, true) => (Deviation::Adaptable, "is new and required; its default can be supplied"),
+            (true, true) => (Deviation::Breaking, "is new and required, and nobody supplies its default"),
             (true, false) => (Deviation::Breaking, "is new, required and without default"),
         };
     };
@@ -426,7 +424,7 @@ fn accepts(old: Option<&FieldSpec>, new: &FieldSpec) -> (Deviation, &'static str
     }
     match (old.required, new.required, new.default.is_some()) {
         (true, _, _) | (false, false, _) => (Deviation::None, ""),
-        (false, true, true) => (Deviation::Adaptable, "became required; its default can be supplied"),
+        (false, true, true) => (Deviation::Breaking, "became required, and nobody supplies its default"),
         (false, true, false) => (Deviation::Breaking, "became required and has no default"),
     }
 }
@@ -449,6 +447,20 @@ fn within(inner: &Bound, outer: &Bound) -> bool {
     let above = outer.min.is_none_or(|min| low.is_some_and(|low| low >= min));
     let below = outer.max.is_none_or(|max| high.is_some_and(|high| high <= max));
     above && below
+}
+
+/// The dependencies that no active version meets: what a version in control would have to do without.
+#[must_use]
+pub fn unmet(candidate: &Manifest, registered: &[Registered]) -> Vec<String> {
+    let active = |family: &Family, needed: &semver::VersionReq| {
+        let mut active = registered.iter().filter(|version| version.active);
+        active.any(|version| version.id.family == *family && needed.matches(&version.id.version))
+    };
+    let needed = candidate.deployment.dependencies.iter();
+    needed
+        .filter(|(family, needed)| !active(family, needed))
+        .map(|(family, needed)| format!("{family}@{needed}"))
+        .collect()
 }
 
 /// Whether following the dependencies leads back to the candidate's family. A graph too large to follow counts as one.

@@ -225,6 +225,7 @@ pub mod record;
 pub mod recovery;
 pub mod rollback;
 pub mod stats;
+pub mod strictness;
 pub mod submission;
 pub mod text_error;
 pub mod value_type;

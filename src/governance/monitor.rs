@@ -2,7 +2,8 @@
 //!
 //! Safety events trip at once. Rates are charted per episode: CUSUM warns early and restricts,
 //! Shiryaev-Roberts with a guaranteed run length to a false alarm rolls back. Silence escalates, then
-//! restricts; an escalation nobody answers rolls back. Time comes in as ticks; nothing here reads a clock.
+//! restricts; an escalation nobody answers rolls back. Conditions of an activation make it stricter until the version
+//! is confirmed. Time comes in as ticks; nothing here reads a clock.
 //! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
 use std::borrow::Cow;
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
 use super::profile::{MonitorSettings, Profile};
+use super::strictness::Strictness;
 use super::words::same_words;
 use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError, wilson_upper};
 
@@ -152,6 +154,8 @@ pub struct Escalation {
 #[serde(deny_unknown_fields)]
 struct ControlChart {
     rate: Rate,
+    /// The share of bad episodes that is normal.
+    normal: f64,
     warning: Cusum,
     trip: ShiryaevRoberts,
 }
@@ -160,7 +164,9 @@ struct ControlChart {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Monitor {
+    /// The profile's settings, before they are made stricter.
     settings: MonitorSettings,
+    strictness: Strictness,
     unsafe_continuation_max_ms: f64,
     provisional_left: u32,
     episodes: u64,
@@ -182,6 +188,9 @@ pub enum MonitorError {
         /// The expected share that was handed in.
         value: f64,
     },
+    /// A condition's factor on the limits is not above 0 and at most 1.
+    #[error("the factor {0} on the monitor's limits is not allowed; above 0 and up to 1 is")]
+    Factor(f64),
     /// The charts cannot be tuned with these settings.
     #[error("the monitor's charts cannot be set up: {0}")]
     Stats(#[from] StatsError),
@@ -190,9 +199,20 @@ pub enum MonitorError {
 impl Hint for MonitorError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Rate { .. } => None,
+            Self::Rate { .. } | Self::Factor(_) => None,
             Self::Stats(error) => error.hint(),
         }
+    }
+}
+
+impl ControlChart {
+    fn new(rate: Rate, normal: f64, settings: &MonitorSettings) -> Result<Self, MonitorError> {
+        Ok(Self {
+            rate,
+            normal,
+            warning: Cusum::new(normal, normal + settings.shift, settings.cusum_limit)?,
+            trip: ShiryaevRoberts::new(normal, settings.false_alarm_episodes)?,
+        })
     }
 }
 
@@ -225,11 +245,28 @@ fn ticks(seconds: f64) -> u64 {
 }
 
 impl Monitor {
-    /// A monitor for a version whose normal rates are `expected`, live from `now_tick`.
+    /// A monitor as the profile says, for a version whose normal rates are `expected`, live from `now_tick`.
     ///
     /// # Errors
     /// Expected rates that are no shares, or settings no chart can be tuned with.
     pub fn new(profile: &Profile, expected: &Signature, now_tick: u64) -> Result<Self, MonitorError> {
+        Self::strict(profile, expected, Strictness::PLAIN, now_tick)
+    }
+
+    /// A monitor under the conditions of an activation, for a version whose normal rates are `expected`, live from
+    /// `now_tick`.
+    ///
+    /// # Errors
+    /// Expected rates that are no shares, a factor out of range, or settings no chart can be tuned with.
+    pub fn strict(
+        profile: &Profile,
+        expected: &Signature,
+        strictness: Strictness,
+        now_tick: u64,
+    ) -> Result<Self, MonitorError> {
+        if !(strictness.factor() > 0.0 && strictness.factor() <= 1.0) {
+            return Err(MonitorError::Factor(strictness.factor()));
+        }
         let settings = profile.monitor;
         let mut charts = Vec::new();
         for rate in Rate::ALL {
@@ -240,15 +277,11 @@ impl Monitor {
             }
             // Room for a worse rate has to be left, whatever was measured.
             let normal = value.clamp(settings.rate_min, 0.95 - settings.shift.min(0.9));
-            let degraded = normal + settings.shift;
-            charts.push(ControlChart {
-                rate,
-                warning: Cusum::new(normal, degraded, settings.cusum_limit)?,
-                trip: ShiryaevRoberts::new(normal, settings.false_alarm_episodes)?,
-            });
+            charts.push(ControlChart::new(rate, normal, &strictness.applied(&settings))?);
         }
         Ok(Self {
             settings,
+            strictness,
             unsafe_continuation_max_ms: profile.runtime.unsafe_continuation_max_ms,
             provisional_left: profile.activation.provisional_episodes,
             episodes: 0,
@@ -284,6 +317,27 @@ impl Monitor {
         self.restricted
     }
 
+    /// How much more strictly than its profile says the version is watched.
+    #[must_use]
+    pub const fn strictness(&self) -> Strictness {
+        self.strictness
+    }
+
+    /// The version is confirmed: it is watched as the profile says from now on, with charts that begin anew where
+    /// their levels change.
+    ///
+    /// # Errors
+    /// Settings no chart can be tuned with (they were good before, so none is expected).
+    pub fn confirmed(&mut self) -> Result<(), MonitorError> {
+        if self.strictness.factor() < 1.0 {
+            for chart in &mut self.charts {
+                *chart = ControlChart::new(chart.rate, chart.normal, &self.settings)?;
+            }
+        }
+        self.strictness = Strictness::PLAIN;
+        Ok(())
+    }
+
     /// Every chart: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
     pub fn charts(&self) -> impl Iterator<Item = (Rate, &'static str, f64, f64)> + '_ {
         self.charts.iter().flat_map(|chart| {
@@ -299,7 +353,7 @@ impl Monitor {
         if !episode.is_valid() {
             return self.safety(SafetyEvent::NotANumber, now_tick);
         }
-        if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms {
+        if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms * self.strictness.factor() {
             return self.safety(SafetyEvent::UnsafeContinuation, now_tick);
         }
         self.episodes = self.episodes.saturating_add(1);
@@ -322,6 +376,12 @@ impl Monitor {
         if !trips.is_empty() {
             trips.extend(warnings);
             return self.act(MonitorAction::Rollback, trips, now_tick);
+        }
+        if !warnings.is_empty() && self.strictness.coupled() {
+            let text = "the version is rollback-coupled: the first warning takes it off, and nobody is asked";
+            let coupled = Reason::new(ReasonCode::MonitorCoupledTrip, Dimension::Monitor, text);
+            warnings.insert(0, coupled);
+            return self.act(MonitorAction::Rollback, warnings, now_tick);
         }
         if !warnings.is_empty() {
             return self.act(MonitorAction::Restrict, warnings, now_tick);
@@ -402,7 +462,7 @@ impl Monitor {
         if self.rolled_back {
             return Ok(());
         }
-        self.charts = Self::new(profile, expected, now_tick)?.charts;
+        self.charts = Self::strict(profile, expected, self.strictness, now_tick)?.charts;
         self.escalation = None;
         Ok(())
     }

@@ -10,7 +10,7 @@ crate::words! {
     InterfaceOutcome, "outcome of kappa I", {
         /// Callers of the active version can call it as it is.
         Compatible = "compatible",
-        /// Usable through an adapter that supplies defaults.
+        /// Usable where each call is checked first, or once a dependency has another version active.
         Conditional = "conditional",
         /// A caller of the active version would break, beyond what an adapter mends.
         Incompatible = "incompatible",

@@ -40,10 +40,18 @@ pub struct PolicyAssessment {
     pub reachable: Vec<ReachableMode>,
     /// Of these, the ones no policy covers.
     pub uncovered: Vec<ReachableMode>,
-    /// Permissions the active version does not have.
+    /// Permissions the active version does not have; all of them where there is no active version.
     pub new_permissions: Vec<String>,
-    /// Permissions of a higher level than the active version's.
+    /// Permissions of a higher level than the active version's, with both levels.
     pub escalations: Vec<String>,
+}
+
+impl PolicyAssessment {
+    /// Everything it asks for beyond the active version: what is new, then what is higher.
+    #[must_use]
+    pub fn asks_more(&self) -> Vec<String> {
+        self.new_permissions.iter().chain(&self.escalations).cloned().collect()
+    }
 }
 
 /// `kappa_P = covered / reachable`, with its outcome (design rule 3.3).
@@ -82,8 +90,12 @@ pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -
             .with(f64::from(input.permissions.authority.level()), f64::from(limits.authority_max));
         findings.review.push(reason);
     }
+    findings.conditions(input.environments, profile);
     let (new_permissions, escalations) = changes(input);
-    let assessment = findings.conclude(kappa, profile, &new_permissions, &escalations);
+    // Of a first version everything is new, and nothing stands against it for that.
+    let against: (&[String], &[String]) =
+        if input.active.is_some() { (&new_permissions, &escalations) } else { (&[], &[]) };
+    let assessment = findings.conclude(kappa, profile, against.0, against.1);
     PolicyAssessment {
         assessment,
         reachable: modes.into_iter().collect(),
@@ -214,6 +226,18 @@ impl Findings {
         }
     }
 
+    /// What bounds the use of a version that is not refused.
+    fn conditions(&mut self, environments: &BTreeSet<ProfileName>, profile: &Profile) {
+        if environments.iter().all(|name| *name == ProfileName::Sim) {
+            let text = "D.environments admits simulation alone";
+            self.conditional.push(reason(ReasonCode::PolicySimulationOnly, text));
+            self.conditions.push(Condition::SimulationOnly);
+        }
+        if !self.review.is_empty() && profile.has_approver() {
+            self.conditions.push(Condition::ApprovalRequired { quorum: profile.approval.quorum_review });
+        }
+    }
+
     fn threshold(&mut self, kappa: Option<Kappa>, profile: &Profile) {
         let Some(kappa) = kappa else { return };
         let threshold = profile.thresholds.policy();
@@ -269,25 +293,48 @@ impl Findings {
     }
 }
 
-/// New permissions and escalations against the active version.
+/// New permissions and escalations against the active version. Of a first version everything is new.
 fn changes(input: &PolicyInput<'_>) -> (Vec<String>, Vec<String>) {
-    let Some(active) = input.active else { return (Vec::new(), Vec::new()) };
     let new = input.permissions;
-    let channels = new.channels.difference(&active.channels).map(|c| format!("channel {}", c.name()));
-    let commands = new.commands.difference(&active.commands).map(|c| format!("command {}", c.name()));
-    let zones = new.zones.difference(&active.zones).map(|z| format!("zone {}", z.name()));
-    let sensors = new.sensors.difference(&active.sensors).map(|name| format!("sensor {name}"));
-    let tools = new.tools.difference(&active.tools).map(|name| format!("tool {name}"));
-    let added = channels.chain(commands).chain(zones).chain(sensors).chain(tools).collect();
+    let (channels, commands, zones, names) =
+        (BTreeSet::new(), BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+    let old = input.active;
+    let channels = new.channels.difference(old.map_or(&channels, |old| &old.channels));
+    let commands = new.commands.difference(old.map_or(&commands, |old| &old.commands));
+    let zones = new.zones.difference(old.map_or(&zones, |old| &old.zones));
+    let sensors = new.sensors.difference(old.map_or(&names, |old| &old.sensors));
+    let tools = new.tools.difference(old.map_or(&names, |old| &old.tools));
+    let added = channels
+        .map(|channel| format!("channel {}", channel.name()))
+        .chain(commands.map(|command| format!("command {}", command.name())))
+        .chain(zones.map(|zone| format!("zone {}", zone.name())))
+        .chain(sensors.map(|name| format!("sensor {name}")))
+        .chain(tools.map(|name| format!("tool {name}")))
+        .collect();
+    let levels = |of: &Permissions| {
+        [
+            f64::from(of.authority.level()),
+            of.max_speed_m_s,
+            of.max_force_n,
+            f64::from(of.resources.cpu_us_per_tick),
+            f64::from(of.resources.memory_kib),
+        ]
+    };
+    let names = [
+        ("authority", ""),
+        ("speed", " m/s"),
+        ("force", " N"),
+        ("processor time", " us a tick"),
+        ("memory", " KiB"),
+    ];
+    let before = old.map(levels);
     let mut higher = Vec::new();
-    if new.authority > active.authority {
-        higher.push(format!("authority {}", new.authority.level()));
-    }
-    if new.max_speed_m_s > active.max_speed_m_s {
-        higher.push(format!("speed {} m/s", new.max_speed_m_s));
-    }
-    if new.max_force_n > active.max_force_n {
-        higher.push(format!("force {} N", new.max_force_n));
+    for (at, ((what, unit), level)) in names.into_iter().zip(levels(new)).enumerate() {
+        match before.and_then(|levels| levels.get(at).copied()) {
+            Some(old) if level > old => higher.push(format!("{what} {level}{unit} (was {old}{unit})")),
+            Some(_) => {}
+            None => higher.push(format!("{what} {level}{unit}")),
+        }
     }
     (added, higher)
 }

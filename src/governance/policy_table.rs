@@ -102,6 +102,9 @@ pub struct ActivationTerms {
     pub provenance: Provenance,
     /// A policy forbids it, or its evaluation failed.
     pub forbidden: bool,
+    /// A permit with `@review` asks for people's approval, also where the profile asks nobody.
+    #[serde(default)]
+    pub review: bool,
     /// The policies that made it, by id; or the evaluation's error.
     pub because: Vec<String>,
 }
@@ -217,6 +220,13 @@ impl PolicyTable {
     pub fn entry(&self, mode: &ModeKey) -> Option<&ModeEntry> {
         // The rows are sorted; in a table that is not, a mode is not found and so denied.
         self.modes.binary_search_by(|entry| entry.mode.cmp(mode)).ok().and_then(|index| self.modes.get(index))
+    }
+
+    /// Whether a site policy asks people about an activation that the profile may ask nobody about, and which.
+    #[must_use]
+    pub fn activation_reviewed(&self, risk: Risk, provenance: Provenance) -> Option<&[String]> {
+        let row = self.activations.iter().find(|row| row.risk == risk && row.provenance == provenance)?;
+        row.review.then_some(&*row.because)
     }
 
     /// Whether a site policy forbids an activation, and which; what is not in the table is forbidden.
@@ -424,7 +434,10 @@ impl Judge<'_> {
             .map(|rule| rule.name.clone())
             .collect();
         let forbidden = said.error.is_some() || !forbids.is_empty();
-        let because = said.error.map_or(forbids, |error| vec![error]);
-        Ok(ActivationTerms { risk, provenance, forbidden, because })
+        let reviews: Vec<String> =
+            said.rules.iter().filter(|rule| rule.review).map(|rule| rule.name.clone()).collect();
+        let review = !forbidden && !reviews.is_empty();
+        let because = said.error.map_or(if review { reviews } else { forbids }, |error| vec![error]);
+        Ok(ActivationTerms { risk, provenance, forbidden, review, because })
     }
 }

@@ -126,7 +126,10 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
     let (outcome, mut reasons) = judge(&candidate, new, old, value, profile);
     reasons.extend(kinds.iter().filter_map(compare::reason));
     let conditions = match outcome {
-        RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![Condition::RollbackCoupled],
+        RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![
+            Condition::ShadowFirst { sequences: profile.evaluation.shadow_sequences_max },
+            Condition::RollbackCoupled,
+        ],
         RecoveryOutcome::Compatible | RecoveryOutcome::Incompatible | RecoveryOutcome::NoData => Vec::new(),
     };
     let assessment = Assessment { outcome, kappa: Some(value), basis: Basis::Measured, reasons, conditions };

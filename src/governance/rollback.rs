@@ -17,7 +17,7 @@ crate::words! {
     TriggerKind, "cause of a rollback", {
         /// A safety event, in the tick it happened.
         SafetyEvent = "safety-event",
-        /// A charted rate is established as worse than before activation.
+        /// A charted rate is established as worse than before activation, or, rollback-coupled, drifts.
         RateTrip = "rate-trip",
         /// Nobody answered an escalation by its deadline.
         EscalationUnanswered = "escalation-unanswered",
@@ -29,6 +29,8 @@ crate::words! {
         Restart = "restart",
         /// The doubt it was let in with remained on fresh evidence at the end of its window.
         OpenDoubt = "open-doubt",
+        /// The store was opened under a profile that the version does not admit, such as another than simulation.
+        ProfileNotAdmitted = "profile-not-admitted",
     }
 }
 
@@ -38,7 +40,7 @@ impl TriggerKind {
     #[must_use]
     pub fn of(reasons: &[Reason], silent: bool) -> Self {
         match reasons.first().map(|reason| reason.code) {
-            Some(ReasonCode::MonitorRateTrip) => Self::RateTrip,
+            Some(ReasonCode::MonitorRateTrip | ReasonCode::MonitorCoupledTrip) => Self::RateTrip,
             Some(ReasonCode::MonitorOperator) => Self::Operator,
             Some(ReasonCode::MonitorEscalationUnanswered) if silent => Self::TelemetrySilence,
             Some(ReasonCode::MonitorEscalationUnanswered) => Self::EscalationUnanswered,

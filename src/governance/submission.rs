@@ -43,6 +43,57 @@ crate::words! {
     }
 }
 
+/// The most interface changes a submission declares.
+pub const INTERFACE_CHANGES_MAX: usize = 64;
+
+crate::words! {
+    /// The part of a version's interface that a change is about (manifest I, O and phi).
+    InterfacePart, "part of an interface", {
+        /// A field a caller gives.
+        Input = "input",
+        /// A field it gives back.
+        Output = "output",
+        /// A setting of the parameter file, typed like an input.
+        Parameter = "parameter",
+        /// A name by which it can be called.
+        EntryPoint = "entry-point",
+        /// What has to hold before a call.
+        Precondition = "precondition",
+        /// What holds after a successful call.
+        Postcondition = "postcondition",
+    }
+}
+
+crate::words! {
+    /// What became of a part of the interface.
+    InterfaceChangeKind, "change of an interface", {
+        /// The active version does not have it.
+        Added = "added",
+        /// Only the active version has it.
+        Removed = "removed",
+        /// Both have it, and it differs: type, unit, frame, range, default or bound.
+        Changed = "changed",
+    }
+}
+
+/// A change of the interface against the active version, as an author declares it or as it was found.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InterfaceChange {
+    /// The part of the interface.
+    pub part: InterfacePart,
+    /// Name of the field, parameter, entry point or observable.
+    pub name: String,
+    /// What became of it.
+    pub change: InterfaceChangeKind,
+}
+
+impl std::fmt::Display for InterfaceChange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {} {}", self.part, self.name, self.change)
+    }
+}
+
 crate::words! {
     /// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
     Risk, "risk", {
@@ -72,6 +123,9 @@ pub struct Submission {
     /// What changed, in a sentence or two.
     #[serde(default)]
     pub summary: String,
+    /// What its author declares to have changed in the interface; held against what is found.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub interface_changes: Vec<InterfaceChange>,
     /// A signature the author claims; shown as an estimate, never used by the gate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declared_traces: Option<Signature>,
@@ -94,6 +148,13 @@ impl Submission {
         let chars = submission.summary.chars().count();
         if chars > SUMMARY_CHARS_MAX {
             return bad("summary", &format!("{chars} characters"), "up to 500 characters");
+        }
+        let declared = submission.interface_changes.len();
+        if declared > INTERFACE_CHANGES_MAX {
+            return bad("interface_changes", &format!("{declared} changes"), "up to 64 changes");
+        }
+        if let Some(bad_name) = submission.interface_changes.iter().find(|change| !is_name(&change.name)) {
+            return bad("interface_changes.name", &bad_name.name, "a name of a-z, 0-9, '.', '_' and '-'");
         }
         if let Some((field, value, allowed)) = submission.declared_traces.as_ref().and_then(signature_problem)
         {

@@ -2,10 +2,12 @@
 //!
 //! Every conversion is total. Outcomes of the rules are [`Recommendation`]; the others are ways of saying it.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::gate::GateOutcome;
-use super::outcome::{ActivationMode, PolicyOutcome, Recommendation};
+use super::outcome::{ActivationMode, Check, PolicyOutcome, Recommendation};
 
 /// Stage 2's routes (paper section 5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -35,18 +37,18 @@ pub enum PolicyWord {
     Reject,
 }
 
-/// Deployment outcomes (paper section 4.5).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Deployability {
-    /// May proceed to gated activation.
-    Fully,
-    /// Admissible under bounded conditions: stricter thresholds, shadow first, approval.
-    Conditionally,
-    /// Not for activation, but evaluation may go on and be learnt from.
-    EvaluationOnly,
-    /// Rejected, or to be revised.
-    Incompatible,
+crate::words! {
+    /// Deployment outcomes (paper section 4.5).
+    Deployability, "deployment outcome", {
+        /// May proceed to gated activation.
+        Fully = "fully-compatible",
+        /// Admissible under bounded conditions: simulation only, stricter thresholds, shadow first, approval.
+        Conditionally = "conditionally-compatible",
+        /// Not for activation; what was evaluated in sandbox and shadow stays to be learnt from.
+        EvaluationOnly = "evaluation-only",
+        /// Rejected, or to be revised.
+        Incompatible = "incompatible",
+    }
 }
 
 /// Activation rules (paper appendix D).
@@ -193,6 +195,29 @@ pub fn rule_of_gate(outcome: GateOutcome, restricted: bool) -> ActivationRule {
         (GateOutcome::Pass, true) => ActivationRule::ConditionallyActivated,
         (GateOutcome::AwaitApproval | GateOutcome::Hold, _) => ActivationRule::ReviewBound,
         (GateOutcome::Demote | GateOutcome::Reject, _) => ActivationRule::Rejected,
+    }
+}
+
+/// The deployment outcome that the gate comes to: restricted modes and people who have to answer are conditions.
+#[must_use]
+pub fn deployability_of_gate(outcome: GateOutcome, modes: &BTreeSet<ActivationMode>) -> Deployability {
+    match outcome {
+        GateOutcome::Pass if modes.iter().all(|mode| *mode == ActivationMode::Full) => Deployability::Fully,
+        GateOutcome::Pass | GateOutcome::AwaitApproval | GateOutcome::Hold => Deployability::Conditionally,
+        GateOutcome::Demote => Deployability::EvaluationOnly,
+        GateOutcome::Reject => Deployability::Incompatible,
+    }
+}
+
+/// The deployment outcome that shadow comes to, for a candidate that had `before` when it began: what shadow does not
+/// pass stays for evaluation.
+#[must_use]
+pub const fn deployability_of_shadow(check: Check, before: Deployability) -> Deployability {
+    match check {
+        Check::Pass | Check::PassRestricted(_) => before,
+        Check::Review | Check::Fail | Check::Inconclusive | Check::NoData | Check::Skipped => {
+            Deployability::EvaluationOnly
+        }
     }
 }
 

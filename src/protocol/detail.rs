@@ -11,7 +11,7 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{DrillKind, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
-use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
 
 /// The most rows of one page; a larger limit is read as this one.
 pub const PAGE_MAX: usize = 10_000;
@@ -56,6 +56,16 @@ pub struct Difference {
     pub old: Option<Value>,
     /// Its new value; absent if the field is gone.
     pub new: Option<Value>,
+}
+
+/// The whole difference between a candidate and the version it would replace.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Changes {
+    /// Every field of manifest and parameters in which they differ.
+    pub fields: Vec<Difference>,
+    /// What its author declares to have changed in the interface; an author's word, shown as such.
+    pub declared: Vec<InterfaceChange>,
 }
 
 /// One measured value with its place between limits.

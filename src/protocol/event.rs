@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::command::Caller;
+use super::detail::Changes;
 use super::explained::blank;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
@@ -19,7 +20,8 @@ use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutco
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
-use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
+use holdpoint_governance::vocabulary::Deployability;
 
 /// One thing that happened, numbered and with its virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -90,6 +92,9 @@ pub enum EventKind {
         risk: Risk,
         /// The version it was made from, as the submission has it.
         parent: Option<String>,
+        /// What its author declares to have changed in the interface.
+        #[serde(default)]
+        interface_changes: Vec<InterfaceChange>,
     },
     /// A stage began for a version.
     StageStarted {
@@ -129,6 +134,9 @@ pub enum EventKind {
         reasons: Vec<Reason>,
         /// Conditions under which the version may be used from here on.
         conditions: Vec<Condition>,
+        /// Which of the paper's four deployment outcomes it comes to; absent in events of older builds.
+        #[serde(default)]
+        deployment: Option<Deployability>,
     },
     /// A version's lifecycle state changed, and the change is on disk.
     StateChanged {
@@ -155,8 +163,14 @@ pub enum EventKind {
         evidence: Digest,
         /// Who made it, and so cannot approve it.
         author: String,
-        /// Permissions that the active version does not have.
+        /// Permissions that the active version does not have, or has at a lower level.
         new_permissions: Vec<String>,
+        /// The whole difference to the active version.
+        #[serde(default)]
+        changes: Box<Changes>,
+        /// Conditions under which it would be used.
+        #[serde(default)]
+        conditions: Vec<Condition>,
         /// What was not tested, one sentence each.
         untested: Vec<String>,
         /// What happens when it gets worse after activation, one sentence.

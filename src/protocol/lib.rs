@@ -14,6 +14,7 @@
 #![warn(missing_docs)]
 
 mod answer;
+mod changes;
 pub mod clock;
 pub mod command;
 pub mod detail;

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::command::Caller;
+use super::detail::Changes;
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
 use holdpoint_body::rehearsal::{Drift, LiveFault};
@@ -17,6 +18,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::vocabulary::Deployability;
 
 /// How everything stands at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -139,6 +141,9 @@ pub struct CandidateView {
     pub reasons: Vec<Reason>,
     /// Conditions under which it may be used.
     pub conditions: Vec<Condition>,
+    /// Which of the paper's four deployment outcomes it comes to so far; absent before the first decision.
+    #[serde(default)]
+    pub deployment: Option<Deployability>,
 }
 
 /// How far the running stage is.
@@ -240,8 +245,11 @@ pub struct PromptView {
     pub tier: u8,
     /// Who made the candidate, and so cannot approve it.
     pub author: String,
-    /// Permissions that the active version does not have.
+    /// Permissions that the active version does not have, or has at a lower level.
     pub new_permissions: Vec<String>,
+    /// The whole difference to the active version.
+    #[serde(default)]
+    pub changes: Changes,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,
     /// What happens when it gets worse after activation, one sentence.
@@ -300,6 +308,10 @@ pub struct LiveView {
     pub monitors: Vec<MonitorView>,
 }
 
+const fn plain() -> f64 {
+    1.0
+}
+
 /// A monitor's charts, each against its limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MonitorView {
@@ -313,4 +325,10 @@ pub struct MonitorView {
     pub restricted: bool,
     /// Each chart's name, its value and its limit.
     pub charts: Vec<(String, f64, f64)>,
+    /// The factor that a condition puts on the profile's limits; 1 without one. The limits above have it in them.
+    #[serde(default = "plain")]
+    pub factor: f64,
+    /// Whether the first warning takes the version off without asking.
+    #[serde(default)]
+    pub coupled: bool,
 }

@@ -8,7 +8,7 @@ use crate::event::{DimensionResult, Event, EventKind};
 use holdpoint_text::{Shown, Untrusted};
 
 /// The longest line in words, columns; what does not fit is cut.
-pub const LINE_WIDTH_MAX: usize = 1_000;
+pub const LINE_WIDTH_MAX: usize = 4_000;
 
 /// The line of an event, without its end.
 #[must_use]
@@ -32,9 +32,17 @@ fn text(kind: &EventKind) -> String {
             agent.short()
         ),
         EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
-        EventKind::Registered { version, digest, author, provenance, risk, parent } => {
+        EventKind::Registered { version, digest, author, provenance, risk, parent, interface_changes } => {
             let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
-            format!("register {version} {} by {author} ({provenance}, {risk} risk{parent})", digest.short())
+            let mut line = format!(
+                "register {version} {} by {author} ({provenance}, {risk} risk{parent})",
+                digest.short()
+            );
+            if !interface_changes.is_empty() {
+                let changes: Vec<String> = interface_changes.iter().map(ToString::to_string).collect();
+                let _ = write!(line, "; declares: {}", changes.join(", "));
+            }
+            line
         }
         EventKind::StageStarted { version, stage, budget } => {
             format!("stage    {version}: {} begins, budget {budget}", stage.name())
@@ -42,8 +50,20 @@ fn text(kind: &EventKind) -> String {
         EventKind::Progress { version, what, done, budget, .. } => {
             format!("progress {version}: {what} {done}/{budget}")
         }
-        EventKind::Decided { version, stage, outcome, dimensions, composite, reasons, conditions } => {
+        EventKind::Decided {
+            version,
+            stage,
+            outcome,
+            dimensions,
+            composite,
+            reasons,
+            conditions,
+            deployment,
+        } => {
             let mut line = format!("decide   {version}: {} -> {outcome}", stage.name());
+            if let Some(deployment) = deployment {
+                let _ = write!(line, " ({deployment})");
+            }
             for dimension in dimensions {
                 let _ = write!(line, " {}", kappa(dimension));
             }
@@ -54,8 +74,7 @@ fn text(kind: &EventKind) -> String {
                 let _ = write!(line, "; {reason}");
             }
             if !conditions.is_empty() {
-                let _ =
-                    write!(line, "; conditions: {}", serde_json::to_string(conditions).unwrap_or_default());
+                let _ = write!(line, "; conditions: {}", listed(conditions));
             }
             line
         }
@@ -70,30 +89,33 @@ fn text(kind: &EventKind) -> String {
             evidence,
             author,
             new_permissions,
+            changes,
+            conditions,
             untested,
             on_drift,
         } => {
             let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
-            let listed =
-                |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
             format!(
                 "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}, made by {author}; new \
-                 permissions: {}; if it gets worse: {on_drift}; not tested: {}",
+                 permissions: {}; changes: {}; conditions: {}; if it gets worse: {on_drift}; not tested: {}",
                 deadline_ms / 1000,
                 evidence.short(),
                 listed(new_permissions),
+                listed(&changes.lines()),
+                listed(conditions),
                 listed(untested)
             )
         }
         EventKind::ApprovalReceived { version, by, decision, reason, have, needed } => {
             format!("answer   {version}: {by} says {decision} ({reason}); {have} of {needed}")
         }
-        EventKind::Activated { version, replaced, modes, provisional_episodes, .. } => {
+        EventKind::Activated { version, replaced, modes, conditions, provisional_episodes } => {
             let replaced = replaced.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
             let modes: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
             format!(
-                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes",
-                modes.join("+")
+                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes; conditions: {}",
+                modes.join("+"),
+                listed(conditions)
             )
         }
         EventKind::Confirmed { version, episodes } => {
@@ -200,6 +222,14 @@ fn text(kind: &EventKind) -> String {
         EventKind::CommandRefused { id, text } => format!("refused  {id}: {text}"),
         EventKind::Fault { text } => format!("FAULT    {text}; the pipeline holds"),
     }
+}
+
+fn listed<T: ToString>(items: &[T]) -> String {
+    if items.is_empty() {
+        return "none".to_owned();
+    }
+    let words: Vec<String> = items.iter().map(ToString::to_string).collect();
+    words.join(", ")
 }
 
 fn kappa(dimension: &DimensionResult) -> String {

@@ -88,6 +88,8 @@ pub struct Guard {
     authority: Authority,
     geometry: Arc<Geometry>,
     zones: Arc<[zone::Zone]>,
+    /// People have approved what a policy wants reviewed.
+    reviewed: bool,
     speed_over_ticks: u32,
     force_over_ticks: u32,
     transient_over_ticks: u32,
@@ -109,10 +111,18 @@ impl Guard {
             authority,
             geometry,
             zones,
+            reviewed: false,
             speed_over_ticks: 0,
             force_over_ticks: 0,
             transient_over_ticks: 0,
         }
+    }
+
+    /// The same guard for a version that people have approved, or that is evaluated in simulation for them to decide.
+    #[must_use]
+    pub const fn reviewed(mut self, reviewed: bool) -> Self {
+        self.reviewed = reviewed;
+        self
     }
 
     /// The envelope in force.
@@ -185,6 +195,7 @@ impl Guard {
         match self.table.verdict(&mode) {
             ModeRuling::Allow => Ok(self.envelope),
             ModeRuling::AllowTighter(cap) => Ok(self.envelope.capped(cap.speed_max_m_s, cap.force_max_n)),
+            ModeRuling::Review if self.reviewed => Ok(self.envelope),
             ModeRuling::Review => Err(PolicyHit::ModeUnreviewed),
             ModeRuling::Forbid => Err(PolicyHit::ModeForbidden),
             ModeRuling::Uncovered => Err(PolicyHit::ModeUncovered),
@@ -283,6 +294,34 @@ fn segment_enters(min: [f64; 3], max: [f64; 3], a: [f64; 3], b: [f64; 3]) -> boo
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A mode that a policy wants reviewed is denied until people have approved the version, and then passed.
+    #[test]
+    fn an_approved_review_is_honoured() {
+        use holdpoint_body::{Body, Pose};
+        use holdpoint_governance::profile::{Profile, ProfileName};
+        let profile = Profile::builtin(ProfileName::Human).unwrap();
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
+        let scene = holdpoint_sim::scene::Scene::cell().unwrap();
+        let seen = Body::telemetry(&holdpoint_sim::world::World::new(&model, &scene).unwrap());
+        let zones: Arc<[zone::Zone]> = scene.zones.into();
+        let transit = zone::named(&zones, ZoneName::Transit.name()).unwrap();
+        let position = std::array::from_fn(|i| f64::midpoint(transit.min_m[i], transit.max_m[i]));
+        let command = Command::ToolPose { pose: Pose { position, ..seen.tool }, max_speed_m_s: 0.1 };
+        let geometry = Arc::new(model.geometry);
+        let guard = |authority: u8| {
+            crate::terms::SkillTerms::new(&profile, table.clone(), geometry.clone(), zones.clone())
+                .guard(Authority::try_from(authority).unwrap())
+        };
+        assert_eq!(guard(1).check(&command, &seen).verdict, GuardVerdict::Allowed);
+        let denied = guard(2).check(&command, &seen);
+        assert_eq!((denied.verdict, denied.hit), (GuardVerdict::Denied, Some(PolicyHit::ModeUnreviewed)));
+        assert_eq!(guard(2).reviewed(true).check(&command, &seen).verdict, GuardVerdict::Allowed);
+        // What a policy forbids stays forbidden, whoever approves.
+        let forbidden = guard(3).reviewed(true).check(&command, &seen);
+        assert_eq!(forbidden.hit, Some(PolicyHit::ModeForbidden));
+    }
 
     #[test]
     fn segments_and_boxes() {

@@ -20,6 +20,7 @@ pub struct SkillTerms {
     envelope: Envelope,
     watch: WatchLimits,
     limit_ticks: u64,
+    reviewed: bool,
     /// How fast a failure has to be named, ticks.
     pub detect_ticks: u64,
 }
@@ -64,7 +65,7 @@ impl SkillTerms {
             ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
-        Self { table, geometry, zones, envelope, watch, limit_ticks, detect_ticks }
+        Self { table, geometry, zones, envelope, watch, limit_ticks, reviewed: false, detect_ticks }
     }
 
     /// The same terms with a tighter envelope: `share` of speed and force, in (0, 1].
@@ -81,10 +82,19 @@ impl SkillTerms {
         self
     }
 
+    /// The same terms with modes that policies want reviewed: people have approved the version, or it is evaluated
+    /// in simulation for them to decide on.
+    #[must_use]
+    pub const fn reviewed(mut self) -> Self {
+        self.reviewed = true;
+        self
+    }
+
     /// A guard for a version of this authority.
     #[must_use]
     pub fn guard(&self, authority: Authority) -> Guard {
         Guard::new(self.table.clone(), self.envelope, authority, self.geometry.clone(), self.zones.clone())
+            .reviewed(self.reviewed)
     }
 
     /// The terms of one task.

@@ -12,7 +12,8 @@ use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::submission::{Provenance, Risk};
-use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage};
+use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_protocol::detail::{Changes, Detail, Difference, DrillView, Measure, ModeView, RegistryPage};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
 use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
@@ -20,6 +21,7 @@ use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
     PromptView, QuestionView, ShadowView, Snapshot,
 };
+use serde_json::Value;
 
 /// The profile's limits of the four kappas.
 const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
@@ -98,6 +100,7 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
             "no component is worse than the active version beyond its tolerance",
         )],
         conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
+        deployment: Some(Deployability::Conditionally),
     }
 }
 
@@ -177,6 +180,10 @@ fn candidates() -> Vec<CandidateView> {
     vec![rejected, approval, shadowed, sandbox]
 }
 
+fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> Difference {
+    Difference { field: field.to_owned(), old, new }
+}
+
 /// A question about `align@2.0.0` at a tier of friction.
 pub fn question(tier: u8) -> PromptView {
     PromptView {
@@ -196,7 +203,15 @@ pub fn question(tier: u8) -> PromptView {
         asked_ms: NOW_MS - 58_000,
         tier,
         author: "ada".to_owned(),
-        new_permissions: vec!["force control up to 20 N".to_owned()],
+        new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
+        changes: Changes {
+            fields: vec![
+                changed("manifest.permissions.max_force_n", Some(15.0.into()), Some(20.0.into())),
+                changed("manifest.permissions.zones", None, Some("tray".into())),
+                changed("params.transit_speed_m_s", Some(0.2.into()), Some(0.25.into())),
+            ],
+            declared: Vec::new(),
+        },
         untested: vec![
             "objects heavier than 0.4 kg".to_owned(),
             "the conveyor running while the tray is turned".to_owned(),
@@ -281,6 +296,8 @@ fn live() -> LiveView {
             episodes: 7,
             needed: 40,
             restricted: false,
+            factor: 0.5,
+            coupled: true,
             charts: vec![
                 ("success".to_owned(), 1.2, 4.6),
                 ("violation".to_owned(), 3.9, 4.6),

@@ -60,6 +60,7 @@ fn decided(
             composite: Some(0.912),
             reasons: vec![reason(code, Dimension::Behavior, text)],
             conditions: Vec::new(),
+            deployment: None,
         },
     )
 }
@@ -128,6 +129,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
                 provenance: Provenance::Optimiser,
                 risk: Risk::Medium,
                 parent: Some(OLD.to_owned()),
+                interface_changes: Vec::new(),
             },
         ),
         begun(700_100, Stage::Validation, 4),
@@ -182,6 +184,8 @@ fn upgrade() -> Vec<(u64, EventKind)> {
             evidence: digest("evidence"),
             author: "ada".to_owned(),
             new_permissions: Vec::new(),
+            changes: Box::default(),
+            conditions: Vec::new(),
             untested: vec!["objects heavier than 0.4 kg".to_owned()],
             on_drift: "place@1.0.0 takes over by itself".to_owned(),
         },

@@ -18,6 +18,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot, StoppedView};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
+use holdpoint_text::Untrusted;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
@@ -79,6 +80,9 @@ pub(super) struct WaitingRow {
     pub(super) needed: u32,
     pub(super) approved_by: Vec<String>,
     pub(super) deadline_ms: u64,
+    /// Permissions that the active version does not have, or has at a lower level.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) new_permissions: Vec<Untrusted>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -272,11 +276,17 @@ impl WaitingRow {
             needed: prompt.needed,
             approved_by: prompt.approved_by.clone(),
             deadline_ms: prompt.deadline_ms,
+            new_permissions: prompt.new_permissions.iter().map(|name| name.as_str().into()).collect(),
         }
     }
 
     fn stored(request: ApprovalRequest) -> Self {
+        // What was assessed of it is in the request.
+        let asked: serde_json::Value = serde_json::from_str(&request.json).unwrap_or_default();
+        let new = asked.get("new_permissions").and_then(serde_json::Value::as_array);
+        let new = new.into_iter().flatten().filter_map(serde_json::Value::as_str);
         Self {
+            new_permissions: new.map(Into::into).collect(),
             version: request.version,
             evidence: request.evidence_digest.short(),
             needed: request.needed,
@@ -288,8 +298,11 @@ impl WaitingRow {
     fn line(&self) -> String {
         let have =
             if self.approved_by.is_empty() { "nobody yet".to_owned() } else { self.approved_by.join(", ") };
+        let new: Vec<String> = self.new_permissions.iter().map(|name| name.line().into_string()).collect();
+        let new =
+            if new.is_empty() { String::new() } else { format!("; new permissions: {}", new.join(", ")) };
         format!(
-            "waiting  {} for {} to approve the evidence {} by {} s; approved by {have}",
+            "waiting  {} for {} to approve the evidence {} by {} s; approved by {have}{new}",
             self.version,
             if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) },
             self.evidence,

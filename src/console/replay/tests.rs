@@ -61,6 +61,7 @@ fn recording() -> Recording {
         composite: None,
         reasons: Vec::new(),
         conditions: Vec::new(),
+        deployment: None,
     };
     let moved = |from, to| EventKind::StateChanged {
         version: version.clone(),

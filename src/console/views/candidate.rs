@@ -99,11 +99,17 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
             ),
         ));
     }
+    let mut outcome = Row::new();
+    if let Some(deployment) = candidate.and_then(|candidate| candidate.deployment) {
+        outcome.push(ThemeRole::Text, &format!("deployment {deployment}"));
+    }
     if let Some(composite) = detail.composite {
-        rows.push(Row::of(
-            ThemeRole::Muted,
-            &format!("composite {composite:.3}, reported and never decisive"),
-        ));
+        let gap = if outcome.width() > 0 { "  " } else { "" };
+        let said = format!("{gap}composite {composite:.3}, reported and never decisive");
+        outcome.push(ThemeRole::Muted, &said);
+    }
+    if outcome.width() > 0 {
+        rows.push(outcome);
     }
     rows
 }

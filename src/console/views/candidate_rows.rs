@@ -5,7 +5,7 @@ use crate::rows::CandidateItem;
 use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use crate::words::{condition_words, kappa_sign, reason_line, seconds};
+use crate::words::{kappa_sign, reason_line, seconds};
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::Explained;
@@ -24,7 +24,7 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
         CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
-            text(ThemeRole::Warning, &format!("{glyph} condition: {}", condition_words(condition)), width)
+            text(ThemeRole::Warning, &format!("{glyph} condition: {condition}"), width)
         }
         CandidateItem::Untested(what) => {
             let glyph = look.glyph(Glyph::Unknown);

@@ -126,11 +126,17 @@ fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut rows = Vec::new();
     for monitor in monitors(model) {
-        let restricted = if monitor.restricted { ", restricted" } else { "" };
-        rows.push(
-            Row::of(ThemeRole::Title, &monitor.version.to_string())
-                .with(ThemeRole::Muted, &format!("  {} of {}{restricted}", monitor.episodes, monitor.needed)),
-        );
+        let mut said = format!("  {} of {}", monitor.episodes, monitor.needed);
+        if monitor.restricted {
+            said.push_str(", restricted");
+        }
+        if monitor.factor < 1.0 {
+            said.push_str(&format!(", limits x{}", monitor.factor));
+        }
+        if monitor.coupled {
+            said.push_str(", rollback-coupled");
+        }
+        rows.push(Row::of(ThemeRole::Title, &monitor.version.to_string()).with(ThemeRole::Muted, &said));
         for (name, value, limit) in &monitor.charts {
             let past = value >= limit;
             let role = if past { ThemeRole::Past } else { ThemeRole::Text };

@@ -5,9 +5,32 @@
 use serde_json::Value;
 
 use holdpoint_protocol::detail::Difference;
+use holdpoint_runtime::capability::Capability;
 
 /// The most differences that are told.
 pub const DIFFERENCES_MAX: usize = 1_000;
+
+/// Manifest and parameters of two versions, field by field. Of a first version every field is new.
+#[must_use]
+pub fn version_differences(active: Option<&Capability>, candidate: &Capability) -> Vec<Difference> {
+    let value = |version: &Capability| {
+        let manifest = serde_json::to_value(&*version.manifest).unwrap_or_default();
+        // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
+        let params: Option<toml::Table> = toml::from_str(&version.package.params).ok();
+        let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
+        serde_json::json!({ "manifest": manifest, "params": params })
+    };
+    let nothing = || {
+        let permissions =
+            serde_json::json!({ "channels": [], "commands": [], "zones": [], "sensors": [], "tools": [] });
+        let manifest = serde_json::json!({
+            "inputs": {}, "outputs": {}, "invocation": {}, "permissions": permissions, "recovery": {},
+            "deployment": {},
+        });
+        serde_json::json!({ "manifest": manifest, "params": {} })
+    };
+    differences(&active.map_or_else(nothing, value), &value(candidate))
+}
 
 /// The fields in which two values differ, by path. Lists of words compare as sets, member by member.
 #[must_use]

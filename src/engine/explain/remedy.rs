@@ -26,6 +26,8 @@ pub const fn is_in_favour(code: ReasonCode) -> bool {
             | ReasonCode::CompositionEligible
             | ReasonCode::ShadowClean
             | ReasonCode::GatePassed
+            | ReasonCode::GateImproved
+            | ReasonCode::GateImprovementWaived
             | ReasonCode::ApprovalGranted
             | ReasonCode::ApprovalNotNeeded
             | ReasonCode::MonitorHealthy
@@ -110,6 +112,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
             "the predecessor has to load and be true to its digest".to_owned()
         }
         Code::InterfaceVersionMislabelled => format!("raise the version number by more: {}", reason.text),
+        Code::InterfaceUndeclaredChange => {
+            format!("declare it in submission.toml, [[interface_changes]]: {}", reason.text)
+        }
         Code::InterfaceExportMismatch => format!("manifest and code have to say the same: {}", reason.text),
         Code::InterfaceDependencyBreaking | Code::InterfaceDependencyAdaptable => {
             format!("name a dependency the registry can meet: {}", reason.text)
@@ -117,7 +122,7 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::InterfaceSignatureAdaptable
         | Code::InterfaceSchemaAdaptable
         | Code::InterfaceConditionAdaptable => {
-            format!("an adapter carries it; without one, declare it as before: {}", reason.text)
+            format!("declare it as before, and callers need not change: {}", reason.text)
         }
         Code::InterfaceSignatureBreaking
         | Code::InterfaceSchemaBreaking
@@ -151,7 +156,14 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
             format!("it only lengthens shadow: {}", against(reason))
         }
         Code::MonitorSafetyTrip => "no safety event: the first one takes a version off".to_owned(),
-        Code::MonitorRateTrip | Code::MonitorRateWarning => {
+        Code::GateShadowTooShort => format!("shadow has to be worked longer: {}", against(reason)),
+        Code::GateDependencyUnmet => {
+            format!("the version it depends on has to become active first: {}", reason.text)
+        }
+        Code::PolicySimulationOnly | Code::GateSimulationOnly => {
+            format!("admit other profiles in [deployment]: {}", reason.text)
+        }
+        Code::MonitorRateTrip | Code::MonitorRateWarning | Code::MonitorCoupledTrip => {
             format!("the rate has to stay as it was measured before activation: {}", against(reason))
         }
         Code::MonitorTelemetryMissing => format!("telemetry has to arrive: {}", against(reason)),
@@ -186,6 +198,8 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         | Code::CompositionEligible
         | Code::ShadowClean
         | Code::GatePassed
+        | Code::GateImproved
+        | Code::GateImprovementWaived
         | Code::ApprovalGranted
         | Code::ApprovalNotNeeded
         | Code::MonitorHealthy

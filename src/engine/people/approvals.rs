@@ -12,6 +12,7 @@ use holdpoint_governance::approval::{
     self, Answer, ApprovalOutcome, ApprovalResult, Request, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -19,6 +20,7 @@ use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::PromptView;
@@ -33,7 +35,7 @@ use crate::ledger::{Ledger, Note};
 use crate::record::Record;
 
 /// The longest text of a screen that is kept with a decision, bytes.
-pub const SHOWN_BYTES_MAX: usize = 16 * 1024;
+pub const SHOWN_BYTES_MAX: usize = 32 * 1024;
 
 /// Something that waits for people.
 pub struct PendingQuestion {
@@ -147,8 +149,10 @@ impl Approvals {
         };
         let settings = context.profile.approval;
         let risk = candidate.submission.estimated_risk;
-        let review = gate::needs_review(&kappas, &context.profile);
-        let quorum = approval::quorum(&settings, context.needs_approval(), risk, review);
+        let about = (risk, candidate.submission.provenance);
+        let quorum = gate::people_needed(&kappas, about, &context.table, &context.profile);
+        // Where the profile asks nobody by itself, people decide on what it would not have let pass.
+        let review = gate::needs_review(&kappas, &context.profile) || !context.needs_approval();
         let (version, _, member) = record.ledger().version(id)?;
         let row_version = member.row_version;
         let now_ms = record.now_ms();
@@ -201,6 +205,7 @@ impl Approvals {
             review,
         };
         let asked = view(context, record, dossiers, id, &prompt);
+        let conditions = dossiers.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
         self.prompts.insert(id.clone(), prompt);
         record.tell(EventKind::ApprovalRequested {
             version: id.clone(),
@@ -210,6 +215,8 @@ impl Approvals {
             evidence,
             author: asked.author,
             new_permissions: asked.new_permissions,
+            changes: Box::new(asked.changes),
+            conditions,
             untested: asked.untested,
             on_drift: asked.on_drift,
         });
@@ -382,22 +389,31 @@ fn view(
         tier: tier(context.profile.name, quorum, prompt.review),
         author: prompt.request.author.clone(),
         new_permissions: dossier.new_permissions.clone(),
+        changes: dossier.changes.clone(),
         untested: untested(dossier),
-        on_drift: on_drift(context, prompt),
+        on_drift: on_drift(context, prompt, &dossier.conditions),
     }
 }
 
 /// What happens when a version gets worse after its activation.
-fn on_drift(context: &Context, prompt: &PendingQuestion) -> String {
+fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition]) -> String {
     let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
     let back = prompt.replaces.as_ref().map_or_else(
         || "it is taken off and the family stops, for there is no way back".to_owned(),
         |id| format!("{id} takes over again"),
     );
+    let watch = Strictness::of(conditions);
+    let limits = if watch.factor() < 1.0 { format!("; {}", watch.limits(monitor)) } else { String::new() };
+    if watch.coupled() {
+        return format!(
+            "after a safety event or the first warning of a chart {back}, and nobody is asked; confirmed after \
+             {window} live tasks{limits}"
+        );
+    }
     let share = 100.0 * monitor.restrict_factor;
     format!(
         "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force to \
-         {share:.0} % and asks people, for {:.0} s; confirmed after {window} live tasks",
+         {share:.0} % and asks people, for {:.0} s; confirmed after {window} live tasks{limits}",
         monitor.escalation_deadline_s
     )
 }

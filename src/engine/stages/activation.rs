@@ -5,6 +5,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::gate::{self, GateInput, GateOutcome, GatePassed, GateResult};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::interface::unmet;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::Reply;
@@ -13,6 +14,7 @@ use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
 
 use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
+use super::validation::registered;
 use crate::binding::{binding, made_under};
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -57,9 +59,7 @@ impl Activation<'_> {
         let decision = &result.decision;
         let dossier = self.dossiers.edit(id);
         dossier.reasons = decision.reasons().to_vec();
-        if let Some(passed) = &result.passed {
-            dossier.conditions.clone_from(&passed.terms().conditions);
-        }
+        dossier.conditions.clone_from(&decision.answers().conditions);
         decided(self.context, self.record, dossier, id, Stage::Activation, decision);
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason = first_reason(decision);
@@ -215,6 +215,7 @@ fn gate(
         risk: candidate.submission.estimated_risk,
         provenance: candidate.submission.provenance,
         closed: &dossier.closed,
+        unmet: &unmet(&candidate.manifest, &registered(ledger)),
         review_open: false,
         now_s: record.now_s(),
         row_version: member.row_version,
@@ -271,3 +272,6 @@ fn activate(
     });
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

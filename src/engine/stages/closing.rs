@@ -55,6 +55,7 @@ pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
     decision: &Decision<O>,
 ) {
     dossier.progress = None;
+    dossier.deployment = decision.answers().deployment;
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,
@@ -63,6 +64,7 @@ pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
         composite: dossier.composite(&context.profile),
         reasons: decision.reasons().to_vec(),
         conditions: dossier.conditions.clone(),
+        deployment: dossier.deployment,
     });
 }
 

@@ -1,6 +1,7 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent};
@@ -362,7 +363,7 @@ pub fn restrict(
 /// If it cannot be written.
 pub fn maybe_confirm(
     record: &mut Record,
-    dossiers: &Dossiers,
+    dossiers: &mut Dossiers,
     monitors: &mut Monitors,
     id: &CapabilityId,
 ) -> Result<(), Fault> {
@@ -374,6 +375,8 @@ pub fn maybe_confirm(
         return Ok(());
     }
     watched.confirmed = true;
+    watched.monitor.confirmed().map_err(|error| Fault::Impossible(error.to_string()))?;
+    dossiers.edit(id).conditions.retain(Condition::outlives_confirmation);
     let episodes = watched.episodes;
     let (version, standing, _) = record.ledger().version(id)?;
     if !standing.flags.provisional {

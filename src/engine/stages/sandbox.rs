@@ -100,12 +100,8 @@ pub fn begin(
     let candidate = record.capability(id)?;
     let binding = binding(context, record.ledger(), &candidate);
     let dossier = dossiers.edit(id);
-    if dossier.kappas.is_none() {
-        // Taken up again after a restart before the sandbox: the static part is computed anew.
-        let kappas = validation::assess(context, record.ledger(), &candidate);
-        dossier.conditions = kappas.conditions();
-        dossier.kappas = Some(kappas);
-    }
+    // What stage 2 found counts for the version that was active then: against the present one it is found anew.
+    dossier.take_static(validation::assess(context, record.ledger(), &candidate));
     dossier.pairs.clear();
     dossier.hard_stops.clear();
     dossier.modes.clear();
@@ -280,7 +276,7 @@ impl Sandbox<'_> {
         match decision.outcome() {
             // The stage that Psi names has been completed on current evidence: a measured
             // incompatibility is final, what the budget could not decide is held back.
-            Recommendation::Sandbox if is_undecided(&kappas) => {
+            Recommendation::Sandbox | Recommendation::RollbackReview if is_undecided(&kappas) => {
                 self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
                 Ok(())
             }

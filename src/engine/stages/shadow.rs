@@ -1,6 +1,7 @@
 //! Stage 4: shadow. The candidate beside the live work, at two depths; no actuator handle.
 
-use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
+use holdpoint_governance::condition::shadow_needed;
 use holdpoint_governance::evidence::{Binding, ShadowEvidence};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
@@ -54,8 +55,9 @@ pub fn begin(
     id: &CapabilityId,
 ) -> Result<Box<ShadowRun>, Fault> {
     let settings = &context.profile.evaluation;
-    let budget =
+    let plain =
         if dossiers.has_open_doubt(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
+    let budget = plain.max(dossiers.of(id).map_or(0, |dossier| shadow_needed(&dossier.conditions)));
     record.start_stage(id, Stage::Shadow, u64::from(budget))?;
     let candidate = record.capability(id)?;
     let binding = binding(context, record.ledger(), &candidate);
@@ -155,9 +157,11 @@ fn decide(
     };
     let digest = dossier.digest()?;
     let under = made_under(context, record.ledger(), &candidate, digest);
-    let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
+    let psi_context = PsiContext { has_approver: profile.has_approver() };
+    let decision = psi_after_shadow(&kappas, psi_context, under, result.check);
     dossier.reasons.clone_from(&result.reasons);
     dossier.progress = None;
+    dossier.deployment = decision.answers().deployment;
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage: Stage::Shadow,
@@ -166,6 +170,7 @@ fn decide(
         composite: dossier.composite(profile),
         reasons: result.reasons.clone(),
         conditions: dossier.conditions.clone(),
+        deployment: dossier.deployment,
     });
     let reason = result
         .reasons

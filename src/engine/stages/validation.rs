@@ -11,6 +11,7 @@ use holdpoint_governance::interface::Registered;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_protocol::detail::Changes;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
@@ -18,7 +19,8 @@ use super::closing::{decided, first_reason, rejected, stage_note};
 use crate::binding::made_under;
 use crate::check;
 use crate::context::Context;
-use crate::dossier::Dossiers;
+use crate::dossier::{Dossiers, StaticAssessment};
+use crate::explain::difference::version_differences;
 use crate::fault::Fault;
 use crate::ledger::Ledger;
 use crate::record::Record;
@@ -35,13 +37,13 @@ pub fn run(
 ) -> Result<(), Fault> {
     record.start_stage(id, Stage::Validation, 1)?;
     let candidate = record.capability(id)?;
-    let kappas = assess(context, record.ledger(), &candidate);
+    let found = assess(context, record.ledger(), &candidate);
+    let kappas = found.kappas.clone();
     let under = made_under(context, record.ledger(), &candidate, candidate.digest());
     let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
     let dossier = dossiers.edit(id);
-    dossier.conditions = kappas.conditions();
+    dossier.take_static(found);
     dossier.reasons = decision.reasons().to_vec();
-    dossier.kappas = Some(kappas);
     decided(context, record, dossier, id, Stage::Validation, &decision);
     let (version, _, _) = record.ledger().version(id)?;
     let note = stage_note(dossier, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
@@ -55,7 +57,7 @@ pub fn run(
 
 /// The four assessments as far as they go without running anything.
 #[must_use]
-pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kappas {
+pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> StaticAssessment {
     let entry = ledger.family(&candidate.id().family).ok();
     let active = entry.and_then(|entry| entry.active()).map(|member| &member.capability);
     let found = check::judge(candidate, active, &registered(ledger), &context.profile, &context.table);
@@ -78,11 +80,21 @@ pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Kap
             .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
         watcher_knows: &watched,
     });
-    Kappas { interface: found.interface, policy: found.policy, behavior: behavior.assessment, recovery }
+    let declared = candidate.submission.interface_changes.clone();
+    StaticAssessment {
+        asks_more: found.asks_more,
+        changes: Changes { fields: version_differences(active, candidate), declared },
+        kappas: Kappas {
+            interface: found.interface,
+            policy: found.policy,
+            behavior: behavior.assessment,
+            recovery,
+        },
+    }
 }
 
 /// Versions a dependency may resolve to: neither rejected nor rolled back.
-fn registered(ledger: &Ledger) -> Vec<Registered> {
+pub(crate) fn registered(ledger: &Ledger) -> Vec<Registered> {
     let mut known = Vec::new();
     for (_, entry) in ledger.families() {
         for (member, version) in entry.members.iter().zip(&entry.state.versions) {

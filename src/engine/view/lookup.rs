@@ -6,7 +6,7 @@ use super::evidence::{behavior, drills, modes};
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::explain;
-use crate::explain::difference::differences;
+use crate::explain::difference::version_differences;
 use crate::fault::Fault;
 use crate::record::Record;
 use holdpoint_approvals::keyfile;
@@ -15,7 +15,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_protocol::detail::{AuditPage, Detail, Difference, PAGE_MAX, RegistryPage, Verified};
+use holdpoint_protocol::detail::{AuditPage, Detail, PAGE_MAX, RegistryPage, Verified};
 use holdpoint_registry::{AuditFilter, EvidenceEntry, VersionFilter};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
@@ -146,7 +146,7 @@ pub(crate) fn detail(
         composite: dossier.composite(&context.profile),
         reasons: reasons(&dossier),
         conditions: dossier.conditions.clone(),
-        differences: against.map_or_else(Vec::new, |active| differing(&active, capability)),
+        differences: against.map_or_else(Vec::new, |active| version_differences(Some(&active), capability)),
         behavior: behavior(&dossier),
         modes: modes(&dossier),
         drills: drills(&dossier),
@@ -235,16 +235,4 @@ fn reasons(dossier: &Dossier) -> Vec<Reason> {
         }
     }
     all
-}
-
-/// Manifest and parameters, field by field.
-fn differing(active: &Capability, candidate: &Capability) -> Vec<Difference> {
-    let value = |version: &Capability| {
-        let manifest = serde_json::to_value(&*version.manifest).unwrap_or_default();
-        // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
-        let params: Option<toml::Table> = toml::from_str(&version.package.params).ok();
-        let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
-        serde_json::json!({ "manifest": manifest, "params": params })
-    };
-    differences(&value(active), &value(candidate))
 }

@@ -58,6 +58,7 @@ impl SnapshotView<'_> {
                     shadow: shadow(dossier, &self.context.profile.evaluation),
                     reasons: dossier.reasons.clone(),
                     conditions: dossier.conditions.clone(),
+                    deployment: dossier.deployment,
                 });
             }
         }

@@ -265,6 +265,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         risk: subjects.candidate.submission.estimated_risk,
         provenance: subjects.candidate.submission.provenance,
         closed: &closed,
+        unmet: &[],
         review_open: false,
         now_s: 1.0,
         row_version: 4,

@@ -24,6 +24,7 @@ fn registered(version: &str, parent: Option<&str>) -> EventKind {
         provenance: Provenance::Optimiser,
         risk: Risk::Low,
         parent: parent.map(ToOwned::to_owned),
+        interface_changes: Vec::new(),
     }
 }
 

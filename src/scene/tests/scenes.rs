@@ -138,6 +138,7 @@ fn registered() -> EventKind {
         provenance: Provenance::Optimiser,
         risk: Risk::Medium,
         parent: Some("place@1.0.0".to_owned()),
+        interface_changes: Vec::new(),
     }
 }
 
@@ -164,6 +165,7 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
         composite: view.composite,
         reasons: view.reasons,
         conditions: Vec::new(),
+        deployment: None,
     };
     script.event(&feed, decided, None);
     let activated = EventKind::Activated {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ};
 use holdpoint_governance::alarms::Priority;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
 use holdpoint_sim::fault::InjectedFault;
@@ -23,6 +24,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::Package;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -51,8 +53,21 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        Self::under(Profile::builtin(ProfileName::Sim).unwrap())
+    }
+
+    pub(crate) fn under(profile: Profile) -> Self {
+        Self::opened(tempfile::tempdir().unwrap(), profile)
+    }
+
+    /// The same store under another profile, as an engine that comes up again finds it.
+    pub(crate) fn reopened(self, profile: Profile) -> Self {
+        let Self { folder, pipeline } = self;
+        drop(pipeline);
+        Self::opened(folder, profile)
+    }
+
+    fn opened(folder: TempDir, profile: Profile) -> Self {
         let settings = PipelineSettings {
             seed: CALIBRATION_FROM_RUN,
             jobs: 1,
@@ -69,12 +84,18 @@ impl Bench {
 
     /// Makes a candidate active and watched without its evaluation: what is tested comes after that.
     pub(crate) fn activate(&mut self, name: &str) -> CapabilityId {
-        let pipeline = &mut self.pipeline;
         let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
-        let id = Capability::load(name, package.clone()).unwrap().id();
-        let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
+        self.activate_package(package, &[])
+    }
+
+    /// As [`Bench::activate`], for a version under conditions.
+    pub(crate) fn activate_package(&mut self, package: Package, conditions: &[Condition]) -> CapabilityId {
+        let pipeline = &mut self.pipeline;
+        let id = Capability::load("test", package.clone()).unwrap().id();
+        let reply = pipeline.command(Command::Register { package, name: "test".to_owned() });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let version = pipeline.record().ledger().version(&id).unwrap().0;
+        pipeline.live().dossiers.edit(&id).conditions = conditions.to_vec();
         for stage in Stage::ALL {
             pipeline
                 .live()

@@ -4,16 +4,22 @@ use std::collections::BTreeMap;
 
 use holdpoint_body::FailureSignal;
 use holdpoint_governance::behavior;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::evidence::{EpisodeValues, HardStop};
 use holdpoint_governance::ids::Family;
+use holdpoint_governance::interface::declared;
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::manifest::Manifest;
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::submission::InterfaceChange;
 
-use crate::fixture::{GOOD, binding, exports, manifest, manifest_with, pairs, profile, recovery as drilled};
+use crate::fixture::{
+    GOOD, MANIFEST, binding, exports, manifest, manifest_with, pairs, profile, recovery as drilled,
+};
 
 #[test]
 fn interface_changes() {
@@ -24,7 +30,7 @@ fn interface_changes() {
     for (from, to, outcome, kappa, code) in [
         ("1.0.0", "1.0.1", Compatible, 1.0, InterfaceCompatible),
         (input, &extra("required = false"), Compatible, 1.0, InterfaceCompatible),
-        (input, &extra("default = 0.1"), Conditional, 0.875, InterfaceSignatureAdaptable),
+        (input, &extra("default = 0.1"), Incompatible, 0.75, InterfaceSignatureBreaking),
         (input, &extra(""), Incompatible, 0.75, InterfaceSignatureBreaking),
         ("object_pose", "target_pose", Incompatible, 0.75, InterfaceSignatureBreaking),
         ("frame = \"world\"", "frame = \"tool\"", Incompatible, 0.75, InterfaceSignatureBreaking),
@@ -36,9 +42,9 @@ fn interface_changes() {
         (
             "range = [0.0, 0.08]",
             "range = [0.0, 0.08]\nrequired = false\ndefault = 0.0",
-            Conditional,
-            0.875,
-            InterfaceSchemaAdaptable,
+            Incompatible,
+            0.75,
+            InterfaceSchemaBreaking,
         ),
         ("min = 0.04", "min = 0.02", Compatible, 1.0, InterfaceCompatible),
         ("min = 0.04", "min = 0.06", Incompatible, 0.75, InterfaceConditionBreaking),
@@ -101,7 +107,10 @@ fn interface_changes() {
             "{from:?} -> {to:?}: {found:?}"
         );
         assert_eq!(found.reasons[0].code, code, "{from:?} -> {to:?}");
-        assert_eq!(found.conditions.is_empty(), outcome != Conditional, "{from:?} -> {to:?}");
+        let dependency = code == InterfaceDependencyAdaptable;
+        let depends = interface::unmet(&candidate, &registered);
+        assert_eq!(depends == ["align@^2"], dependency, "{from:?} -> {to:?}: {depends:?}");
+        assert!(found.conditions.is_empty(), "{from:?} -> {to:?}");
         let unread = InterfaceInput { exports: None, ..input };
         assert_eq!(interface::assess(&unread, &thresholds).assessment.outcome, InterfaceOutcome::NoData);
     }
@@ -155,6 +164,7 @@ fn permission_changes() {
         (Real, "max_speed_m_s = 0.2", "max_speed_m_s = 0.6", Conditional, PolicyTighterEnvelope),
         (Sim, "max_speed_m_s = 0.2", "max_speed_m_s = 0.6", Compatible, PolicyCompatible),
         (Real, "\"sim\", \"real\", \"human\"", "\"sim\"", Incompatible, PolicyEnvironmentNotAdmitted),
+        (Sim, "\"sim\", \"real\", \"human\"", "\"sim\"", Conditional, PolicySimulationOnly),
         (Human, "memory_kib = 1024", "memory_kib = 20000", Incompatible, PolicyResourcesExceeded),
     ] {
         let profile = profile(name);
@@ -366,4 +376,127 @@ fn the_static_part_of_recovery() {
         let found = recovery::static_part(&input);
         assert_eq!((found.outcome, found.reasons[0].code), (outcome, code), "{name}: {found:?}");
     }
+}
+
+/// Where the paper has a version usable under bounds only, the bound is issued as a condition.
+#[test]
+fn conditions_are_issued_where_they_are_due() {
+    let ruled = |name, from: &str, to: &str| {
+        let profile = profile(name);
+        let candidate = manifest_with(from, to);
+        let exported = exports(&candidate);
+        let input = PolicyInput {
+            permissions: &candidate.permissions,
+            environments: &candidate.deployment.environments,
+            exports: Some(&exported),
+            active: Some(&manifest().permissions),
+        };
+        policy::assess(&input, &PolicyTable::builtin(&profile).unwrap(), &profile).assessment.conditions
+    };
+    let environments = "\"sim\", \"real\", \"human\"";
+    assert_eq!(ruled(ProfileName::Sim, environments, "\"sim\""), [Condition::SimulationOnly]);
+    assert_eq!(ruled(ProfileName::Sim, environments, "\"sim\", \"real\""), []);
+    let review = ruled(ProfileName::Human, "authority = 1", "authority = 2");
+    assert_eq!(review, [Condition::ApprovalRequired { quorum: 2 }]);
+    let longest = profile(ProfileName::Human).evaluation.shadow_sequences_max;
+    let violation = EpisodeValues { violation: true, ..GOOD };
+    let suspicious = behaviour(ProfileName::Human, (0, GOOD), (12, violation)).assessment.conditions;
+    assert_eq!(
+        suspicious,
+        [
+            Condition::StricterThresholds { factor: 0.5 },
+            Condition::ShadowFirst { sequences: longest },
+            Condition::RollbackCoupled
+        ]
+    );
+    let real = profile(ProfileName::Real);
+    let longest = real.evaluation.shadow_sequences_max;
+    for (candidate, conditions) in [
+        ([90, 50, 60, 70], vec![Condition::ShadowFirst { sequences: longest }, Condition::RollbackCoupled]),
+        ([95; 4], Vec::new()),
+    ] {
+        let found = recovery::assess(&drilled([82; 4], candidate), &binding(), &real);
+        assert_eq!(found.assessment.conditions, conditions, "{candidate:?}");
+    }
+}
+
+/// What a version asks for beyond the active one is named in full, with both levels; of a first version everything is.
+#[test]
+fn what_is_asked_for_beyond_the_active_version_is_named() {
+    let profile = profile(ProfileName::Human);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let more = MANIFEST
+        .replace(
+            "zones = [\"work\", \"transit\"]",
+            "zones = [\"work\", \"transit\", \"tray\"]\nsensors = [\"camera\"]",
+        )
+        .replace("max_force_n = 20.0", "max_force_n = 25.0")
+        .replace("memory_kib = 1024", "memory_kib = 2048");
+    let candidate = Manifest::parse("manifest.toml", &more).unwrap();
+    let exported = exports(&candidate);
+    let active = manifest();
+    let input = PolicyInput {
+        permissions: &candidate.permissions,
+        environments: &candidate.deployment.environments,
+        exports: Some(&exported),
+        active: Some(&active.permissions),
+    };
+    let found = policy::assess(&input, &table, &profile);
+    let named = ["zone tray", "sensor camera", "force 25 N (was 20 N)", "memory 2048 KiB (was 1024 KiB)"];
+    assert_eq!(found.asks_more(), named);
+    let first = policy::assess(&PolicyInput { active: None, ..input }, &table, &profile);
+    assert_eq!(first.asks_more().len(), 2 + 3 + 3 + 1 + 5, "{:?}", first.asks_more());
+    assert!(!first.assessment.reasons.iter().any(|reason| reason.code == PolicyNewPermission));
+}
+
+/// What an author declares of the interface is held against what is found, part by part.
+#[test]
+fn declared_interface_changes_are_held_against_the_manifests() {
+    let candidate = manifest_with("range = [0.0, 0.08]", "range = [0.0, 0.05]");
+    let candidate = Manifest {
+        inputs: BTreeMap::from([("pose".to_owned(), candidate.inputs["object_pose"].clone())]),
+        ..candidate
+    };
+    let found = declared::changes(Some(&manifest()), &candidate);
+    let said: Vec<String> = found.iter().map(ToString::to_string).collect();
+    assert_eq!(said, ["input object_pose removed", "input pose added", "output width changed"]);
+    let all: Vec<InterfaceChange> = found.iter().cloned().collect();
+    assert!(declared::held_against(&all, &found).is_empty());
+    let held = declared::held_against(&all[1..], &found);
+    assert_eq!((held.len(), held[0].code), (1, InterfaceUndeclaredChange));
+    assert!(held[0].text.contains("input object_pose removed, which the submission does not declare"));
+    let empty = declared::held_against(&all, &declared::changes(Some(&manifest()), &manifest()));
+    assert_eq!(empty.len(), 3, "declared and not found: {empty:?}");
+}
+
+/// A stronger precondition on an input is carried by the dispatcher's check: the condition names what is checked.
+#[test]
+fn a_stronger_precondition_on_an_input_is_a_condition() {
+    let with = |min: &str| {
+        MANIFEST
+            .replace(
+                "[outputs.width]",
+                "[inputs.gripper_width]\ntype = \"real\"\nunit = \"m\"\n\n[outputs.width]",
+            )
+            .replace("min = 0.04", &format!("min = {min}"))
+    };
+    let parsed = |min: &str| Manifest::parse("manifest.toml", &with(min)).unwrap();
+    let (active, candidate) = (parsed("0.04"), parsed("0.06"));
+    let code = exports(&candidate);
+    let input = InterfaceInput {
+        candidate: &candidate,
+        exports: Some(&code),
+        active: Some(&active),
+        registered: &[],
+    };
+    let found = interface::assess(&input, &profile(ProfileName::Sim).thresholds).assessment;
+    assert_eq!(
+        (found.outcome, found.reasons[0].code),
+        (InterfaceOutcome::Conditional, InterfaceConditionAdaptable)
+    );
+    let checked = Condition::CheckedCall { fields: vec!["gripper_width".to_owned()] };
+    assert_eq!(found.conditions, [checked.clone()]);
+    // A record of an older build reads as the same condition.
+    let older = serde_json::json!({ "kind": "interface-adapter", "fields": ["gripper_width"] });
+    assert_eq!(serde_json::from_value::<Condition>(older).unwrap(), checked);
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::evidence::{Binding, HardStop};
@@ -27,7 +28,52 @@ fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
 fn psi_in_procedure_2s_order() {
     use Recommendation::{Activate, Reject, RollbackReview, Sandbox, Shadow};
     type Change = fn(&mut Kappas);
-    let table: [(&str, Change, Recommendation, Recommendation); 16] = [
+    let table: [(&str, Change, Recommendation, Recommendation); 21] = [
+        (
+            "P review, B incompatible",
+            |k| {
+                k.policy.outcome = PolicyOutcome::Review;
+                k.behavior.outcome = BehaviorOutcome::Incompatible;
+            },
+            Sandbox,
+            Sandbox,
+        ),
+        (
+            "P review, B estimated as incompatible",
+            |k| {
+                k.policy.outcome = PolicyOutcome::Review;
+                (k.behavior.outcome, k.behavior.basis) = (BehaviorOutcome::Incompatible, Basis::Estimated);
+            },
+            RollbackReview,
+            RollbackReview,
+        ),
+        (
+            "P review, B not measured yet",
+            |k| {
+                k.policy.outcome = PolicyOutcome::Review;
+                k.behavior.outcome = BehaviorOutcome::NoData;
+            },
+            RollbackReview,
+            RollbackReview,
+        ),
+        (
+            "P review, R without rollback",
+            |k| {
+                k.policy.outcome = PolicyOutcome::Review;
+                recovery_fails(k, RecoveryRollbackBelowFloor);
+            },
+            Sandbox,
+            Sandbox,
+        ),
+        (
+            "P review, R incompatible",
+            |k| {
+                k.policy.outcome = PolicyOutcome::Review;
+                recovery_fails(k, RecoveryBelowThreshold);
+            },
+            Sandbox,
+            RollbackReview,
+        ),
         ("all compatible", |_| (), Activate, Activate),
         ("I incompatible", |k| k.interface.outcome = InterfaceOutcome::Incompatible, Reject, Reject),
         ("I no data", |k| k.interface.outcome = InterfaceOutcome::NoData, Reject, Reject),
@@ -67,6 +113,7 @@ struct Case {
     bindings: Vec<Binding>,
     approval: Option<ApprovalResult>,
     closed: BTreeSet<ProfileName>,
+    unmet: Vec<String>,
     review_open: bool,
     improved: bool,
     now_s: f64,
@@ -86,6 +133,7 @@ impl Case {
             bindings: vec![current; 3],
             approval: None,
             closed: BTreeSet::new(),
+            unmet: Vec::new(),
             review_open: false,
             improved: false,
             now_s: 100.0,
@@ -107,6 +155,7 @@ impl Case {
             risk: Risk::Medium,
             provenance: Provenance::Llm,
             closed: &self.closed,
+            unmet: &self.unmet,
             review_open: self.review_open,
             now_s: self.now_s,
             row_version: 7,
@@ -154,7 +203,7 @@ fn what_closes_the_gate() {
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
-    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 22] = [
+    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 23] = [
         ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
@@ -220,6 +269,7 @@ fn what_closes_the_gate() {
             GateFrozen,
         ),
         ("no time", ProfileName::Sim, |c| c.now_s = f64::NAN, Hold, GateFrozen),
+        ("unmet", ProfileName::Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
         ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
         (
             "profile closed",
@@ -345,4 +395,132 @@ fn shadow_by_governance_signals() {
         .map(|seed| holdpoint_governance::evidence::ShadowSequence { seed, output_divergence: 0.9, ..first })
         .collect();
     assert_eq!(gate::assess_shadow(&long, &binding(), &profile).check, Check::Pass);
+}
+
+/// What the record calls a candidate in the paper's words (section 4.5), at each rule that decides.
+#[test]
+fn the_four_deployment_outcomes_are_on_record() {
+    use holdpoint_governance::composition::psi_after_shadow;
+    use holdpoint_governance::outcome::Check;
+    use holdpoint_governance::vocabulary::Deployability::{
+        Conditionally, EvaluationOnly, Fully, Incompatible,
+    };
+    type Change = fn(&mut Kappas);
+    let of = |change: Change| {
+        let mut kappas = kappas(&profile(ProfileName::Sim), [1.0; 4]);
+        change(&mut kappas);
+        kappas
+    };
+    let context = PsiContext { has_approver: false };
+    let cases: [(Change, _); 5] = [
+        (|_| (), Fully),
+        (|k| k.behavior.outcome = BehaviorOutcome::Suspicious, Conditionally),
+        (|k| k.recovery.outcome = RecoveryOutcome::Fragile, Conditionally),
+        (|k| k.behavior.outcome = BehaviorOutcome::Incompatible, EvaluationOnly),
+        (|k| k.interface.outcome = InterfaceOutcome::Incompatible, Incompatible),
+    ];
+    for (change, expected) in cases {
+        let decision = psi(&of(change), context, made_under());
+        assert_eq!(decision.answers().deployment, Some(expected));
+        let written = serde_json::to_value(&decision).unwrap();
+        assert_eq!(written["answers"]["deployment"], expected.name());
+    }
+    // What shadow does not pass stays for evaluation.
+    for (check, expected) in [(Check::Pass, Fully), (Check::Fail, EvaluationOnly)] {
+        let decision = psi_after_shadow(&of(|_| ()), context, made_under(), check);
+        assert_eq!(decision.answers().deployment, Some(expected), "{check:?}");
+    }
+    type At = fn(&mut Case);
+    let at: [(ProfileName, At, _); 5] = [
+        (ProfileName::Sim, |_| (), Fully),
+        (ProfileName::Real, |_| (), Conditionally),
+        (ProfileName::Human, |_| (), Conditionally),
+        (ProfileName::Sim, |c| c.shadow = None, EvaluationOnly),
+        (ProfileName::Sim, |c| c.kappas.policy.outcome = PolicyOutcome::Incompatible, Incompatible),
+    ];
+    for (name, change, expected) in at {
+        let mut case = Case::new(name);
+        change(&mut case);
+        assert_eq!(case.evaluate().decision.answers().deployment, Some(expected), "{name:?}");
+    }
+}
+
+/// Each condition changes what the gate does: without it the same circumstances pass.
+#[test]
+fn conditions_act_at_the_gate() {
+    let with = |name, condition: Option<Condition>| {
+        let mut case = Case::new(name);
+        case.kappas.behavior.conditions.extend(condition);
+        case.evaluate()
+    };
+    for (name, condition, outcome, code) in [
+        (ProfileName::Real, Condition::SimulationOnly, GateOutcome::Reject, GateSimulationOnly),
+        (ProfileName::Sim, Condition::ShadowFirst { sequences: 21 }, GateOutcome::Demote, GateShadowTooShort),
+        (
+            ProfileName::Sim,
+            Condition::ApprovalRequired { quorum: 1 },
+            GateOutcome::AwaitApproval,
+            ApprovalPending,
+        ),
+    ] {
+        assert_eq!(*with(name, None).decision.outcome(), GateOutcome::Pass, "{condition}");
+        let result = with(name, Some(condition.clone()));
+        assert_eq!(*result.decision.outcome(), outcome, "{condition}");
+        assert!(result.decision.has(code), "{condition}: {:?}", result.decision.reasons());
+        assert!(result.passed.is_none());
+    }
+    // Met, they stand in the terms; what bounds the use makes the activation a conditional one.
+    use ActivationMode::{ApprovalBound, Conditional};
+    for (condition, answered, mode) in [
+        (Condition::SimulationOnly, false, Some(Conditional)),
+        (Condition::ShadowFirst { sequences: 20 }, false, None),
+        (Condition::StricterThresholds { factor: 0.5 }, false, Some(Conditional)),
+        (Condition::TighterEnvelope { speed_max_m_s: 0.1, force_max_n: 5.0 }, false, Some(Conditional)),
+        (Condition::ApprovalRequired { quorum: 1 }, true, Some(ApprovalBound)),
+    ] {
+        let mut case = Case::new(ProfileName::Sim);
+        case.kappas.behavior.conditions.push(condition.clone());
+        case.approval = answered.then(|| granted(&["ann"]));
+        let passed = case.evaluate().passed.expect("passes");
+        assert!(passed.terms().conditions.contains(&condition), "{condition}");
+        let modes = mode.map_or([ActivationMode::Full].into(), |mode| [mode].into());
+        assert_eq!(passed.terms().modes, modes, "{condition}");
+    }
+}
+
+/// A site's policy can ask people about activations that the profile asks nobody about.
+#[test]
+fn a_site_policy_asks_people() {
+    let text = "@review(\"learnt versions\") permit (principal, action == Action::\"activate\", resource) \
+                when { context.provenance == \"llm\" };";
+    let mut case = Case::new(ProfileName::Real);
+    assert_eq!(*case.evaluate().decision.outcome(), GateOutcome::Pass);
+    case.table.activations =
+        PolicyTable::compile(&case.profile, &[PolicySource { file: "s", text }]).unwrap().activations;
+    assert_eq!(*case.evaluate().decision.outcome(), GateOutcome::AwaitApproval);
+    case.approval = Some(granted(&["ann"]));
+    let passed = case.evaluate().passed.expect("passes");
+    assert!(passed.terms().modes.contains(&ActivationMode::ApprovalBound));
+    assert!(passed.terms().conditions.contains(&Condition::ApprovalRequired { quorum: 1 }));
+}
+
+/// Whether success improved is in the decision, and so is that the profile does without.
+#[test]
+fn improvement_is_demanded_or_waived_on_record() {
+    for (demanded, improved, outcome, code) in [
+        (false, false, GateOutcome::Pass, GateImprovementWaived),
+        (false, true, GateOutcome::Pass, GateImproved),
+        (true, true, GateOutcome::Pass, GateImproved),
+        (true, false, GateOutcome::Demote, GateNoImprovement),
+    ] {
+        let mut case = Case::new(ProfileName::Sim);
+        let shipped = include_str!("../../../../profiles/sim.toml");
+        let text =
+            shipped.replace("require_improvement = false", &format!("require_improvement = {demanded}"));
+        case.profile = Profile::parse("sim.toml", &text).unwrap();
+        case.improved = improved;
+        let result = case.evaluate();
+        assert_eq!(*result.decision.outcome(), outcome, "{demanded} {improved}");
+        assert!(result.decision.has(code), "{demanded} {improved}: {:?}", result.decision.reasons());
+    }
 }

@@ -84,6 +84,7 @@ impl World {
                 risk: Risk::Low,
                 provenance: Provenance::Llm,
                 closed: &BTreeSet::new(),
+                unmet: &[],
                 review_open: false,
                 now_s: 1.0,
                 row_version: 1,

@@ -1,10 +1,12 @@
 //! The monitor against streams of episodes, silence and deadlines.
 
 use holdpoint_governance::behavior::signature;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::*;
 use holdpoint_governance::evidence::{EpisodeValues, Signature};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, SafetyEvent};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::strictness::Strictness;
 
 use crate::fixture::{GOOD, profile};
 
@@ -116,4 +118,82 @@ fn a_monitor_goes_on_after_a_restart() {
     for tick in 2..10 {
         assert_eq!(one.observe(&bad, tick), other.observe(&bad, tick));
     }
+}
+
+/// A monitor under conditions, for a version that shows an anomaly in every fifth episode.
+fn under(name: ProfileName, conditions: &[Condition]) -> Monitor {
+    let expected = Signature { anomaly: 0.2, ..expected() };
+    Monitor::strict(&profile(name), &expected, Strictness::of(conditions), 0).unwrap()
+}
+
+/// The values of an episode where one in so many shows an anomaly.
+fn one_in(every: u64, tick: u64) -> &'static EpisodeValues {
+    const BAD: EpisodeValues = EpisodeValues { anomaly: true, ..GOOD };
+    if tick.is_multiple_of(every) { &BAD } else { &GOOD }
+}
+
+/// Half the limits: the same episodes warn and trip sooner, and both levels are told.
+#[test]
+fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
+    let conditions = [Condition::StricterThresholds { factor: 0.5 }];
+    let (plain, mut strict) = (under(ProfileName::Sim, &[]), under(ProfileName::Sim, &conditions));
+    let limits = |monitor: &Monitor| monitor.charts().map(|(_, _, _, limit)| limit).collect::<Vec<_>>();
+    let halved: Vec<f64> = limits(&plain).iter().map(|limit| limit / 2.0).collect();
+    assert_eq!(limits(&strict), halved);
+    let words = Strictness::of(&conditions).limits(&profile(ProfileName::Sim).monitor);
+    assert_eq!(words, "a chart warns at 2.75 (plain 5.5) and trips at 1000 (plain 2000)");
+    let until = |mut monitor: Monitor, action: MonitorAction| {
+        (1..).find(|tick| monitor.observe(one_in(2, *tick), *tick).action >= action).unwrap()
+    };
+    for action in [MonitorAction::Restrict, MonitorAction::Rollback] {
+        let (strict, plain) = (until(strict.clone(), action), until(plain.clone(), action));
+        assert!(strict < plain, "{action}: {strict} against {plain} episodes");
+    }
+    // 300 ms of motion after a stop is within the limit of 500, and not within half of it.
+    let moved = EpisodeValues { unsafe_continuation_ms: 300.0, ..GOOD };
+    assert_eq!(plain.clone().observe(&moved, 1).action, MonitorAction::Continue);
+    assert_eq!(strict.clone().observe(&moved, 1).action, MonitorAction::Rollback);
+    strict.confirmed().unwrap();
+    assert_eq!(limits(&strict), limits(&plain));
+    for factor in [0.0, -1.0, f64::NAN] {
+        let strictness = Strictness::of(&[Condition::StricterThresholds { factor }]);
+        assert!(Monitor::strict(&profile(ProfileName::Sim), &expected(), strictness, 0).is_err(), "{factor}");
+    }
+}
+
+/// Rollback-coupled: the first warning takes the version off, and nobody is asked. Silence says nothing of the version
+/// and asks as ever.
+#[test]
+fn a_coupled_version_is_rolled_back_on_the_first_warning() {
+    // Where a chart warns before another trips, the two monitors part.
+    let first = |mut monitor: Monitor, every: u64| {
+        (1..)
+            .map(|tick| monitor.observe(one_in(every, tick), tick))
+            .find(|said| said.action != MonitorAction::Continue)
+            .unwrap()
+    };
+    let mut parted = 0;
+    for name in ProfileName::ALL {
+        for every in 1..=3 {
+            let plain = first(under(name, &[]), every);
+            let coupled = first(under(name, &[Condition::RollbackCoupled]), every);
+            assert_eq!(
+                (coupled.action, coupled.tick),
+                (MonitorAction::Rollback, plain.tick),
+                "{name} {every}"
+            );
+            if plain.action == MonitorAction::Restrict {
+                parted += 1;
+                assert_eq!(coupled.reasons[0].code, MonitorCoupledTrip);
+            }
+        }
+    }
+    assert!(parted > 0, "a chart warns before another trips at least once");
+    let mut silent = under(ProfileName::Sim, &[Condition::RollbackCoupled]);
+    assert_eq!(silent.tick(30).action, MonitorAction::Escalate);
+    let mut confirmed = under(ProfileName::Sim, &[Condition::RollbackCoupled]);
+    confirmed.confirmed().unwrap();
+    let actions = (1..).map(|tick| confirmed.observe(one_in(2, tick), tick).action);
+    let first = actions.into_iter().find(|action| *action != MonitorAction::Continue);
+    assert_eq!(first, Some(MonitorAction::Restrict), "coupling ends with the window");
 }

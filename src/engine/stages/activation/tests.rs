@@ -1,0 +1,216 @@
+//! What people are told before they decide, and what conditions do to a version that is active.
+
+use std::path::Path;
+
+use holdpoint_approvals::{Approval, Identity, Nonce};
+use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::condition::Condition;
+use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::monitor::MonitorAction;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::event::Event;
+use holdpoint_protocol::words;
+use holdpoint_registry::AuditFilter;
+use holdpoint_runtime::capability;
+
+use super::*;
+use crate::pipeline::Pipeline;
+use crate::stages::rollback::tests::Bench;
+
+fn package(name: &str, changes: &[(&str, &str)]) -> Package {
+    let mut package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
+    for (from, to) in changes {
+        assert!(package.manifest.contains(from), "{from}");
+        package.manifest = package.manifest.replace(from, to);
+    }
+    package
+}
+
+fn profile(name: ProfileName) -> Profile {
+    Profile::builtin(name).unwrap()
+}
+
+/// Registers a version, lets the rules validate it, and puts it before people.
+fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
+    let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
+    let register = holdpoint_protocol::command::Command::Register { package, name: "test".to_owned() };
+    let reply = pipeline.command(register);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    pipeline.advance();
+    let (version, standing, _) = pipeline.record().ledger().version(&id).unwrap();
+    assert_eq!(standing.state, State::Validated);
+    let mut move_on = |event| {
+        pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+    };
+    for stage in [Stage::Sandbox, Stage::Shadow] {
+        move_on(LifecycleEvent::Start { version, stage });
+        move_on(LifecycleEvent::Pass { version, stage });
+    }
+    move_on(LifecycleEvent::Start { version, stage: Stage::Activation });
+    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
+    approvals.ask(context, record, dossiers, &id).unwrap();
+    id
+}
+
+/// A candidate that asks for more than the active version: each new permission, the whole difference with both values
+/// and what its author declares are in the question, in JSON, in the plain stream, and in what is kept and signed.
+#[test]
+fn everything_that_changes_is_told_before_people_decide() {
+    let more = [
+        (
+            "sensors = [\"camera\", \"joints\", \"wrist-force\"]",
+            "sensors = [\"camera\", \"joints\", \"wrist-force\", \"depth\"]",
+        ),
+        ("tools = [\"parallel-gripper\"]", "tools = [\"parallel-gripper\", \"tool-changer\"]"),
+        ("memory_kib = 256", "memory_kib = 512"),
+        ("zones = [\"work\", \"transit\", \"tray\"]", "zones = [\"work\", \"tray\"]"),
+        (
+            "[outputs.duration]",
+            "[outputs.corrections]\ntype = \"int\"\nrange = [0, 9]\nrequired = false\n\n[outputs.duration]",
+        ),
+    ];
+    let mut package = package("align-improved", &more[..4]);
+    package.submission.push_str(
+        "\n[[interface_changes]]\npart = \"precondition\"\nname = \"holding\"\nchange = \"changed\"\n",
+    );
+    let mut bench = Bench::under(profile(ProfileName::Human));
+    let pipeline = &mut bench.pipeline;
+    pipeline.drain_events();
+    let id = asked(pipeline, package);
+    let new = ["sensor depth", "tool tool-changer", "memory 512 KiB (was 256 KiB)"];
+    let differences = [
+        "permission added: sensors depth",
+        "permission added: tools tool-changer",
+        "permission removed: zones transit",
+        "permission resources.memory_kib: 256 -> 512",
+        "parameter corrections_max: 1 -> 3",
+        "declared by its author: precondition holding changed",
+    ];
+    // The question on screen.
+    let question = pipeline.snapshot().prompts.remove(0);
+    assert_eq!(
+        (question.version.clone(), question.new_permissions.clone()),
+        (id.clone(), new.map(String::from).to_vec())
+    );
+    let lines = question.changes.lines();
+    for line in differences {
+        assert!(lines.contains(&line.to_owned()), "{line}: {lines:#?}");
+    }
+    // JSON and the plain stream.
+    let events = pipeline.drain_events();
+    let kind = events.into_iter().find(|kind| matches!(kind, EventKind::ApprovalRequested { .. })).unwrap();
+    let event = Event { seq: 1, at_ms: 0, kind };
+    let (json, line) = (serde_json::to_string(&event).unwrap(), words::line(&event));
+    for text in new.iter().chain(&differences) {
+        assert!(line.contains(text), "{text}: {line}");
+    }
+    assert!(new.iter().all(|text| json.contains(text)), "{json}");
+    assert!(
+        json.contains("\"field\":\"manifest.permissions.zones\",\"old\":\"transit\",\"new\":null"),
+        "{json}"
+    );
+    // The record: the evidence that is signed over has it, and what was on the screen is kept with the answer.
+    let open = pipeline.record().ledger().store().views().unwrap().open_requests().unwrap().remove(0);
+    let kept: Dossier = serde_json::from_str(&open.json).unwrap();
+    assert_eq!(
+        (kept.new_permissions.clone(), kept.digest().unwrap()),
+        (question.new_permissions.clone(), question.evidence)
+    );
+    let silent = Dossier { new_permissions: Vec::new(), ..kept.clone() };
+    assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
+    let folder = pipeline.record().ledger().store().layout().identities();
+    let identity = Identity::create(&folder, "ann", Role::Safety).unwrap();
+    let signed = identity.sign(Approval {
+        who: String::new(),
+        role: identity.info().role,
+        decision: Answer::Approve,
+        reason: "read".to_owned(),
+        version: id,
+        candidate_digest: question.candidate,
+        row_version: question.row_version,
+        evidence_digest: question.evidence,
+        policy_digest: question.policy,
+        profile: question.profile,
+        store_id: question.store_id.clone(),
+        nonce: Nonce::random().unwrap(),
+        not_after_ms: question.valid_until_ms,
+    });
+    let shown = format!("New permissions: {}\n{}", question.new_permissions.join(", "), lines.join("\n"));
+    pipeline.activation().decide(signed, Some(&shown)).unwrap();
+    let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
+    let kept = pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
+    for text in new.iter().chain(&differences) {
+        assert!(kept.contains(text), "{text}: {kept}");
+    }
+}
+
+/// A version that declares itself for simulation alone works there, and is taken off before it gets another arm.
+#[test]
+fn a_version_for_simulation_alone_gets_no_other_arm() {
+    let package = package("align-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
+    let mut bench = Bench::new();
+    let id = bench.activate_package(package, &[Condition::SimulationOnly]);
+    let works = |pipeline: &mut Pipeline| {
+        let report = pipeline.live().sequence(None).unwrap();
+        report.tasks.iter().any(|done| done.id == id)
+    };
+    let active =
+        |pipeline: &Pipeline| pipeline.record().active_of(&id.family).map(|active| active.id().to_string());
+    assert!(works(&mut bench.pipeline), "it works in simulation");
+    bench = bench.reopened(profile(ProfileName::Sim));
+    assert_eq!(active(&bench.pipeline), Some(id.to_string()));
+    for name in [ProfileName::Real, ProfileName::Human] {
+        bench = bench.reopened(profile(name));
+        assert_eq!(active(&bench.pipeline).as_deref(), Some("align@1.0.0"), "{name}");
+        let state = bench.pipeline.record().ledger().version(&id).unwrap().1.state;
+        assert_eq!(state, State::Demoted, "{name}");
+        assert!(!works(&mut bench.pipeline), "{name}");
+    }
+}
+
+const BAD: EpisodeValues = EpisodeValues {
+    success: true,
+    violation: false,
+    anomaly: true,
+    recovery: false,
+    intervention: false,
+    timeout: false,
+    near_violation: false,
+    retries: 0,
+    time_s: 2.0,
+    unsafe_continuation_ms: 0.0,
+};
+
+/// What an activation's monitor does is what its conditions say, also after a restart; at the confirmation they end.
+#[test]
+fn conditions_of_an_activation_reach_its_monitor() {
+    let strict = [Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
+    let first = |conditions: &[Condition]| {
+        let mut bench = Bench::new();
+        let id = bench.activate_package(package("align-improved", &[]), conditions);
+        let view = bench.pipeline.snapshot().live.monitors.remove(0);
+        let mut watched = bench.pipeline.live().monitors.of(&id).unwrap().clone();
+        let (tick, action) = (1_u32..)
+            .map(|tick| (tick, watched.monitor.observe(&BAD, u64::from(tick)).action))
+            .find(|(_, action)| *action != MonitorAction::Continue)
+            .unwrap();
+        (bench, id, view, (tick, action))
+    };
+    let (_, _, plain, (late, asks)) = first(&[]);
+    let (mut bench, id, view, (soon, takes_off)) = first(&strict);
+    assert_eq!((plain.factor, plain.coupled, view.factor, view.coupled), (1.0, false, 0.5, true));
+    for (before, held) in plain.charts.iter().zip(&view.charts) {
+        assert_eq!(held.2, before.2 / 2.0, "the limit of {}", before.0);
+    }
+    assert_eq!((asks, takes_off), (MonitorAction::Restrict, MonitorAction::Rollback));
+    assert!(soon < late, "{soon} against {late} episodes");
+    let live = bench.pipeline.live();
+    live.monitors.of_mut(&id).unwrap().monitor.confirmed().unwrap();
+    live.dossiers.edit(&id).conditions.retain(Condition::outlives_confirmation);
+    assert!(live.dossiers.of(&id).unwrap().conditions.is_empty());
+    let view = bench.pipeline.snapshot().live.monitors.remove(0);
+    assert_eq!((view.factor, view.coupled, view.charts[0].2), (1.0, false, plain.charts[0].2));
+}

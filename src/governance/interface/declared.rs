@@ -1,0 +1,64 @@
+//! What changed in an interface, part by part, and whether its author said so.
+//!
+//! Notes only: whether a change breaks callers is decided by what is found, whatever was declared (paper section 5.2,
+//! stage 1; readings X50).
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::super::decision::{Dimension, Reason, ReasonCode};
+use super::super::manifest::Manifest;
+use super::super::submission::{InterfaceChange, InterfaceChangeKind, InterfacePart};
+
+/// Every part of the interface in which two manifests differ, sorted. Of a first version every part is added.
+#[must_use]
+pub fn changes(active: Option<&Manifest>, candidate: &Manifest) -> BTreeSet<InterfaceChange> {
+    let mut found = BTreeSet::new();
+    let (new, old) = (&candidate.invocation, active.map(|active| &active.invocation));
+    compare(InterfacePart::Input, active.map(|active| &active.inputs), &candidate.inputs, &mut found);
+    compare(InterfacePart::Output, active.map(|active| &active.outputs), &candidate.outputs, &mut found);
+    compare(InterfacePart::Parameter, old.map(|old| &old.parameters), &new.parameters, &mut found);
+    compare(InterfacePart::Precondition, old.map(|old| &old.preconditions), &new.preconditions, &mut found);
+    compare(
+        InterfacePart::Postcondition,
+        old.map(|old| &old.postconditions),
+        &new.postconditions,
+        &mut found,
+    );
+    let points =
+        |names: &BTreeSet<String>| names.iter().map(|name| (name.clone(), ())).collect::<BTreeMap<_, _>>();
+    let before = old.map(|old| points(&old.entry_points));
+    compare(InterfacePart::EntryPoint, before.as_ref(), &points(&new.entry_points), &mut found);
+    found
+}
+
+fn compare<T: PartialEq>(
+    part: InterfacePart,
+    old: Option<&BTreeMap<String, T>>,
+    new: &BTreeMap<String, T>,
+    found: &mut BTreeSet<InterfaceChange>,
+) {
+    let mut note = |name: &String, change| {
+        found.insert(InterfaceChange { part, name: name.clone(), change });
+    };
+    for (name, value) in new {
+        match old.and_then(|old| old.get(name)) {
+            None => note(name, InterfaceChangeKind::Added),
+            Some(before) if before != value => note(name, InterfaceChangeKind::Changed),
+            Some(_) => {}
+        }
+    }
+    for name in old.into_iter().flat_map(BTreeMap::keys).filter(|name| !new.contains_key(*name)) {
+        note(name, InterfaceChangeKind::Removed);
+    }
+}
+
+/// Where declaration and finding differ: changes nobody declared, and declared ones that were not found.
+#[must_use]
+pub fn held_against(declared: &[InterfaceChange], found: &BTreeSet<InterfaceChange>) -> Vec<Reason> {
+    let note = |text: String| Reason::new(ReasonCode::InterfaceUndeclaredChange, Dimension::Interface, text);
+    let silent = found.iter().filter(|change| !declared.contains(change));
+    let silent = silent.map(|change| note(format!("{change}, which the submission does not declare")));
+    let empty = declared.iter().filter(|change| !found.contains(change));
+    let empty = empty.map(|change| note(format!("{change} is declared, and the manifests do not show it")));
+    silent.chain(empty).collect()
+}

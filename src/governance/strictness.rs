@@ -1,0 +1,75 @@
+//! How much more strictly than its profile says an activation is watched: what conditions of use ask of its monitor.
+//!
+//! Source: paper section 4.5 (stricter runtime thresholds) and table 4 (rollback-coupled); design rules 3.7, 3.8.
+
+use serde::{Deserialize, Serialize};
+
+use super::condition::Condition;
+use super::profile::MonitorSettings;
+
+/// How much more strictly than its profile says a version is watched until it is confirmed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Strictness {
+    factor: f64,
+    coupled: bool,
+}
+
+impl Strictness {
+    /// As the profile says.
+    pub const PLAIN: Self = Self { factor: 1.0, coupled: false };
+
+    /// What the conditions of an activation ask of its monitor: the smallest factor, and whether it is coupled.
+    #[must_use]
+    pub fn of(conditions: &[Condition]) -> Self {
+        conditions.iter().fold(Self::PLAIN, |strict, condition| match condition {
+            // Written so that a factor that is no number stays, and no monitor can be made with it.
+            Condition::StricterThresholds { factor } if !(*factor >= strict.factor) => {
+                Self { factor: *factor, ..strict }
+            }
+            Condition::RollbackCoupled => Self { coupled: true, ..strict },
+            Condition::StricterThresholds { .. }
+            | Condition::SimulationOnly
+            | Condition::TighterEnvelope { .. }
+            | Condition::ShadowFirst { .. }
+            | Condition::ApprovalRequired { .. }
+            | Condition::CheckedCall { .. } => strict,
+        })
+    }
+
+    /// The factor on the profile's limits, above 0 and at most 1.
+    #[must_use]
+    pub const fn factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// Whether the first warning of a chart takes the version off, without asking.
+    #[must_use]
+    pub const fn coupled(&self) -> bool {
+        self.coupled
+    }
+
+    /// The settings that hold under it.
+    #[must_use]
+    pub fn applied(&self, settings: &MonitorSettings) -> MonitorSettings {
+        MonitorSettings {
+            cusum_limit: settings.cusum_limit * self.factor,
+            false_alarm_episodes: settings.false_alarm_episodes * self.factor,
+            ..*settings
+        }
+    }
+
+    /// The levels of the charts in words, before and after.
+    #[must_use]
+    pub fn limits(&self, settings: &MonitorSettings) -> String {
+        let held = self.applied(settings);
+        let level = |plain: f64, held: f64| {
+            if self.factor < 1.0 { format!("{held} (plain {plain})") } else { held.to_string() }
+        };
+        format!(
+            "a chart warns at {} and trips at {}",
+            level(settings.cusum_limit, held.cusum_limit),
+            level(settings.false_alarm_episodes, held.false_alarm_episodes)
+        )
+    }
+}
