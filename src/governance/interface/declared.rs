@@ -24,10 +24,13 @@ pub fn changes(active: Option<&Manifest>, candidate: &Manifest) -> BTreeSet<Inte
         &new.postconditions,
         &mut found,
     );
-    let points =
-        |names: &BTreeSet<String>| names.iter().map(|name| (name.clone(), ())).collect::<BTreeMap<_, _>>();
-    let before = old.map(|old| points(&old.entry_points));
-    compare(InterfacePart::EntryPoint, before.as_ref(), &points(&new.entry_points), &mut found);
+    let none = BTreeSet::new();
+    let before = old.map_or(&none, |old| &old.entry_points);
+    let mut point = |name: &String, change| {
+        found.insert(InterfaceChange { part: InterfacePart::EntryPoint, name: name.clone(), change });
+    };
+    new.entry_points.difference(before).for_each(|name| point(name, InterfaceChangeKind::Added));
+    before.difference(&new.entry_points).for_each(|name| point(name, InterfaceChangeKind::Removed));
     found
 }
 
