@@ -14,6 +14,7 @@ mod console;
 mod context;
 pub mod data;
 pub mod decide;
+pub mod demo;
 pub mod doctor;
 mod engine_verbs;
 pub mod experiment;
@@ -34,6 +35,7 @@ pub mod registry;
 pub mod replay;
 pub mod run;
 pub mod schema;
+pub mod serve;
 #[cfg(feature = "console")]
 mod settings;
 mod side;
@@ -54,7 +56,7 @@ pub use output::Output;
 
 /// Decides whether a new version of a robot's skill may take control of the robot.
 ///
-/// Without a command it runs the main demonstration job in the console.
+/// Without a command it opens the console; without a terminal it runs the demonstration.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "holdpoint", bin_name = "holdpoint", version, max_term_width = 100, after_help = AFTER_HELP)]
 pub struct Cli {
@@ -73,7 +75,7 @@ pub struct Cli {
 const AFTER_HELP: &str = "\
 Exit codes:
   0 confirmed or done, 1 rejected, 2 usage or configuration, 3 held or timed out, 4 rolled back,
-  70 internal error
+  5 nothing was judged, 70 internal error
 
 Examples:
   holdpoint
@@ -85,6 +87,10 @@ Examples:
 pub enum Verb {
     /// Runs upgrades: in the console, or without a screen from a script.
     Run(run::RunArgs),
+    /// Runs the engine on the store until it is told to end, as a service; submits nothing.
+    Serve(serve::ServeArgs),
+    /// Runs the demonstration in a store of its own, which is removed afterwards unless --data names one.
+    Demo(demo::DemoArgs),
     /// Shows what versions there are.
     Registry(registry::RegistryArgs),
     /// Registers, checks and compares candidates.
@@ -174,8 +180,10 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Ok::<CliContext, CliError>(CliContext { data, data_given: cli.data.is_some(), json: cli.json })
     };
     match &cli.verb {
-        None => engine.run(&context()?, &run::RunArgs::default(), out),
+        None => engine.without_verb(&context()?, out),
         Some(Verb::Run(args)) => engine.run(&context()?, args, out),
+        Some(Verb::Serve(args)) => engine.serve(&context()?, args, out),
+        Some(Verb::Demo(args)) => engine.demo(&context()?, args, out),
         Some(Verb::Registry(args)) => registry::run(&context()?, args, out),
         Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
         Some(Verb::Status(args)) => engine.status(&context()?, args, out),

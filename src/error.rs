@@ -19,14 +19,23 @@ pub enum Exit {
     Held,
     /// 4: the version was rolled back.
     RolledBack,
+    /// 5: nothing was judged, so that there is no outcome.
+    NothingJudged,
     /// 70: a fault of this program.
     Internal,
 }
 
 impl Exit {
     /// Every way to end.
-    pub const ALL: [Self; 6] =
-        [Self::Confirmed, Self::Rejected, Self::Usage, Self::Held, Self::RolledBack, Self::Internal];
+    pub const ALL: [Self; 7] = [
+        Self::Confirmed,
+        Self::Rejected,
+        Self::Usage,
+        Self::Held,
+        Self::RolledBack,
+        Self::NothingJudged,
+        Self::Internal,
+    ];
 
     /// The process's exit code.
     #[must_use]
@@ -37,7 +46,22 @@ impl Exit {
             Self::Usage => 2,
             Self::Held => 3,
             Self::RolledBack => 4,
+            Self::NothingJudged => 5,
             Self::Internal => 70,
+        }
+    }
+
+    /// What it says of a version, or of a run.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Confirmed => "confirmed",
+            Self::Rejected => "rejected",
+            Self::Usage => "usage",
+            Self::Held => "held",
+            Self::RolledBack => "rolled back",
+            Self::NothingJudged => "nothing was judged",
+            Self::Internal => "internal error",
         }
     }
 }
@@ -214,6 +238,6 @@ mod tests {
     #[test]
     fn codes_differ() {
         let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
-        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 70]);
+        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 70]);
     }
 }

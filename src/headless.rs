@@ -1,11 +1,17 @@
-//! Scripted operation: scenario files, JSON lines.
+//! Operation without a screen: scenario files, upgrades printed as they happen, the engine as a service.
 //!
 //! The same engine as behind any other front end; what is here reads events and gives commands.
 
 pub mod script;
 
 mod driver;
+mod notify;
+mod outcome;
+mod plain;
 mod printer;
 mod runs;
+mod service;
 
-pub use runs::{RunPlain, RunScript, run_plain, run_script};
+pub use plain::{PlainWork, RunPlain, run_plain};
+pub use runs::{RunScript, fresh_store, run_script};
+pub use service::{Service, serve};

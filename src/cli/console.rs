@@ -6,7 +6,7 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::run::{LivePace, RunArgs, SEED_DEFAULT};
+use super::run::{LivePace, RunArgs};
 use super::settings::{file, themes};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -21,9 +21,6 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::Problem;
-
-/// Simulated seconds of the live cell in a second, if nothing was asked for: people can follow it.
-const PACE_DEFAULT: LivePace = LivePace::Times(1.0);
 
 /// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -41,11 +38,11 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     let keymap = Arc::new(keymap()?);
     let host = HostConfig {
         data: context.data.clone(),
-        profile: args.profile(),
-        seed: args.seed.unwrap_or(SEED_DEFAULT),
-        jobs: args.spare_jobs(),
-        robot: args.robot.clone(),
-        pace: args.pace.unwrap_or(PACE_DEFAULT).times(),
+        profile: args.engine.profile(),
+        seed: args.engine.seed(),
+        jobs: args.engine.spare_jobs(),
+        robot: args.engine.robot.clone(),
+        pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
         sinks: args.scenes.options(true).sinks()?,
     };
     let console = Console {

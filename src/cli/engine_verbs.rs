@@ -4,12 +4,13 @@
 //! anything itself.
 
 use super::side::Side;
-use super::{bench, candidate, decide, run, status};
+use super::{bench, candidate, decide, demo, run, serve, status};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use crate::headless::{RunPlain, RunScript, run_plain, run_script};
+use crate::headless::{PlainWork, RunPlain, RunScript, Service, run_plain, run_script};
 use holdpoint_engine::embedded;
+use holdpoint_engine::host::HostConfig;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
@@ -24,6 +25,34 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &run::RunArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// What is run without a verb: the console, or the demonstration where there is no terminal for it.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn without_verb(&mut self, context: &CliContext, out: &mut Output<'_>) -> Result<Exit, CliError>;
+
+    /// Works on the store until it is told to end.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn serve(
+        &mut self,
+        context: &CliContext,
+        args: &serve::ServeArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Takes a demonstration candidate through the stages.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn demo(
+        &mut self,
+        context: &CliContext,
+        args: &demo::DemoArgs,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
 
@@ -84,15 +113,15 @@ impl EngineVerbs for RealEngine {
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         let json = context.json;
-        let robot = args.robot.as_deref();
+        let robot = args.engine.robot.as_deref();
         match &args.script {
             Some(script) => {
                 let run = RunScript {
                     script,
                     data: context.data_given.then_some(context.data.as_path()),
                     cache: args.cache.as_deref(),
-                    seed: args.seed,
-                    jobs: args.jobs(),
+                    seed: args.engine.seed,
+                    jobs: args.engine.jobs(),
                     robot,
                     json,
                     sinks: args.scenes.options(context.data_given).sinks()?,
@@ -103,10 +132,11 @@ impl EngineVerbs for RealEngine {
             None if super::console::fits(args, json) => super::console::run(context, args, out),
             None => {
                 let run = RunPlain {
+                    work: PlainWork::Waiting,
                     data: &context.data,
-                    profile: args.profile(),
-                    seed: args.seed.unwrap_or(run::SEED_DEFAULT),
-                    jobs: args.jobs(),
+                    profile: args.engine.profile(),
+                    seed: args.engine.seed(),
+                    jobs: args.engine.jobs(),
                     robot,
                     json,
                     pace: args.pace.and_then(run::LivePace::times),
@@ -115,6 +145,62 @@ impl EngineVerbs for RealEngine {
                 run_plain(run, out.sink())
             }
         }
+    }
+
+    fn without_verb(&mut self, context: &CliContext, out: &mut Output<'_>) -> Result<Exit, CliError> {
+        #[cfg(feature = "console")]
+        {
+            let args = run::RunArgs::default();
+            if super::console::fits(&args, context.json) {
+                return super::console::run(context, &args, out);
+            }
+        }
+        if context.data_given {
+            let text = "without a terminal and without a verb the demonstration runs in a store of its own";
+            let hint = "`holdpoint demo` submits it to the store named with --data; `holdpoint serve` works on that one";
+            return Err(CliError::usage(text).with_hint(hint));
+        }
+        self.demo(context, &demo::DemoArgs::default(), out)
+    }
+
+    fn serve(
+        &mut self,
+        context: &CliContext,
+        args: &serve::ServeArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        let host = HostConfig {
+            data: context.data.clone(),
+            profile: args.engine.profile(),
+            seed: args.engine.seed(),
+            jobs: args.engine.spare_jobs(),
+            robot: args.engine.robot.clone(),
+            pace: args.pace(),
+            sinks: args.scenes.options(true).sinks()?,
+        };
+        let service = Service { host, json: context.json, quiet: args.quiet };
+        crate::headless::serve(service, out.sink())
+    }
+
+    fn demo(
+        &mut self,
+        context: &CliContext,
+        args: &demo::DemoArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        let fresh = if context.data_given { None } else { Some(crate::headless::fresh_store()?) };
+        let run = RunPlain {
+            work: PlainWork::Demonstration,
+            data: fresh.as_ref().map_or(context.data.as_path(), tempfile::TempDir::path),
+            profile: args.engine.profile(),
+            seed: args.engine.seed(),
+            jobs: args.engine.jobs(),
+            robot: args.engine.robot.as_deref(),
+            json: context.json,
+            pace: args.pace.and_then(run::LivePace::times),
+            sinks: run::SceneArgs::default().options(context.data_given).sinks()?,
+        };
+        run_plain(run, out.sink())
     }
 
     fn register(
@@ -129,7 +215,9 @@ impl EngineVerbs for RealEngine {
         let mut side = Side::open(context)?;
         let exit = side.carry_out(Command::Register { package, name }, out)?;
         if side.is_own() && !out.is_json() {
-            out.line("no engine is running; `holdpoint run` takes it through the stages")?;
+            out.line(
+                "no engine is running; `holdpoint run` or `holdpoint serve` takes it through the stages",
+            )?;
         }
         Ok(exit)
     }

@@ -13,13 +13,12 @@ use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::profile::ProfileName;
 
 /// The seed of a run that names none.
-pub(super) const SEED_DEFAULT: u64 = 1;
+const SEED_DEFAULT: u64 = 1;
 
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
 
-/// The arguments of `run`.
-/// `default()` is the main demonstration job: what `holdpoint` without a command runs.
+/// The arguments of `run`. `default()` is what `holdpoint` without a command runs on a terminal.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,21 +35,13 @@ pub struct RunArgs {
     /// afterwards, unless --data names one.
     #[arg(long, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
-    /// Prints one event a line in place of the screen; also chosen if there is no terminal.
+    /// Prints one event a line in place of the screen, until every version that waits is settled; also chosen if
+    /// there is no terminal.
     #[arg(long, conflicts_with = "headless")]
     pub plain: bool,
-    /// Same script and same seed give the same log [default: the scenario's, else 1].
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// The deployment profile [default: sim].
-    #[arg(long, value_enum)]
-    pub profile: Option<ProfileArg>,
-    /// The robot: a URDF file [default: the built-in arm].
-    #[arg(long, value_name = "FILE")]
-    pub robot: Option<PathBuf>,
-    /// How many episodes to evaluate at once [default: one per core]; the log is the same for any number.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
-    pub jobs: Option<u16>,
+    /// What the engine is started with.
+    #[command(flatten)]
+    pub engine: EngineArgs,
     /// A folder of episodes already simulated, for runs to share; needs --headless.
     #[arg(long, value_name = "DIR", requires = "headless")]
     pub cache: Option<PathBuf>,
@@ -64,6 +55,23 @@ pub struct RunArgs {
     #[cfg(feature = "console")]
     #[command(flatten)]
     pub console: ConsoleArgs,
+}
+
+/// What an engine is started with, whoever its front end is.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct EngineArgs {
+    /// Same script and same seed give the same log [default: the scenario's, else 1].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// The deployment profile [default: sim].
+    #[arg(long, value_enum)]
+    pub profile: Option<ProfileArg>,
+    /// The robot: a URDF file [default: the built-in arm].
+    #[arg(long, value_name = "FILE")]
+    pub robot: Option<PathBuf>,
+    /// How many episodes to evaluate at once [default: one per core]; the log is the same for any number.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
 }
 
 /// The address at which a viewer may connect, if none is named: the viewer's own default.
@@ -171,6 +179,9 @@ pub enum LivePace {
 impl Eq for LivePace {}
 
 impl LivePace {
+    /// The pace of the clock: people can follow it.
+    pub const CLOCK: Self = Self::Times(1.0);
+
     /// Simulated seconds in a second; absent for as fast as it computes.
     #[must_use]
     pub const fn times(self) -> Option<f64> {
@@ -184,7 +195,7 @@ impl LivePace {
 /// The paces the engine takes.
 const PACES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
-fn parse_pace(text: &str) -> Result<LivePace, String> {
+pub(super) fn parse_pace(text: &str) -> Result<LivePace, String> {
     if text == "max" {
         return Ok(LivePace::Max);
     }
@@ -193,7 +204,7 @@ fn parse_pace(text: &str) -> Result<LivePace, String> {
     times.map(LivePace::Times).ok_or_else(allowed)
 }
 
-impl RunArgs {
+impl EngineArgs {
     /// How many episodes to evaluate at once: what was asked for, else one per core.
     #[must_use]
     pub fn jobs(&self) -> usize {
@@ -201,10 +212,16 @@ impl RunArgs {
         self.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
     }
 
-    /// Workers beside a console: what was asked for, else 0, which leaves a core to the console.
+    /// Workers beside a front end on a thread of its own: what was asked for, else 0, which leaves it a core.
     #[must_use]
     pub fn spare_jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
+    }
+
+    /// The seed of a run whose scenario names none.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed.unwrap_or(SEED_DEFAULT)
     }
 
     /// The profile of a run without a scenario.

@@ -10,8 +10,25 @@ struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
     fn run(&mut self, _: &CliContext, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.profile(), args.seed));
+        self.0.push(format!("run {:?} {:?}", args.engine.profile(), args.engine.seed));
         Ok(Exit::RolledBack)
+    }
+    fn without_verb(&mut self, _: &CliContext, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        self.0.push("no verb".to_owned());
+        Ok(Exit::NothingJudged)
+    }
+    fn serve(
+        &mut self,
+        _: &CliContext,
+        args: &serve::ServeArgs,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        self.0.push(format!("serve {:?} {:?}", args.engine.profile(), args.pace()));
+        Ok(Exit::Confirmed)
+    }
+    fn demo(&mut self, _: &CliContext, args: &demo::DemoArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        self.0.push(format!("demo {:?}", args.engine.seed));
+        Ok(Exit::Confirmed)
     }
     fn register(
         &mut self,
@@ -110,7 +127,10 @@ fn every_verb_has_examples_that_parse() {
 fn verbs_reach_the_engine() {
     let signed = ["--as", "mara", "--reason", "because"];
     for (line, reached, code) in [
-        (vec![], "run Sim None", 4),
+        (vec![], "no verb", 5),
+        (vec!["serve"], "serve Sim Some(1.0)", 0),
+        (vec!["serve", "--profile", "real", "--pace", "max"], "serve Real None", 0),
+        (vec!["demo", "--seed", "3"], "demo Some(3)", 0),
         (vec!["run", "--profile", "human", "--seed", "7"], "run Human Some(7)", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
         (vec!["status"], "status None 600", 3),
@@ -144,6 +164,9 @@ fn bad_lines_are_refused() {
         "run --headless --script x --profile sim",
         "run --cache x",
         "run --plain --headless",
+        "serve --headless",
+        "serve --pace 0",
+        "demo --script x",
         "run --profile live",
         "status --until active",
         "status grasp --until active --timeout 0",

@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use super::outcome::{Followed, outcome_of};
 use super::printer::Printer;
 use super::script::{DriftStep, Expect, Say, Step, Wait, Work};
 use crate::error::{CliError, Exit};
@@ -46,29 +47,15 @@ pub(super) struct Driver<'a> {
     candidate: Option<CapabilityId>,
     given: Vec<Given>,
     confirmed: bool,
-    rolled_back: bool,
 }
 
 impl<'a> Driver<'a> {
     pub(super) fn new(pump: Pump, printer: Printer<'a>) -> Self {
-        Self {
-            pump,
-            printer,
-            requests: 0,
-            candidate: None,
-            given: Vec::new(),
-            confirmed: false,
-            rolled_back: false,
-        }
+        Self { pump, printer, requests: 0, candidate: None, given: Vec::new(), confirmed: false }
     }
 
     pub(super) fn note(&mut self, text: &str) -> Result<(), CliError> {
         self.printer.note(text)
-    }
-
-    /// Nobody reads what is told, or the engine has ended.
-    pub(super) const fn is_over(&self) -> bool {
-        self.printer.is_gone() || self.pump.engine().has_ended()
     }
 
     /// Carries out a step of a scenario; `index` names it in errors.
@@ -129,10 +116,6 @@ impl<'a> Driver<'a> {
                 self.confirmed = true;
                 return;
             }
-            EventKind::RolledBack { version, .. } if is_ours(version) => {
-                self.rolled_back = true;
-                return;
-            }
             _ => return,
         };
         let given =
@@ -168,7 +151,6 @@ impl<'a> Driver<'a> {
         self.candidate = Some(candidate.id());
         self.given.clear();
         self.confirmed = false;
-        self.rolled_back = false;
         self.accept(command)
     }
 
@@ -259,7 +241,7 @@ impl<'a> Driver<'a> {
     }
 
     /// Nothing more happens to the candidate by itself.
-    pub(super) fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
+    fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
         let ended = view.state.is_terminal() || self.confirmed;
         ended || (idle && self.pump.engine().snapshot().prompts.is_empty() && !view.flags.provisional)
     }
@@ -315,22 +297,7 @@ impl<'a> Driver<'a> {
 
     /// The exit code by what became of the last candidate.
     pub(super) fn finish(mut self) -> Result<Exit, CliError> {
-        let exit = match self.view() {
-            None => Exit::Confirmed,
-            Some(view) => match view.state {
-                State::Active if self.confirmed => Exit::Confirmed,
-                State::Rejected => Exit::Rejected,
-                State::RolledBack => Exit::RolledBack,
-                State::Demoted if self.rolled_back => Exit::RolledBack,
-                State::Registered
-                | State::Validated
-                | State::Sandboxed
-                | State::Shadowed
-                | State::Active
-                | State::Demoted
-                | State::Superseded => Exit::Held,
-            },
-        };
+        let followed = self.view().map(|view| Followed { exit: outcome_of(&view), version: view.version });
         self.requests += 1;
         let id = format!("script-{}", self.requests);
         self.pump.submit(Request { id, command: Command::Shutdown });
@@ -338,18 +305,10 @@ impl<'a> Driver<'a> {
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
         let events = self.pump.finish();
         self.tell(&events)?;
-        self.note(&format!("outcome: {}", outcome(exit)))?;
-        Ok(exit)
-    }
-}
-
-const fn outcome(exit: Exit) -> &'static str {
-    match exit {
-        Exit::Confirmed => "confirmed",
-        Exit::Rejected => "rejected",
-        Exit::Usage => "usage",
-        Exit::Held => "held",
-        Exit::RolledBack => "rolled back",
-        Exit::Internal => "internal error",
+        match &followed {
+            Some(followed) => self.note(&followed.to_string())?,
+            None => self.note("nothing was judged: no version was submitted")?,
+        }
+        Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
     }
 }

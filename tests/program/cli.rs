@@ -4,7 +4,8 @@ use std::path::Path;
 
 use clap::Parser as _;
 use holdpoint::cli::{
-    Cli, CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, dispatch, run, status,
+    Cli, CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, demo, dispatch, run,
+    serve, status,
 };
 use holdpoint::registry::Store;
 use serde_json::Value;
@@ -17,6 +18,15 @@ struct NoEngine;
 impl EngineVerbs for NoEngine {
     fn run(&mut self, _: &CliContext, _: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to run"))
+    }
+    fn without_verb(&mut self, _: &CliContext, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to open the console"))
+    }
+    fn serve(&mut self, _: &CliContext, _: &serve::ServeArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked to serve"))
+    }
+    fn demo(&mut self, _: &CliContext, _: &demo::DemoArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked for the demonstration"))
     }
     fn register(
         &mut self,

@@ -25,6 +25,7 @@ mod recordings;
 mod refine;
 mod scenarios;
 mod second_arm;
+mod serve;
 mod stop;
 
 #[cfg(feature = "rerun")]

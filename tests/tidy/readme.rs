@@ -99,6 +99,7 @@ fn exit_codes_are_the_programs() {
             Exit::Usage => "usage",
             Exit::Held => "held",
             Exit::RolledBack => "rolled back",
+            Exit::NothingJudged => "nothing was judged",
             Exit::Internal => "internal",
         };
         if !said.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(word)) {

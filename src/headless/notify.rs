@@ -1,0 +1,229 @@
+//! What a service manager is told, in the words of systemd's notification protocol (`sd_notify(3)`): ready, alive,
+//! how things stand, stopping.
+//!
+//! Alive means that the engine's own thread has shown itself, and nothing else: a front end that waits for a slow
+//! reader is no reason to restart the engine, and one that runs is no sign of it.
+
+use std::ffi::OsString;
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::watch;
+
+use crate::error::CliError;
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::Untrusted;
+
+/// The shortest watchdog that can be kept: the engine shows itself once a second.
+const WATCHDOG_LEAST: Duration = Duration::from_secs(5);
+
+/// How often in a watchdog's span the engine is reported alive.
+const PER_SPAN: u32 = 3;
+
+type Snapshots = watch::Receiver<Option<Arc<Snapshot>>>;
+
+/// Where the service manager listens, and how often it wants to hear.
+pub(super) struct Manager {
+    socket: UnixDatagram,
+    address: SocketAddr,
+    watchdog: Option<Duration>,
+}
+
+impl Manager {
+    /// The service manager that the environment names; absent if it names none.
+    ///
+    /// # Errors
+    /// If what the environment says cannot be meant.
+    pub(super) fn from_environment() -> Result<Option<Self>, CliError> {
+        Self::of(|name| std::env::var_os(name))
+    }
+
+    fn of(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Self>, CliError> {
+        let Some(name) = variable("NOTIFY_SOCKET").filter(|name| !name.is_empty()) else { return Ok(None) };
+        let refuse = |allowed: &str| {
+            let name = Untrusted::new(name.to_string_lossy()).line().into_string();
+            CliError::usage(format!("NOTIFY_SOCKET is {name:?}; {allowed}"))
+        };
+        let address = match name.as_bytes() {
+            [b'@', name @ ..] => SocketAddr::from_abstract_name(name),
+            [b'/', ..] => SocketAddr::from_pathname(&name),
+            _ => return Err(refuse("an absolute path, or @ and a name, is allowed")),
+        };
+        let address = address.map_err(|error| refuse(&error.to_string()))?;
+        let socket = UnixDatagram::unbound()
+            .map_err(|error| CliError::usage(format!("cannot reach the service manager: {error}")))?;
+        Ok(Some(Self { socket, address, watchdog: watchdog(&variable)? }))
+    }
+
+    /// A manager that does not listen cannot be told so.
+    fn say(&self, text: &str) {
+        drop(self.socket.send_to_addr(text.as_bytes(), &self.address));
+    }
+
+    /// Tells it how the engine of these snapshots goes on, on a thread of its own that ends with the engine.
+    ///
+    /// # Errors
+    /// If no thread starts.
+    pub(super) fn start(self, snapshots: Snapshots) -> Result<JoinHandle<()>, CliError> {
+        let no_thread =
+            |error: std::io::Error| CliError::internal(format!("cannot tell the service manager: {error}"));
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no_thread)?;
+        let work = move || runtime.block_on(self.follow(snapshots));
+        std::thread::Builder::new().name("service-manager".to_owned()).spawn(work).map_err(no_thread)
+    }
+
+    async fn follow(self, mut snapshots: Snapshots) {
+        let mut endings: Option<Endings> = None;
+        let (mut ready, mut stopping) = (false, false);
+        let mut told = String::new();
+        let mut alive = Instant::now();
+        loop {
+            tokio::select! {
+                () = ending(endings.as_mut()) => {
+                    self.say("STOPPING=1\nSTATUS=ending in good order");
+                    (stopping, endings) = (true, None);
+                    continue;
+                }
+                changed = snapshots.changed() => {
+                    if changed.is_err() {
+                        // The engine has ended.
+                        if !stopping {
+                            self.say("STOPPING=1");
+                        }
+                        return;
+                    }
+                }
+            }
+            let status = snapshots.borrow_and_update().as_deref().map(status);
+            let Some(status) = status else { continue };
+            if !ready {
+                // The engine takes signals by now: none is lost by hearing them here as well.
+                endings = Endings::new();
+                self.say("READY=1");
+                ready = true;
+            }
+            if told != status && !stopping {
+                self.say(&format!("STATUS={status}"));
+                told = status;
+            }
+            if self.watchdog.is_some_and(|span| alive.elapsed() >= span / PER_SPAN) {
+                self.say("WATCHDOG=1");
+                alive = Instant::now();
+            }
+        }
+    }
+}
+
+/// The span in which it wants to hear, if it watches this process.
+fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Duration>, CliError> {
+    let number = |name: &str| match variable(name) {
+        None => Ok(None),
+        Some(text) => match text.to_str().and_then(|text| text.parse::<u64>().ok()) {
+            Some(number) => Ok(Some(number)),
+            None => {
+                let text = Untrusted::new(text.to_string_lossy()).line().into_string();
+                Err(CliError::usage(format!("{name} is {text:?}; a whole number is allowed")))
+            }
+        },
+    };
+    if number("WATCHDOG_PID")?.is_some_and(|process| process != u64::from(std::process::id())) {
+        return Ok(None);
+    }
+    let Some(span) = number("WATCHDOG_USEC")?.filter(|span| *span > 0).map(Duration::from_micros) else {
+        return Ok(None);
+    };
+    if span < WATCHDOG_LEAST {
+        let text =
+            format!("the watchdog wants to hear within {span:?}; at least {WATCHDOG_LEAST:?} are needed");
+        return Err(CliError::usage(text).with_hint("set WatchdogSec=60 in the unit"));
+    }
+    Ok(Some(span))
+}
+
+/// How things stand, in one line.
+fn status(snapshot: &Snapshot) -> String {
+    if let Some(why) = &snapshot.holding {
+        return format!("holds after a fault: {}", Untrusted::new(why).line());
+    }
+    let active = snapshot.families.iter().filter(|family| family.active.is_some()).count();
+    let open = snapshot.candidates.iter().filter(|view| !view.state.is_terminal()).count();
+    format!(
+        "{}, {active} of {} families active, {open} candidates open, {} waiting for people, {} alarms",
+        snapshot.profile,
+        snapshot.families.len(),
+        snapshot.prompts.len() + snapshot.questions.len(),
+        snapshot.alarms.len(),
+    )
+}
+
+/// The signals that end the process.
+struct Endings {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl Endings {
+    fn new() -> Option<Self> {
+        let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
+        Some(Self { terminate: terminate.ok()?, interrupt: interrupt.ok()? })
+    }
+}
+
+/// Comes back when the process is asked to end; never without signals to hear.
+async fn ending(endings: Option<&mut Endings>) {
+    let Some(endings) = endings else { return std::future::pending().await };
+    tokio::select! {
+        _ = endings.terminate.recv() => {}
+        _ = endings.interrupt.recv() => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn from(variables: &[(&str, &str)]) -> Result<Option<Option<Duration>>, String> {
+        let variable = |name: &str| {
+            variables.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value))
+        };
+        Manager::of(variable)
+            .map(|manager| manager.map(|manager| manager.watchdog))
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_environment_says_who_is_told_and_how_often() {
+        let socket = ("NOTIFY_SOCKET", "/run/manager");
+        let own = std::process::id().to_string();
+        for (variables, expected) in [
+            (&[][..], Ok(None)),
+            (&[("NOTIFY_SOCKET", "")], Ok(None)),
+            (&[socket], Ok(Some(None))),
+            (&[("NOTIFY_SOCKET", "@manager")], Ok(Some(None))),
+            (&[socket, ("WATCHDOG_USEC", "60000000")], Ok(Some(Some(Duration::from_mins(1))))),
+            (&[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", "1")], Ok(Some(None))),
+            (
+                &[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", &own)],
+                Ok(Some(Some(Duration::from_mins(1)))),
+            ),
+            (&[("NOTIFY_SOCKET", "vsock:2:1")], Err("an absolute path, or @ and a name, is allowed")),
+            (
+                &[socket, ("WATCHDOG_USEC", "soon")],
+                Err("WATCHDOG_USEC is \"soon\"; a whole number is allowed"),
+            ),
+            (&[socket, ("WATCHDOG_USEC", "1000000")], Err("at least 5s are needed")),
+        ] {
+            match (from(variables), expected) {
+                (Ok(got), Ok(expected)) => assert_eq!(got, expected, "{variables:?}"),
+                (Err(text), Err(part)) => assert!(text.contains(part), "{variables:?}: {text}"),
+                (got, _) => panic!("{variables:?}: {got:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Whether a service stays as small as it was: `cargo run --release --example serve_endurance -- PROGRAM SEQUENCES`.
+//!
+//! Starts `PROGRAM serve` on a store of its own at the fastest pace, counts the sequences of its live cell as they are
+//! told, and reads from the system what the process holds: memory, descriptors, threads, and the size of its store.
+//! A row is printed at each step, so a run that is cut short has shown what it saw. At the end the service is told to
+//! end, and has to do so in good order. Says what was measured; nothing is judged but that end.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a measurement says so by failing, and prints what it found"
+)]
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+/// Rows that are printed.
+const ROWS: u64 = 40;
+
+/// The first rows are the process's growing up: caches fill, the allocator settles.
+const WARM_SHARE: f64 = 0.1;
+
+const SECONDS_OF_A_DAY: f64 = 86_400.0;
+
+/// What the process and its store hold at one moment.
+#[derive(Clone, Copy)]
+struct Sample {
+    sequences: u64,
+    resident_kib: u64,
+    descriptors: u64,
+    threads: u64,
+    store_bytes: u64,
+}
+
+/// A number of `/proc/PID/status`.
+fn status(process: u32, field: &str) -> u64 {
+    let text = fs::read_to_string(format!("/proc/{process}/status")).expect("the service runs");
+    let line = text.lines().find_map(|line| line.strip_prefix(field)).expect("the kernel says it");
+    line.trim_start_matches(':').split_whitespace().next().unwrap().parse().unwrap()
+}
+
+/// Bytes of all files beneath a folder.
+fn bytes(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries
+        .map(|entry| match entry.metadata() {
+            Ok(found) if found.is_dir() => bytes(&entry.path()),
+            Ok(found) => found.len(),
+            // A file of the database that came and went.
+            Err(_) => 0,
+        })
+        .sum()
+}
+
+fn sample(process: u32, store: &Path, sequences: u64) -> Sample {
+    Sample {
+        sequences,
+        resident_kib: status(process, "VmRSS"),
+        descriptors: fs::read_dir(format!("/proc/{process}/fd")).unwrap().count() as u64,
+        threads: status(process, "Threads"),
+        store_bytes: bytes(store),
+    }
+}
+
+/// Growth of a value per sequence: the slope of the least squares.
+fn slope(samples: &[Sample], value: impl Fn(&Sample) -> u64) -> f64 {
+    let n = samples.len() as f64;
+    let mean_x = samples.iter().map(|one| one.sequences as f64).sum::<f64>() / n;
+    let mean_y = samples.iter().map(|one| value(one) as f64).sum::<f64>() / n;
+    let (mut above, mut below) = (0.0, 0.0);
+    for one in samples {
+        let x = one.sequences as f64 - mean_x;
+        above += x * (value(one) as f64 - mean_y);
+        below += x * x;
+    }
+    above / below
+}
+
+/// Simulated seconds of the tasks of a sequence.
+fn task_secs(event: &Value) -> f64 {
+    let tasks = event["tasks"].as_array().map(Vec::as_slice).unwrap_or_default();
+    tasks.iter().filter_map(|task| task["time_secs"].as_f64()).sum()
+}
+
+fn main() {
+    let mut words = std::env::args().skip(1);
+    let usage = "the program and a number of sequences";
+    let program = words.next().expect(usage);
+    let wanted: u64 = words.next().and_then(|word| word.parse().ok()).expect(usage);
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    let mut service = Command::new(&program)
+        .args(["serve", "--pace", "max", "--json", "--data"])
+        .arg(&store)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let process = service.id();
+    let lines = BufReader::new(service.stdout.take().unwrap()).lines();
+    let begun = Instant::now();
+    let every = (wanted / ROWS).max(1);
+    let (mut samples, mut simulated) = (Vec::new(), 0.0);
+    let (mut done, mut counted) = (0, 0);
+    println!("sequences\tsecs\tresident KiB\tdescriptors\tthreads\tstore bytes");
+    for line in lines {
+        let event: Value = serde_json::from_str(&line.unwrap()).expect("a line is a document");
+        if event["event"] != "sequence" {
+            continue;
+        }
+        // Sequences that were not told because of this reader are counted by their index.
+        done = event["index"].as_u64().expect("it has an index") + 1;
+        simulated += task_secs(&event);
+        counted += 1;
+        if done / every > samples.len() as u64 {
+            let one = sample(process, &store, done);
+            let secs = begun.elapsed().as_secs();
+            let Sample { resident_kib, descriptors, threads, store_bytes, .. } = one;
+            println!("{done}\t{secs}\t{resident_kib}\t{descriptors}\t{threads}\t{store_bytes}");
+            samples.push(one);
+        }
+        if done >= wanted {
+            break;
+        }
+    }
+    kill_process(Pid::from_raw(i32::try_from(process).unwrap()).unwrap(), Signal::TERM).unwrap();
+    let ended = service.wait().unwrap();
+    assert!(ended.success(), "the service ended with {ended}");
+    assert!(done >= wanted, "the service ended after {done} sequences");
+    let warm = samples.len() - (samples.len() as f64 * WARM_SHARE) as usize;
+    let late = &samples[samples.len() - warm..];
+    let sequence_secs = simulated / f64::from(u32::try_from(counted).unwrap());
+    let a_day = SECONDS_OF_A_DAY / sequence_secs;
+    println!("from sequence {} on, growth per 1,000 sequences:", late[0].sequences);
+    println!("  resident memory {:.1} KiB", 1_000.0 * slope(late, |one| one.resident_kib));
+    println!(
+        "  descriptors {:.3}, threads {:.3}",
+        1_000.0 * slope(late, |one| one.descriptors),
+        1_000.0 * slope(late, |one| one.threads)
+    );
+    let stored = slope(late, |one| one.store_bytes);
+    println!("  store {:.0} bytes", 1_000.0 * stored);
+    println!(
+        "a sequence takes {sequence_secs:.2} simulated s of tasks: at most {a_day:.0} a day at the pace of the clock"
+    );
+    println!(
+        "  store {:.1} KiB a day, {:.1} KiB after the last sequence",
+        stored * a_day / 1024.0,
+        bytes(&store) as f64 / 1024.0
+    );
+}

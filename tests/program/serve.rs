@@ -1,0 +1,229 @@
+//! The engine as a service, and what a run without a screen claims: nothing that it did not judge.
+
+use std::io::{BufRead, BufReader};
+use std::os::unix::net::UnixDatagram;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::door::socket_path;
+use holdpoint::registry::Layout;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(2);
+
+/// A candidate that the static rules reject at once.
+const REJECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
+
+fn program(words: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    let manager = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
+    manager.iter().fold(&mut command, |command, name| command.env_remove(name));
+    command.args(words).stdin(Stdio::null());
+    command
+}
+
+fn on(store: &Path, words: &[&str]) -> Output {
+    program(words).arg("--data").arg(store).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+/// The versions of a store.
+fn versions(store: &Path) -> Vec<String> {
+    let listed = on(store, &["registry", "list", "--json"]);
+    let listed: Value = serde_json::from_slice(&listed.stdout).unwrap();
+    let rows = listed["versions"].as_array().unwrap();
+    rows.iter().map(|row| row["version"].as_str().unwrap().to_owned()).collect()
+}
+
+/// A program at work; it does not outlive the test.
+struct Running(Child);
+
+impl Running {
+    fn start(command: &mut Command) -> Self {
+        Self(command.stdout(Stdio::piped()).spawn().unwrap())
+    }
+
+    fn lines(&mut self) -> impl Iterator<Item = String> + use<> {
+        BufReader::new(self.0.stdout.take().unwrap()).lines().map(Result::unwrap)
+    }
+
+    fn tell(&self, signal: Signal) {
+        kill_process(Pid::from_raw(i32::try_from(self.0.id()).unwrap()).unwrap(), signal).unwrap();
+    }
+
+    /// The code it ends with.
+    fn code(&mut self) -> Option<i32> {
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE {
+            if let Some(status) = self.0.try_wait().unwrap() {
+                return status.code();
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("it did not end");
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+/// What a service manager hears.
+struct Manager(UnixDatagram);
+
+impl Manager {
+    fn listen(path: &Path) -> Self {
+        let socket = UnixDatagram::bind(path).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self(socket)
+    }
+
+    /// Everything up to a message that begins so.
+    fn until(&self, wanted: &str) -> Vec<String> {
+        let mut heard = Vec::new();
+        let mut buffer = [0; 4096];
+        loop {
+            let bytes = self.0.recv(&mut buffer).unwrap_or_else(|_| panic!("no {wanted}: {heard:?}"));
+            heard.push(String::from_utf8(buffer[..bytes].to_vec()).unwrap());
+            if heard.last().is_some_and(|last| last.starts_with(wanted)) {
+                return heard;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
+    let root = tempfile::tempdir().unwrap();
+    let (store, notify) = (root.path().join("store"), root.path().join("notify"));
+    let manager = Manager::listen(&notify);
+    let mut service = Running::start(
+        program(&["serve", "--pace", "max", "--jobs", "1", "--json"])
+            .arg("--data")
+            .arg(&store)
+            .env("NOTIFY_SOCKET", &notify)
+            .env("WATCHDOG_USEC", "5000000"),
+    );
+    assert_eq!(manager.until("READY=1"), ["READY=1"], "ready is said first, once the engine answers");
+    assert!(manager.until("STATUS=")[0].contains("sim, 4 of 4 families active"));
+    // Alive again and again, and not only once.
+    manager.until("WATCHDOG=1");
+    let begun = Instant::now();
+    manager.until("WATCHDOG=1");
+    assert!(begun.elapsed() > Duration::from_millis(500), "not all the time either");
+
+    let baselines = versions(&store);
+    assert_eq!(baselines.len(), 4, "nothing of its own: {baselines:?}");
+    let registered = on(&store, &["candidate", "register", REJECTED]);
+    assert!(registered.status.success(), "{registered:?}");
+    let awaited = ["status", "grasp", "--until", "rejected", "--timeout", "60"];
+    assert_eq!(on(&store, &awaited).status.code(), Some(0), "it is judged by the service");
+
+    let told = service.lines();
+    service.tell(Signal::TERM);
+    manager.until("STOPPING=1");
+    assert_eq!(service.code(), Some(0));
+    assert!(!socket_path(&Layout::new(&store)).exists(), "its door is closed");
+    let kinds: Vec<String> = told
+        .map(|line| serde_json::from_str::<Value>(&line).unwrap())
+        .map(|event| event["event"].as_str().unwrap().to_owned())
+        .collect();
+    assert_eq!(kinds[0], "engine-started");
+    assert!(kinds.iter().any(|kind| kind == "sequence"), "the cell works on: {kinds:?}");
+    assert_eq!(on(&store, &["audit", "verify"]).status.code(), Some(0));
+}
+
+#[test]
+fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let mut service = Running::start(program(&["serve", "--quiet"]).arg("--data").arg(&store));
+    let first = service.lines().next().unwrap();
+    assert!(first.contains("engine"), "{first:?}");
+    // The reader is gone by now; what happens next cannot be printed.
+    let socket = socket_path(&Layout::new(&store));
+    let begun = Instant::now();
+    while !socket.exists() && begun.elapsed() < PATIENCE {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let registered = on(&store, &["candidate", "register", REJECTED]);
+    assert!(registered.status.success(), "{registered:?}");
+    assert_eq!(service.0.try_wait().unwrap(), None);
+    service.tell(Signal::INT);
+    assert_eq!(service.code(), Some(0));
+}
+
+#[test]
+fn a_service_says_what_keeps_it_from_coming_up() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let output = program(&["serve", "--data"]).arg(&store).env("NOTIFY_SOCKET", "manager").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output).contains("NOTIFY_SOCKET is \"manager\""), "{output:?}");
+    assert!(!store.exists());
+    let output = on(&store, &["serve", "--robot", "/nowhere.urdf"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output).contains("/nowhere.urdf"), "{output:?}");
+}
+
+#[test]
+fn a_run_submits_nothing_and_says_an_outcome_of_named_versions_alone() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let nothing = on(&store, &["run", "--plain"]);
+    assert_eq!(nothing.status.code(), Some(5), "{}", text(&nothing));
+    assert!(text(&nothing).contains("nothing was judged") && !text(&nothing).contains("outcome"));
+    assert_eq!(versions(&store).len(), 4, "the store holds what a cell is commissioned with");
+
+    assert!(on(&store, &["candidate", "register", REJECTED]).status.success());
+    let run = on(&store, &["run", "--plain"]);
+    assert_eq!(run.status.code(), Some(1), "{}", text(&run));
+    assert!(text(&run).contains("outcome: grasp@1.2.0 rejected"), "{}", text(&run));
+    let again = on(&store, &["run", "--plain"]);
+    assert_eq!(again.status.code(), Some(5), "what is history is not judged again: {}", text(&again));
+}
+
+#[test]
+fn the_demonstration_leaves_the_users_store_alone() {
+    let root = tempfile::tempdir().unwrap();
+    let mut demo = Running::start(
+        program(&[])
+            .env("XDG_DATA_HOME", root.path().join("share"))
+            .env("HOME", root.path())
+            .env("TMPDIR", root.path()),
+    );
+    let mut lines = demo.lines();
+    assert!(lines.any(|line| line.contains("submitting the demonstration candidate align-improved")));
+    demo.tell(Signal::TERM);
+    let rest: Vec<String> = lines.collect();
+    assert_eq!(demo.code(), Some(3), "{rest:?}");
+    assert!(rest.iter().any(|line| line.contains("outcome: align@1.1.0 held")), "{rest:?}");
+    let left: Vec<_> = std::fs::read_dir(root.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert!(left.is_empty(), "its store is removed, and there is no other: {left:?}");
+}
+
+#[test]
+fn a_demonstration_with_nothing_left_to_show_confirms_nothing() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    for name in holdpoint::engine::embedded::names() {
+        let registered = on(&store, &["candidate", "register", name]);
+        assert!(registered.status.success(), "{}", text(&registered));
+    }
+    let demo = on(&store, &["demo"]);
+    assert_eq!(demo.status.code(), Some(5), "{}", text(&demo));
+    assert!(text(&demo).contains("every demonstration candidate is registered"));
+    // Without a verb a store that was named is not one to try things on.
+    let output = on(&store, &[]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
+    assert!(text(&output).contains("holdpoint serve"), "{}", text(&output));
+}
