@@ -8,6 +8,7 @@ pub mod alarms;
 pub mod audit;
 pub mod bench;
 pub mod candidate;
+pub mod chosen;
 pub mod completions;
 #[cfg(feature = "console")]
 mod console;
@@ -197,7 +198,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
-        Some(Verb::Profile(args)) => profile::run(args, out),
+        Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),

@@ -71,7 +71,7 @@ fn the_next_start_recovers_from_a_kill_at_any_moment() {
         }
         let mut engine = Engine::start(Config {
             data: data.path(),
-            profile: ProfileName::Sim,
+            profile: ProfileName::Sim.into(),
             seed: 5,
             jobs: 2,
             scripted: true,

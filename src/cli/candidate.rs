@@ -124,6 +124,11 @@ pub fn run(
             // The controller knows its parameters; what it would refuse at registration is said here too.
             let name = capability::shown(&args.folder);
             let candidate = Capability::of(&name, parsed).map_err(CliError::usage)?;
+            if let Some(unknown) =
+                check::unknown_family(&candidate, "manifest.toml").map_err(CliError::internal)?
+            {
+                return Err(CliError::usage(unknown));
+            }
             return check(&candidate, out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,

@@ -38,7 +38,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     let keymap = Arc::new(keymap()?);
     let host = HostConfig {
         data: context.data.clone(),
-        profile: args.engine.profile(),
+        profile: args.engine.profile(&context.data)?,
         seed: args.engine.seed(),
         jobs: args.engine.spare_jobs(),
         robot: args.engine.robot.clone(),

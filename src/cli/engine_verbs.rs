@@ -134,7 +134,7 @@ impl EngineVerbs for RealEngine {
                 let run = RunPlain {
                     work: PlainWork::Waiting,
                     data: &context.data,
-                    profile: args.engine.profile(),
+                    profile: args.engine.profile(&context.data)?,
                     seed: args.engine.seed(),
                     jobs: args.engine.jobs(),
                     robot,
@@ -171,7 +171,7 @@ impl EngineVerbs for RealEngine {
     ) -> Result<Exit, CliError> {
         let host = HostConfig {
             data: context.data.clone(),
-            profile: args.engine.profile(),
+            profile: args.engine.profile(&context.data)?,
             seed: args.engine.seed(),
             jobs: args.engine.spare_jobs(),
             robot: args.engine.robot.clone(),
@@ -189,10 +189,11 @@ impl EngineVerbs for RealEngine {
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         let fresh = if context.data_given { None } else { Some(crate::headless::fresh_store()?) };
+        let data = fresh.as_ref().map_or(context.data.as_path(), tempfile::TempDir::path);
         let run = RunPlain {
             work: PlainWork::Demonstration,
-            data: fresh.as_ref().map_or(context.data.as_path(), tempfile::TempDir::path),
-            profile: args.engine.profile(),
+            data,
+            profile: args.engine.profile(data)?,
             seed: args.engine.seed(),
             jobs: args.engine.jobs(),
             robot: args.engine.robot.as_deref(),

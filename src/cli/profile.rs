@@ -1,25 +1,27 @@
-//! `holdpoint profile show | check`: the numbers a profile holds candidates to.
+//! `holdpoint profile show | check`: the numbers a profile holds candidates to, and why.
 
-use std::io::Read as _;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
 
+use super::chosen::{AskedProfile, AskedProfileParser, chosen, read};
 use super::output::Table;
-use super::run::ProfileArg;
+use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::profile::{PROFILE_BYTES_MAX, Profile, ProfileName};
+use holdpoint_governance::own_profile::ChosenProfile;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint profile show human
-  holdpoint profile check profiles/real.toml")]
+  holdpoint profile check profiles/human.toml")]
 pub struct ProfileArgs {
     /// The verb that was given, with its arguments.
     #[command(subcommand)]
@@ -29,16 +31,16 @@ pub struct ProfileArgs {
 /// What can be done with profiles.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum ProfileVerb {
-    /// Prints every number of a profile that comes with the program.
+    /// Prints every number of a profile.
     #[command(after_help = "\
 Example:
   holdpoint profile show human --json")]
     Show {
-        /// The profile to print.
-        #[arg(value_enum)]
-        profile: ProfileArg,
+        /// The profile to print: one that comes with the program, one of the store's, or a file.
+        #[arg(value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
+        profile: AskedProfile,
     },
-    /// Parses a profile file and says whether every number is within its range.
+    /// Says whether a profile and the policies beside it can be meant, and why each number is what it is.
     #[command(after_help = "\
 Example:
   holdpoint profile check profiles/real.toml")]
@@ -50,8 +52,13 @@ Example:
 
 #[derive(Serialize)]
 struct ProfileCheck {
+    /// Its class.
     name: ProfileName,
+    /// Its own name; absent for a profile that comes with the program.
+    site: Option<SiteName>,
     digest: Digest,
+    policy: Digest,
+    numbers: Vec<ReasonedNumber>,
 }
 
 #[derive(Serialize)]
@@ -64,10 +71,10 @@ struct ProfileRow<'a> {
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         ProfileVerb::Show { profile } => {
-            let profile = Profile::builtin((*profile).into()).map_err(CliError::internal)?;
+            let (profile, _) = rules(&chosen(&context.data, Some(profile))?)?;
             let digest = profile.digest().map_err(CliError::internal)?;
             out.answer(&ProfileRow { digest, profile: &profile }, |out| {
                 out.line(&format!("digest {digest}"))?;
@@ -75,24 +82,38 @@ pub fn run(args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
             })?;
         }
         ProfileVerb::Check { file } => {
-            let name = file.display().to_string();
-            let mut text = String::new();
-            std::fs::File::open(file)
-                .and_then(|file| file.take(PROFILE_BYTES_MAX as u64 + 1).read_to_string(&mut text))
-                .map_err(|error| CliError::usage(format!("cannot read the profile {name:?}: {error}")))?;
-            let profile = Profile::parse(&name, &text)?;
-            let checked =
-                ProfileCheck { name: profile.name, digest: profile.digest().map_err(CliError::internal)? };
-            out.answer(&checked, |out| {
-                out.line(&format!(
-                    "the profile {} is well formed, digest {}",
-                    checked.name.name(),
-                    checked.digest
-                ))
-            })?;
+            let chosen = read(file)?;
+            let (profile, table) = rules(&chosen)?;
+            let digest = profile.digest().map_err(CliError::internal)?;
+            let numbers = chosen.numbers().map_err(CliError::internal)?;
+            let checked = ProfileCheck {
+                name: profile.name,
+                site: profile.site,
+                digest,
+                policy: table.digest,
+                numbers,
+            };
+            out.answer(&checked, |out| print_check(&checked, out))?;
         }
     }
     Ok(Exit::Confirmed)
+}
+
+fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {
+    chosen.rules().map_err(CliError::internal)
+}
+
+fn print_check(checked: &ProfileCheck, out: &mut Output<'_>) -> Result<(), CliError> {
+    let title = titled(checked.name, checked.site.as_ref());
+    out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
+    out.line(&format!("its policies compile, digest {}", checked.policy))?;
+    let mut table = Table::new(&["field", "value", "shipped", "reason"]);
+    for number in &checked.numbers {
+        let shipped = number.shipped.map_or_else(String::new, |shipped| shipped.to_string());
+        let reason = number.reason.clone().unwrap_or_else(|| "none given".to_owned());
+        table.row([number.path.clone(), number.value.to_string(), shipped, reason]);
+    }
+    out.table(&table)
 }
 
 /// Prints the leaves of a value, one `path value` a row.

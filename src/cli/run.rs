@@ -1,15 +1,18 @@
 //! `holdpoint run`: arguments of the main job.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
+use super::chosen::{AskedProfile, AskedProfileParser, chosen};
+use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
+use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::ProfileName;
 
 /// The seed of a run that names none.
@@ -63,9 +66,10 @@ pub struct EngineArgs {
     /// Same script and same seed give the same log [default: the scenario's, else 1].
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// The deployment profile [default: sim].
-    #[arg(long, value_enum)]
-    pub profile: Option<ProfileArg>,
+    /// The deployment profile: one that comes with the program, the name of one in the store's folder `profiles`, or
+    /// a file [default: the one the store was last used with, else sim].
+    #[arg(long, value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
+    pub profile: Option<AskedProfile>,
     /// The robot: a URDF file [default: the built-in arm].
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
@@ -224,14 +228,16 @@ impl EngineArgs {
         self.seed.unwrap_or(SEED_DEFAULT)
     }
 
-    /// The profile of a run without a scenario.
-    #[must_use]
-    pub fn profile(&self) -> ProfileName {
-        self.profile.unwrap_or(ProfileArg::Sim).into()
+    /// The profile of a run without a scenario, on the store in this folder.
+    ///
+    /// # Errors
+    /// If there is none of that name, or what is in its files cannot be meant.
+    pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
+        chosen(data, self.profile.as_ref())
     }
 }
 
-/// A profile's name on the command line.
+/// The name of a profile that comes with the program, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProfileArg {
     /// Simulation only: nobody is asked.

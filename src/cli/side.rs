@@ -3,7 +3,7 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
-use super::audit;
+use super::chosen;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -14,7 +14,6 @@ use holdpoint_engine::door::{Client, DoorError};
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine, StartError};
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
@@ -41,7 +40,7 @@ impl Side {
         }
         let config = Config {
             data: &context.data,
-            profile: last_profile(context)?,
+            profile: chosen::last(&context.data)?,
             seed: 1,
             jobs: 1,
             scripted: false,
@@ -105,15 +104,6 @@ impl Side {
     }
 }
 
-/// The profile the store was last used with; another one would void what was measured under it.
-fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
-    if !Layout::new(&context.data).database().exists() {
-        return Ok(ProfileName::Sim);
-    }
-    let last = audit::open(&context.data)?.context().map_err(CliError::usage)?;
-    Ok(last.map_or(ProfileName::Sim, |(profile, _, _)| profile))
-}
-
 /// The cell of the robot that the store is for; the built-in arm's if there is no store.
 fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     let recorded = if Layout::new(&context.data).database().exists() {
@@ -137,7 +127,6 @@ pub(super) fn start_error(error: StartError) -> CliError {
         StartError::Store(_)
         | StartError::Ledger(_)
         | StartError::Profile(_)
-        | StartError::Policy(_)
         | StartError::Baseline(_)
         | StartError::OtherRobot { .. }
         | StartError::Sim(_) => CliError::usage(error),

@@ -10,7 +10,7 @@ struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
     fn run(&mut self, _: &CliContext, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.engine.profile(), args.engine.seed));
+        self.0.push(format!("run {:?} {:?}", args.engine.profile, args.engine.seed));
         Ok(Exit::RolledBack)
     }
     fn without_verb(&mut self, _: &CliContext, _: &mut Output<'_>) -> Result<Exit, CliError> {
@@ -23,7 +23,7 @@ impl EngineVerbs for Recorder {
         args: &serve::ServeArgs,
         _: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
-        self.0.push(format!("serve {:?} {:?}", args.engine.profile(), args.pace()));
+        self.0.push(format!("serve {:?} {:?}", args.engine.profile, args.pace()));
         Ok(Exit::Confirmed)
     }
     fn demo(&mut self, _: &CliContext, args: &demo::DemoArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
@@ -128,10 +128,10 @@ fn verbs_reach_the_engine() {
     let signed = ["--as", "mara", "--reason", "because"];
     for (line, reached, code) in [
         (vec![], "no verb", 5),
-        (vec!["serve"], "serve Sim Some(1.0)", 0),
-        (vec!["serve", "--profile", "real", "--pace", "max"], "serve Real None", 0),
+        (vec!["serve"], "serve None Some(1.0)", 0),
+        (vec!["serve", "--profile", "real", "--pace", "max"], "serve Some(BuiltIn(Real)) None", 0),
         (vec!["demo", "--seed", "3"], "demo Some(3)", 0),
-        (vec!["run", "--profile", "human", "--seed", "7"], "run Human Some(7)", 4),
+        (vec!["run", "--profile", "human", "--seed", "7"], "run Some(BuiltIn(Human)) Some(7)", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
         (vec!["status"], "status None 600", 3),
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
@@ -167,7 +167,8 @@ fn bad_lines_are_refused() {
         "serve --headless",
         "serve --pace 0",
         "demo --script x",
-        "run --profile live",
+        "run --profile Live!",
+        "serve --profile -",
         "status --until active",
         "status grasp --until active --timeout 0",
         "approve grasp@1.3.0 --digest 0123abcd --as mara",

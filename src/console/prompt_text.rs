@@ -6,6 +6,7 @@ use super::prompt::Prompt;
 use super::words::{kappa_line, reason_line, seconds};
 use holdpoint_engine::explain::is_in_favour;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::profile::titled;
 use holdpoint_text::Untrusted;
 
 /// Reasons against it that are shown.
@@ -24,7 +25,7 @@ impl Prompt {
             seen.version,
             self.wanted_id(),
             self.robot,
-            seen.profile
+            titled(seen.profile, seen.site.as_ref())
         )];
         lines.push(seen.replaces.as_ref().map_or_else(
             || "Replaces nothing: the family has no active version".to_owned(),

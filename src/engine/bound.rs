@@ -7,12 +7,14 @@ use std::path::PathBuf;
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
-use holdpoint_registry::{Change, StoreError, Views};
+use holdpoint_governance::own_profile::ProfileTexts;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_registry::{AuditBody, Change, StoreError, Views};
 use holdpoint_sim::SimError;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::{COMPUTED_BY, Cell};
-use crate::context::Context;
+use crate::context::{Context, ContextRecord};
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
 
@@ -27,18 +29,8 @@ pub struct BoundRobot {
     pub file: Option<PathBuf>,
 }
 
-/// The store's context, as far as it names what the store is for. A store of an earlier version names neither.
-#[derive(Default, Deserialize)]
-struct Bound {
-    #[serde(default)]
-    robot: Option<BoundRobot>,
-    #[serde(default)]
-    agent: Option<Digest>,
-}
-
-fn read(views: &Views) -> Result<Bound, StoreError> {
-    let context = views.context()?;
-    Ok(context.and_then(|(_, _, json)| serde_json::from_str(&json).ok()).unwrap_or_default())
+fn read(views: &Views) -> Result<Option<ContextRecord>, StoreError> {
+    Ok(views.context()?.and_then(|(_, _, json)| serde_json::from_str(&json).ok()))
 }
 
 /// The robot that a store is for; absent if nobody has started on it, or an earlier version did.
@@ -46,12 +38,12 @@ fn read(views: &Views) -> Result<Bound, StoreError> {
 /// # Errors
 /// If the store cannot be read.
 pub fn robot(views: &Views) -> Result<Option<BoundRobot>, StoreError> {
-    Ok(read(views)?.robot)
+    Ok(read(views)?.and_then(|context| context.robot))
 }
 
 /// The agent that a store is for; absent as for [`robot`].
 pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
-    Ok(read(views)?.agent)
+    Ok(read(views)?.and_then(|context| context.agent))
 }
 
 impl BoundRobot {
@@ -89,22 +81,10 @@ impl std::fmt::Display for BoundRobot {
     }
 }
 
-/// What the store keeps of a context.
-fn context_json(context: &Context, agent: Digest) -> String {
-    serde_json::json!({
-        "profile": context.profile_digest,
-        "policy": context.table.digest,
-        "computed_by": COMPUTED_BY,
-        "environment": context.cell.digest(),
-        "robot": BoundRobot::of(&context.cell),
-        "agent": agent,
-    })
-    .to_string()
-}
-
 /// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
 pub(crate) fn set_context(
     context: &Context,
+    own: Option<&ProfileTexts>,
     ledger: &mut Ledger,
     agent: Digest,
     at_ms: u64,
@@ -115,9 +95,24 @@ pub(crate) fn set_context(
     if same {
         return Ok(());
     }
-    let json = context_json(context, agent);
+    let json = serde_json::to_string(&ContextRecord {
+        agent: Some(agent),
+        computed_by: COMPUTED_BY.to_owned(),
+        environment: Some(context.cell.digest()),
+        own: own.cloned(),
+        policy: context.table.digest,
+        profile: context.profile_digest,
+        robot: Some(BoundRobot::of(&context.cell)),
+        site: context.profile.site.clone(),
+    })?;
+    // The context is the present one alone; what was in force before is read in the chain.
+    let loaded = context.profile.site.as_ref().map(|site| AuditBody {
+        kind: RecordKind::ProfileLoaded,
+        subject: site.to_string(),
+        body: json.clone(),
+    });
     let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
-    ledger.write(vec![change], Vec::new(), at_ms)?;
+    ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in families {
         let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };

@@ -3,6 +3,8 @@
 //! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against the versions a cell is commissioned
 //! with. Only reads; what follows from the assessments is not decided here.
 
+use std::borrow::Cow;
+
 use holdpoint_governance::composition::admits;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::interface::declared::{self, held_against};
@@ -14,6 +16,7 @@ use holdpoint_governance::text_error::TextError;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
 use crate::embedded::baselines;
+use holdpoint_text::Hint;
 
 /// Why a version could not be checked: something that comes with the program does not load.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +30,39 @@ pub enum CheckError {
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
+}
+
+/// A version whose family the cell has no task for. Registering it is refused as well: a family begins with a version
+/// that the cell is commissioned with.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: the field \"name\" has the value {family:?}, which is not allowed; allowed: {allowed}")]
+pub struct UnknownFamily {
+    /// Name of the manifest's file.
+    pub file: String,
+    /// The family it names.
+    pub family: String,
+    /// The families that there are.
+    pub allowed: String,
+}
+
+impl Hint for UnknownFamily {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some("a family needs a task and a first version that are built in".into())
+    }
+}
+
+/// What is wrong with the family of a version, if the cell is not commissioned with it. `file` is the manifest's name
+/// in the error.
+///
+/// # Errors
+/// [`CheckError`] if a baseline does not load.
+pub fn unknown_family(candidate: &Capability, file: &str) -> Result<Option<UnknownFamily>, CheckError> {
+    let families: Vec<String> =
+        baselines()?.iter().map(|baseline| baseline.id().family.to_string()).collect();
+    let family = candidate.id().family.to_string();
+    let known = families.contains(&family);
+    let allowed = families.join(", ");
+    Ok((!known).then(|| UnknownFamily { file: file.to_owned(), family, allowed }))
 }
 
 /// Interface and policy of a version under one profile.

@@ -3,11 +3,38 @@
 use std::sync::Arc;
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
-use holdpoint_governance::profile::Profile;
+use holdpoint_governance::profile::{Profile, SiteName};
 use holdpoint_runtime::terms::SkillTerms;
+use serde::{Deserialize, Serialize};
 
+use crate::bound::BoundRobot;
 use crate::cell::Cell;
+
+/// What a store says it was judged under: the content of its context record. Fields stand in the order of their names.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ContextRecord {
+    /// The agent whose capabilities the store holds; an earlier version names none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agent: Option<Digest>,
+    /// What computed the evidence ([`COMPUTED_BY`]).
+    pub computed_by: String,
+    /// Robot, scene and distributions; an earlier version names none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub environment: Option<Digest>,
+    /// The texts of a profile that does not come with the program, so that an engine can go on under it without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own: Option<ProfileTexts>,
+    pub policy: Digest,
+    pub profile: Digest,
+    /// The robot that the store was made with; an earlier version names none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<BoundRobot>,
+    /// The profile's own name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<SiteName>,
+}
 
 /// The fixed frame of an engine's life. Nothing in it changes after the start.
 pub struct Context {

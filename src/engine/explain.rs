@@ -62,6 +62,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::StandingSet
             | RecordKind::ApprovalConsumed
             | RecordKind::ContextSet
+            | RecordKind::ProfileLoaded
             | RecordKind::TelemetrySealed
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer

@@ -31,7 +31,7 @@ use super::{Config, Engine};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::{AskedStop, Switch};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::{MakeSink, Serve};
@@ -45,7 +45,7 @@ const NICE: i32 = 5;
 /// What a host is started with.
 pub struct HostConfig {
     pub data: PathBuf,
-    pub profile: ProfileName,
+    pub profile: ChosenProfile,
     pub seed: u64,
     /// Workers for evaluation; 0 for one fewer than there are cores.
     pub jobs: usize,
@@ -234,7 +234,7 @@ fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Re
         data: &config.data,
         profile: config.profile,
         seed: config.seed,
-        jobs: config.workers(),
+        jobs,
         scripted: false,
         cell: Cell::of(config.robot.as_deref()).map_err(|error| error.to_string())?,
         cache: EpisodeCache::InStore,
@@ -261,7 +261,7 @@ mod tests {
     fn jobs_leave_a_core() {
         let config = |jobs| HostConfig {
             data: PathBuf::new(),
-            profile: ProfileName::Sim,
+            profile: holdpoint_governance::profile::ProfileName::Sim.into(),
             seed: 1,
             jobs,
             robot: None,

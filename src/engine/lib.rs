@@ -50,8 +50,7 @@ use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::Switch;
-use holdpoint_governance::policy::PolicyTable;
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
@@ -76,12 +75,9 @@ pub enum StartError {
     /// The registry cannot be read.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// A profile does not parse.
+    /// A profile or its policies cannot be used.
     #[error(transparent)]
-    Profile(#[from] holdpoint_governance::text_error::TextError),
-    /// The policies do not compile.
-    #[error(transparent)]
-    Policy(#[from] holdpoint_governance::policy::PolicyError),
+    Profile(#[from] OwnProfileError),
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
@@ -107,7 +103,6 @@ impl Hint for StartError {
             Self::Store(error) => error.hint(),
             Self::Ledger(error) => error.hint(),
             Self::Profile(error) => error.hint(),
-            Self::Policy(error) => error.hint(),
             Self::Baseline(error) => error.hint(),
             Self::Fault(error) => error.hint(),
             Self::OtherRobot { recorded, .. } => Some(
@@ -131,7 +126,7 @@ impl Hint for StartError {
 /// What an engine is started with.
 pub struct Config<'a> {
     pub data: &'a Path,
-    pub profile: ProfileName,
+    pub profile: ChosenProfile,
     pub seed: u64,
     pub jobs: usize,
     /// Whether time is virtual (a script) or follows the machine's.
@@ -156,8 +151,8 @@ impl Engine {
     /// # Errors
     /// [`StartError`]; the store is then as it was, but for the recovery that was written.
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
-        let profile = Profile::builtin(config.profile)?;
-        let table = PolicyTable::builtin(&profile)?;
+        let (profile, table) = config.profile.rules()?;
+        let own = config.profile.texts().cloned();
         let baselines = baselines()?;
         let store = Store::open(config.data)?;
         let from_ms = store.opening().head.at_ms;
@@ -174,6 +169,7 @@ impl Engine {
             jobs: config.jobs,
             profile,
             table,
+            own,
             cell: config.cell,
             cache: config.cache,
         };

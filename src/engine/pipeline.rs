@@ -15,6 +15,7 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Leave, Stage, State};
+use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::record::RecordKind;
@@ -61,6 +62,8 @@ pub struct PipelineSettings {
     pub jobs: usize,
     pub profile: Profile,
     pub table: PolicyTable,
+    /// The texts of a profile that does not come with the program: they go on record.
+    pub own: Option<ProfileTexts>,
     pub cell: Cell,
     /// Where episodes of active versions are kept.
     pub cache: EpisodeCache,
@@ -120,11 +123,11 @@ impl Pipeline {
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
-        let PipelineSettings { seed, jobs, profile, table, cell, cache } = settings;
+        let PipelineSettings { seed, jobs, profile, table, own, cell, cache } = settings;
         let context = Context::new(profile, table, cell)?;
         let world = LiveWorld::new(context.cell.clone())?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
-        bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
+        bound::set_context(&context, own.as_ref(), &mut ledger, agent, clock.now_ms())?;
         let mut pipeline = Self {
             world,
             agent,
@@ -179,6 +182,7 @@ impl Pipeline {
             .collect();
         self.record.tell(EventKind::EngineStarted {
             profile: self.context.profile.name,
+            site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
             seed: self.trials.seed(),
             policy: self.context.digest,
@@ -585,6 +589,43 @@ impl Pipeline {
             self.hold(&fault.sentence());
         }
     }
+}
+
+/// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
+fn set_context(
+    context: &Context,
+    own: Option<&ProfileTexts>,
+    ledger: &mut Ledger,
+    at_ms: u64,
+) -> Result<(), Fault> {
+    let name = context.profile.name;
+    let known = ledger.store().views()?.context()?;
+    let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
+    if same {
+        return Ok(());
+    }
+    let json = serde_json::to_string(&ContextRecord {
+        computed_by: COMPUTED_BY.to_owned(),
+        own: own.cloned(),
+        policy: context.table.digest,
+        profile: context.profile_digest,
+        site: context.profile.site.clone(),
+    })?;
+    // The context is the present one alone; what was in force before is read in the chain.
+    let loaded = context.profile.site.as_ref().map(|site| AuditBody {
+        kind: RecordKind::ProfileLoaded,
+        subject: site.to_string(),
+        body: json.clone(),
+    });
+    let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
+    ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
+    let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
+    for family in families {
+        let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
+        let note = Note::because("the profile, its policies or the build that computes evidence changed");
+        ledger.transition(&family, event, at_ms, note)?;
+    }
+    Ok(())
 }
 
 fn has_provisional(entry: &FamilyEntry) -> bool {

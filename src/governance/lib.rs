@@ -218,6 +218,7 @@ pub mod metrics;
 pub mod mode;
 pub mod monitor;
 pub mod outcome;
+pub mod own_profile;
 pub mod policy;
 mod policy_table;
 pub mod profile;

@@ -13,7 +13,7 @@ use super::manifest::Permissions;
 use super::mode::{ReachableMode, reachable};
 use super::outcome::{Assessment, Basis, PolicyOutcome};
 pub use super::policy_table::{
-    ActivationTerms, Cap, ModeEntry, ModeRuling, PolicyError, PolicySource, PolicyTable,
+    ActivationTerms, Cap, ModeEntry, ModeRuling, POLICY_BYTES_MAX, PolicyError, PolicySource, PolicyTable,
 };
 use super::profile::{Profile, ProfileName};
 

@@ -14,11 +14,15 @@ use super::mode::ZoneName;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 
+mod class;
 pub mod fields;
 pub mod name;
+mod reasons;
 
 use fields::Weights;
-pub use name::{ProfileName, ProfileNameError};
+pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
+pub use reasons::ReasonedNumber;
+use reasons::Reasons;
 
 /// The largest profile text, bytes; checked before it is parsed.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
@@ -27,8 +31,11 @@ pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// The setting it is for, which is also its file's name.
+    /// The setting it is for: its class. Candidates, approvals and rules speak of the class.
     pub name: ProfileName,
+    /// Its own name, if it does not come with the program: which numbers of that class these are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<SiteName>,
     /// Least acceptable value of each dimension.
     pub thresholds: Thresholds,
     /// Weights of the composite score, which is reported and gates nothing.
@@ -385,7 +392,7 @@ impl Profile {
     pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
         check_size(file, text, PROFILE_BYTES_MAX)?;
         let profile: Self = parse_toml(file, text)?;
-        match fields::problem(&profile) {
+        match fields::problem(&profile).or_else(|| class::problem(&profile)) {
             None => Ok(profile),
             Some((field, value, allowed)) => Err(TextError::value(file, text, &field, &value, &allowed)),
         }
@@ -396,12 +403,18 @@ impl Profile {
     /// # Errors
     /// [`TextError`] if the text compiled in does not parse or check, which a test rules out for all three.
     pub fn builtin(name: ProfileName) -> Result<Self, TextError> {
-        let (file, text) = match name {
+        let (file, text) = Self::builtin_text(name);
+        Self::parse(file, text)
+    }
+
+    /// The file and the text of a profile that comes with the program.
+    #[must_use]
+    pub const fn builtin_text(name: ProfileName) -> (&'static str, &'static str) {
+        match name {
             ProfileName::Sim => ("profiles/sim.toml", include_str!("../../profiles/sim.toml")),
             ProfileName::Real => ("profiles/real.toml", include_str!("../../profiles/real.toml")),
             ProfileName::Human => ("profiles/human.toml", include_str!("../../profiles/human.toml")),
-        };
-        Self::parse(file, text)
+        }
     }
 
     /// The policy text that comes with the program for a profile.
@@ -412,6 +425,50 @@ impl Profile {
             ProfileName::Real => ("profiles/real.cedar", include_str!("../../profiles/real.cedar")),
             ProfileName::Human => ("profiles/human.cedar", include_str!("../../profiles/human.cedar")),
         }
+    }
+
+    /// What is wrong with a profile that does not come with the program, beyond what [`Profile::parse`] refuses:
+    /// field, value, what is allowed. `text` is what it was parsed from.
+    pub(crate) fn own_problem(&self, text: &str) -> Option<(String, String, String)> {
+        if self.site.is_none() {
+            let allowed =
+                "a name of its own for a profile that does not come with the program, e.g. \"line-4\"";
+            return Some(("site".to_owned(), "none".to_owned(), allowed.to_owned()));
+        }
+        class::looser_than_allowed(self).or_else(|| self.unreasoned(text))
+    }
+
+    /// A number that differs from the shipped profile of its class and has no reason of its own.
+    fn unreasoned(&self, text: &str) -> Option<(String, String, String)> {
+        let shipped = fields::numbers(&Self::builtin(self.name).ok()?);
+        let reasons = Reasons::of(text);
+        let differs = |(path, value): &(String, f64)| {
+            shipped.iter().find(|(name, _)| name == path).is_none_or(|(_, shipped)| shipped != value)
+        };
+        let (path, value) = fields::numbers(self)
+            .into_iter()
+            .find(|number| differs(number) && reasons.own(&number.0).is_none())?;
+        let allowed =
+            format!("that number with a reason behind # on its line: the profile {} has another", self.name);
+        Some((path, value.to_string(), allowed))
+    }
+
+    /// Every number with its reason by `text`, what this was parsed from; a number without one has the reason that the
+    /// shipped profile of its class gives for the same number.
+    ///
+    /// # Errors
+    /// As [`Profile::builtin`].
+    pub(crate) fn reasoned(&self, text: &str) -> Result<Vec<ReasonedNumber>, TextError> {
+        let (own, shipped) = (Reasons::of(text), Reasons::of(Self::builtin_text(self.name).1));
+        let before = fields::numbers(&Self::builtin(self.name)?);
+        let number = |(path, value): (String, f64)| {
+            let shipped_value = before.iter().find(|(name, _)| *name == path).map(|(_, value)| *value);
+            let same = shipped_value == Some(value);
+            let reason = own.own(&path).or_else(|| if same { shipped.any(&path) } else { own.any(&path) });
+            let reason = reason.map(ToOwned::to_owned);
+            ReasonedNumber { path, value, shipped: shipped_value.filter(|_| !same), reason }
+        };
+        Ok(fields::numbers(self).into_iter().map(number).collect())
     }
 
     /// SHA-256 over every number.

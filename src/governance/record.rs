@@ -44,6 +44,8 @@ crate::words! {
         ApprovalConsumed = "approval-consumed",
         /// Profile, policy or thresholds changed.
         ContextSet = "context-set",
+        /// A profile that does not come with the program came into force: its texts.
+        ProfileLoaded = "profile-loaded",
         /// A batch of telemetry is on disk.
         TelemetrySealed = "telemetry-sealed",
         /// An alarm as it stands after a change.

@@ -16,6 +16,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
 use crate::error::CliError;
+use holdpoint_governance::profile::titled;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Untrusted;
 
@@ -155,7 +156,7 @@ fn status(snapshot: &Snapshot) -> String {
     let open = snapshot.candidates.iter().filter(|view| !view.state.is_terminal()).count();
     format!(
         "{}, {active} of {} families active, {open} candidates open, {} waiting for people, {} alarms",
-        snapshot.profile,
+        titled(snapshot.profile, snapshot.site.as_ref()),
         snapshot.families.len(),
         snapshot.prompts.len() + snapshot.questions.len(),
         snapshot.alarms.len(),

@@ -20,7 +20,7 @@ use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
@@ -41,7 +41,7 @@ pub enum PlainWork {
 pub struct RunPlain<'a> {
     pub work: PlainWork,
     pub data: &'a Path,
-    pub profile: ProfileName,
+    pub profile: ChosenProfile,
     pub seed: u64,
     pub jobs: usize,
     /// A robot's URDF file in place of the built-in arm.

@@ -54,7 +54,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     };
     let engine = Engine::start(Config {
         data,
-        profile: script.profile,
+        profile: script.profile.into(),
         seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
         jobs: run.jobs,
         scripted: true,

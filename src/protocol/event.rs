@@ -17,7 +17,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
@@ -60,6 +60,9 @@ pub enum EventKind {
     EngineStarted {
         /// Profile that everything is judged under in this engine's life.
         profile: ProfileName,
+        /// Its own name, if it does not come with the program.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        site: Option<SiteName>,
         /// Name of the robot's description.
         robot: String,
         /// Seed of the run: every disturbance and every choice follows from it.

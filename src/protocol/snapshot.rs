@@ -16,7 +16,7 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{Drills, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 
@@ -27,6 +27,9 @@ pub struct Snapshot {
     pub at_ms: u64,
     /// Profile that everything is judged under.
     pub profile: ProfileName,
+    /// Its own name, if it does not come with the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<SiteName>,
     /// Name of the robot's description.
     pub robot: String,
     /// Seed of the run: every disturbance and every choice follows from it.
@@ -229,6 +232,9 @@ pub struct PromptView {
     pub policy: Digest,
     /// Profile that the activation would be under.
     pub profile: ProfileName,
+    /// Its own name, if it does not come with the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<SiteName>,
     /// Distinct people who have to approve.
     pub needed: u32,
     /// Identities that have approved so far.

@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use crate::event::{DimensionResult, Event, EventKind};
+use holdpoint_governance::profile::titled;
 use holdpoint_text::{Shown, Untrusted};
 
 /// The longest line in words, columns; what does not fit is cut.
@@ -26,8 +27,9 @@ pub fn sentence(event: &Event, width_max: usize) -> Shown {
 
 fn text(kind: &EventKind) -> String {
     match kind {
-        EventKind::EngineStarted { profile, robot, seed, policy, agent, .. } => format!(
-            "engine   up: profile {profile}, robot {robot}, seed {seed}, policy {}, agent {}",
+        EventKind::EngineStarted { profile, site, robot, seed, policy, agent, .. } => format!(
+            "engine   up: profile {}, robot {robot}, seed {seed}, policy {}, agent {}",
+            titled(*profile, site.as_ref()),
             policy.short(),
             agent.short()
         ),

@@ -76,6 +76,12 @@ impl Layout {
         self.folder.join("recordings")
     }
 
+    /// Profiles of the site's own, with their policies.
+    #[must_use]
+    pub fn profiles(&self) -> PathBuf {
+        self.folder.join("profiles")
+    }
+
     #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.folder.join("logs")

@@ -21,7 +21,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed
         | RecordKind::AlarmChanged => true,
-        RecordKind::Decision
+        RecordKind::ProfileLoaded
+        | RecordKind::Decision
         | RecordKind::Monitor
         | RecordKind::MonitorAnswer
         | RecordKind::Shown

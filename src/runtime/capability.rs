@@ -279,7 +279,18 @@ impl Capability {
                     return Err(PackageError::NoParams { file: manifest_file });
                 };
                 let file = named(name, params.as_str());
-                let controller = Controller::parse(controller, &file, &package.params)?;
+                let controller = Controller::parse(controller, &file, &package.params).map_err(|error| {
+                    let NativeError::UnknownController(name) = error else { return error.into() };
+                    let known = Controller::NAMES.map(|name| format!("native:{name}")).join(", ");
+                    let (field, value) = ("deployment.bundle", format!("native:{name}"));
+                    PackageError::from(TextError::value(
+                        &manifest_file,
+                        &package.manifest,
+                        field,
+                        &value,
+                        &known,
+                    ))
+                })?;
                 NativeBundle::new(controller)
                     .map_err(|source| PackageError::Canonical { file: file.clone(), source })?
             }

@@ -106,7 +106,7 @@ fn turn(way: Way) -> Turn {
     let data = tempfile::tempdir().unwrap();
     let mut engine = Engine::start(Config {
         data: data.path(),
-        profile: ProfileName::Sim,
+        profile: ProfileName::Sim.into(),
         seed: SEED,
         jobs: 1,
         scripted: true,

@@ -27,7 +27,7 @@ impl Bench {
         let folder = tempfile::tempdir().unwrap();
         let config = Config {
             data: folder.path(),
-            profile: ProfileName::Sim,
+            profile: ProfileName::Sim.into(),
             seed: 1,
             jobs: 1,
             scripted: true,

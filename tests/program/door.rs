@@ -44,7 +44,7 @@ fn engine(folder: &Path) -> JoinHandle<()> {
     let thread = std::thread::spawn(move || {
         let config = Config {
             data: &folder,
-            profile: ProfileName::Sim,
+            profile: ProfileName::Sim.into(),
             seed: 1,
             jobs: 1,
             scripted: false,

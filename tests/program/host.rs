@@ -34,7 +34,7 @@ pub(crate) struct Front {
 impl Front {
     pub(crate) fn start(folder: &Path, pace: Option<f64>) -> Self {
         let data = folder.to_owned();
-        let profile = ProfileName::Sim;
+        let profile = ProfileName::Sim.into();
         let scenes = SceneOptions::default();
         let host = Host::start(HostConfig {
             data,

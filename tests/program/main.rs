@@ -18,6 +18,7 @@ mod explain;
 mod host;
 mod old_stores;
 mod pool;
+mod profiles;
 #[cfg(feature = "rerun")]
 mod recorded;
 #[cfg(feature = "rerun")]

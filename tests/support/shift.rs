@@ -195,6 +195,7 @@ pub fn question(tier: u8) -> PromptView {
         evidence: digest("evidence"),
         policy: digest("policy"),
         profile: ProfileName::Human,
+        site: None,
         needed: if tier == 2 { 2 } else { 1 },
         approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
         deadline_ms: NOW_MS + 1_742_000,
@@ -363,6 +364,7 @@ pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
         profile: ProfileName::Human,
+        site: None,
         robot: "arm-1".to_owned(),
         seed: 42,
         policy: digest("policy"),

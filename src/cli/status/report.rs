@@ -10,11 +10,12 @@ use serde::Serialize;
 use super::StatusSubject;
 use crate::error::CliError;
 use holdpoint_engine::halt;
+use holdpoint_engine::context::ContextRecord;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot, StoppedView};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
@@ -30,6 +31,9 @@ pub(super) struct StatusReport {
     pub(super) stopped: Option<StoppedView>,
     /// The profile the store was last used with.
     pub(super) profile: Option<ProfileName>,
+    /// Its own name, if it does not come with the program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) site: Option<SiteName>,
     pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
     pub(super) waiting: Vec<WaitingRow>,
@@ -143,6 +147,8 @@ impl StatusReport {
                 newest.into_values().collect::<Vec<_>>()
             }
         };
+        let context = views.context().map_err(CliError::usage)?;
+        let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
             engine_running: engine.is_some(),
             holding: engine.and_then(|engine| engine.holding.clone()),
@@ -151,7 +157,8 @@ impl StatusReport {
                 Some(engine) => engine.stopped.clone(),
                 None => halt::recall(views).map_err(CliError::usage)?,
             },
-            profile: views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile),
+            site: context.as_ref().and_then(|(_, _, json)| record(json)?.site),
+            profile: context.map(|(profile, _, _)| profile),
             families,
             versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
@@ -162,7 +169,8 @@ impl StatusReport {
     /// One line a row, for people. A line says all of its row, so that lines can be compared.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
-        let profile = self.profile.map_or("none", ProfileName::name);
+        let profile =
+            self.profile.map_or_else(|| "none".to_owned(), |profile| titled(profile, self.site.as_ref()));
         lines.push(match (self.engine_running, &self.holding) {
             (true, None) => format!("engine   running, profile {profile}"),
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),

@@ -35,7 +35,12 @@ fn profile(model: &Model, pen: &Pen<'_>) -> Row {
         return Row::of(ThemeRole::Title, " Holdpoint ");
     };
     let mark = Mark::profile(snapshot.profile);
+    let site = snapshot
+        .site
+        .as_ref()
+        .map_or_else(String::new, |site| format!(" {}", super::short(site.as_str(), 24)));
     Row::of(mark.role, &format!(" {} ", pen.look.words(mark)))
+        .with(ThemeRole::Title, &site)
         .with(ThemeRole::Title, &format!(" {} ", super::short(&snapshot.robot, 24)))
 }
 

@@ -380,6 +380,7 @@ fn view(
         evidence: prompt.evidence,
         policy: context.digest,
         profile: context.profile.name,
+        site: context.profile.site.clone(),
         needed: u32::from(quorum),
         approved_by: approved.map(|vote| vote.person.clone()).collect(),
         deadline_ms: prompt.deadline_ms,

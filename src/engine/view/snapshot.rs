@@ -65,6 +65,7 @@ impl SnapshotView<'_> {
         Snapshot {
             at_ms: self.record.now_ms(),
             profile: self.context.profile.name,
+            site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
             seed: self.seed,
             policy: self.context.digest,

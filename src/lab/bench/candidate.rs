@@ -33,7 +33,7 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
     let folder = tempfile::tempdir()?;
     let engine = Engine::start(Config {
         data: folder.path(),
-        profile: ProfileName::Sim,
+        profile: ProfileName::Sim.into(),
         seed: CALIBRATION_FROM_RUN,
         jobs: 1,
         scripted: true,

@@ -114,7 +114,7 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
     let store = super::scratch()?;
     let engine = Engine::start(Config {
         data: store.path(),
-        profile: setting.profile,
+        profile: setting.profile.into(),
         seed: setting.seed,
         jobs: 1,
         scripted: true,

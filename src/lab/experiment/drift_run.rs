@@ -58,7 +58,8 @@ pub struct DriftSetting {
 
 impl DriftSetting {
     pub(super) fn new(horizon: u32, pairs: u32) -> Result<Self, ExperimentError> {
-        let profile = Profile::builtin(ProfileName::Sim).map_err(StartError::from)?;
+        let profile =
+            Profile::builtin(ProfileName::Sim).map_err(|error| StartError::Profile(error.into()))?;
         let cell = Cell::builtin().map_err(StartError::from)?;
         Ok(Self { profile, cell, horizon, pairs })
     }
@@ -81,12 +82,13 @@ impl DriftSetting {
         let store = Store::open(folder).map_err(StartError::from)?;
         let clock = Clock::scripted(store.opening().head.at_ms);
         let ledger = Ledger::open(store, false).map_err(StartError::from)?;
-        let table = PolicyTable::builtin(&self.profile).map_err(StartError::from)?;
+        let table = PolicyTable::builtin(&self.profile).map_err(|error| StartError::Profile(error.into()))?;
         let settings = PipelineSettings {
             seed,
             jobs: 1,
             profile: self.profile.clone(),
             table,
+            own: None,
             cell: self.cell.clone(),
             cache: EpisodeCache::InStore,
         };

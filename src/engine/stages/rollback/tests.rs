@@ -73,6 +73,7 @@ impl Bench {
             jobs: 1,
             table: PolicyTable::builtin(&profile).unwrap(),
             profile,
+            own: None,
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };

@@ -1,0 +1,296 @@
+//! Profiles that do not come with the program: a site's own numbers and policies, from texts.
+//!
+//! A profile of one's own names its class (`sim`, `real` or `human`) and itself (`site`). The class is what candidates,
+//! approvals and rules speak of; it decides what the profile has to demand
+//! ([`profile::class`](super::profile)). Its own name says which numbers these are. Both texts are kept, so that a
+//! store can say what it was judged under without the files. Opens no file.
+
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
+use super::mode::{Authority, CommandKind, ModeKey, ZoneName};
+use super::policy::{ModeRuling, PolicyError, PolicySource, PolicyTable};
+use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
+use super::text_error::TextError;
+use holdpoint_text::Hint;
+
+/// Which profile everything is judged under.
+#[derive(Clone, Debug)]
+pub enum ChosenProfile {
+    /// One that comes with the program.
+    BuiltIn(ProfileName),
+    /// A site's own.
+    Own(Box<OwnProfile>),
+}
+
+impl From<ProfileName> for ChosenProfile {
+    fn from(name: ProfileName) -> Self {
+        Self::BuiltIn(name)
+    }
+}
+
+impl ChosenProfile {
+    /// The numbers and the compiled policies.
+    ///
+    /// # Errors
+    /// If those that come with the program do not parse, which a test rules out.
+    pub fn rules(&self) -> Result<(Profile, PolicyTable), OwnProfileError> {
+        match self {
+            Self::BuiltIn(name) => {
+                let profile = Profile::builtin(*name)?;
+                let table = PolicyTable::builtin(&profile)?;
+                Ok((profile, table))
+            }
+            Self::Own(own) => Ok((own.profile.clone(), own.table.clone())),
+        }
+    }
+
+    /// What two files say: a profile that comes with the program if they are its own, else a site's.
+    ///
+    /// # Errors
+    /// As [`OwnProfile::parse`].
+    pub fn of(texts: ProfileTexts) -> Result<Self, OwnProfileError> {
+        let profile = Profile::parse(&texts.file, &texts.profile)?;
+        let shipped = Profile::builtin(profile.name)?;
+        if profile == shipped && texts.policy == Profile::builtin_policy(profile.name).1 {
+            return Ok(Self::BuiltIn(profile.name));
+        }
+        OwnProfile::parse(texts).map(|own| Self::Own(Box::new(own)))
+    }
+
+    /// Every number with its reason, and with the number of the shipped profile of its class where that is another.
+    ///
+    /// # Errors
+    /// As [`ChosenProfile::rules`].
+    pub fn numbers(&self) -> Result<Vec<ReasonedNumber>, OwnProfileError> {
+        let (profile, _) = self.rules()?;
+        let (_, shipped_text) = Profile::builtin_text(profile.name);
+        let text = self.texts().map_or(shipped_text, |texts| &texts.profile);
+        Ok(profile.reasoned(text)?)
+    }
+
+    /// The texts of a site's own; none of those that come with the program.
+    #[must_use]
+    pub fn texts(&self) -> Option<&ProfileTexts> {
+        match self {
+            Self::BuiltIn(_) => None,
+            Self::Own(own) => Some(&own.texts),
+        }
+    }
+}
+
+/// A profile and its policies as they stand in their files.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileTexts {
+    /// Name of the profile's file, for messages.
+    pub file: String,
+    /// The profile, TOML.
+    pub profile: String,
+    /// Name of the policies' file, for messages.
+    pub policy_file: String,
+    /// The policies, Cedar.
+    pub policy: String,
+}
+
+/// A site's own profile with its policies, checked and compiled.
+#[derive(Clone, Debug)]
+pub struct OwnProfile {
+    texts: ProfileTexts,
+    profile: Profile,
+    table: PolicyTable,
+}
+
+/// Texts that make no profile; nothing was taken from them.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OwnProfileError {
+    /// The profile does not parse, or says what cannot be meant.
+    #[error(transparent)]
+    Profile(#[from] TextError),
+    /// The policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The policies allow by themselves what the class leaves to people, or to nobody.
+    #[error("{file}: {mode} is allowed by {because}, which a profile of class {class} must not")]
+    TooOpen {
+        /// Name of the policies' file.
+        file: String,
+        /// What they allow, e.g. `arm/joints in human at authority 1`.
+        mode: String,
+        /// The policies that allow it.
+        because: String,
+        /// The class of the profile.
+        class: ProfileName,
+    },
+}
+
+impl Hint for OwnProfileError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Profile(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::TooOpen { .. } => {
+                Some("annotate the permit with @review, or let it name fewer zones or less authority".into())
+            }
+        }
+    }
+}
+
+impl OwnProfile {
+    /// Parses, checks and compiles.
+    ///
+    /// # Errors
+    /// [`OwnProfileError`], the first there is: the text does not parse; a number is out of its range, contradicts
+    /// another, is looser than its class may be, or differs from the shipped profile of its class without a reason;
+    /// it has no name of its own; the policies do not compile, or allow what its class must not.
+    pub fn parse(texts: ProfileTexts) -> Result<Self, OwnProfileError> {
+        let profile = Profile::parse(&texts.file, &texts.profile)?;
+        if let Some((field, value, allowed)) = profile.own_problem(&texts.profile) {
+            return Err(TextError::value(&texts.file, &texts.profile, &field, &value, &allowed).into());
+        }
+        let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
+        let table = PolicyTable::compile(&profile, &[source])?;
+        too_open(&profile, &table, &texts.policy_file)?;
+        Ok(Self { texts, profile, table })
+    }
+
+    /// The numbers.
+    #[must_use]
+    pub const fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The compiled policies.
+    #[must_use]
+    pub const fn table(&self) -> &PolicyTable {
+        &self.table
+    }
+
+    /// Its own name.
+    #[must_use]
+    pub const fn site(&self) -> Option<&SiteName> {
+        self.profile.site.as_ref()
+    }
+}
+
+/// Beside a person, and where the cell is real, nothing goes past the guard; beside a person what is of high risk is
+/// never allowed without one (paper: approval for higher-risk activation).
+fn too_open(profile: &Profile, table: &PolicyTable, file: &str) -> Result<(), OwnProfileError> {
+    let class = profile.name;
+    let closed = |mode: &ModeKey| match class {
+        ProfileName::Sim => false,
+        ProfileName::Real => mode.command == CommandKind::Direct,
+        ProfileName::Human => {
+            let of_high_risk = mode.zone == ZoneName::Human || mode.authority >= Authority::HIGH_RISK_FROM;
+            mode.command == CommandKind::Direct || (of_high_risk && mode.command != CommandKind::Stop)
+        }
+    };
+    let allowed = |ruling: ModeRuling| match ruling {
+        ModeRuling::Allow | ModeRuling::AllowTighter(_) => true,
+        ModeRuling::Review | ModeRuling::Forbid | ModeRuling::Uncovered => false,
+    };
+    match table.modes.iter().find(|entry| closed(&entry.mode) && allowed(entry.verdict)) {
+        None => Ok(()),
+        Some(entry) => Err(OwnProfileError::TooOpen {
+            file: file.to_owned(),
+            mode: entry.mode.to_string(),
+            because: entry.because.join(", "),
+            class,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HUMAN: &str = include_str!("../../profiles/human.toml");
+    const POLICY: &str = include_str!("../../profiles/human.cedar");
+
+    fn parse(profile: &str, policy: &str) -> Result<OwnProfile, String> {
+        let texts = ProfileTexts {
+            file: "line-4.toml".to_owned(),
+            profile: profile.to_owned(),
+            policy_file: "line-4.cedar".to_owned(),
+            policy: policy.to_owned(),
+        };
+        OwnProfile::parse(texts).map_err(|error| error.to_string())
+    }
+
+    fn line_4(from: &str, to: &str) -> String {
+        assert!(HUMAN.contains(from), "{from}");
+        HUMAN.replace("name = \"human\"", "name = \"human\"\nsite = \"line-4\"").replace(from, to)
+    }
+
+    #[test]
+    fn a_profile_of_ones_own_has_its_own_digest_and_its_class() {
+        let own = parse(&line_4("timeout_s = 600.0 ", "timeout_s = 900.0 "), POLICY).unwrap();
+        assert_eq!(own.profile().name, ProfileName::Human);
+        assert_eq!(own.site().map(ToString::to_string).as_deref(), Some("line-4"));
+        let shipped = Profile::builtin(ProfileName::Human).unwrap();
+        assert_ne!(own.profile().digest().unwrap(), shipped.digest().unwrap());
+        assert_ne!(own.table().digest, PolicyTable::builtin(&shipped).unwrap().digest);
+        let numbers = ChosenProfile::Own(Box::new(own)).numbers().unwrap();
+        let number = |path: &str| numbers.iter().find(|number| number.path == path).unwrap();
+        assert!(number("runtime.tool_speed_max_m_s").reason.as_ref().unwrap().contains("ISO 10218"));
+        assert_eq!(number("approval.timeout_s").shipped, Some(600.0));
+        assert_eq!(number("approval.valid_s").shipped, None, "that one is the same");
+        // No number of a shipped profile stands without a reason.
+        for name in ProfileName::ALL {
+            let numbers = ChosenProfile::from(name).numbers().unwrap();
+            assert!(numbers.len() > 50 && numbers.iter().all(|number| number.reason.is_some()), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_files_that_come_with_the_program_are_what_comes_with_it() {
+        let texts = |policy: &str| ProfileTexts {
+            file: "human.toml".to_owned(),
+            profile: HUMAN.to_owned(),
+            policy_file: "human.cedar".to_owned(),
+            policy: policy.to_owned(),
+        };
+        assert!(matches!(ChosenProfile::of(texts(POLICY)), Ok(ChosenProfile::BuiltIn(ProfileName::Human))));
+        // Other policies make another profile, which needs a name.
+        let error = ChosenProfile::of(texts(&POLICY.replace("0.15", "0.1"))).unwrap_err().to_string();
+        assert!(error.contains("site"), "{error}");
+    }
+
+    #[test]
+    fn one_fault_is_one_error_with_file_field_value_and_what_is_allowed() {
+        for (from, to, parts) in [
+            ("site = \"line-4\"\n", "", ["site", "a name of its own"]),
+            ("\"line-4\"", "\"human\"", ["line-4.toml", "human"]),
+            ("quorum_low = 1 ", "quorum_low = 0 ", ["approval.quorum_low", "1 to 16"]),
+            ("timeout_s = 600.0 ", "timeout_s = inf ", ["approval.timeout_s", "1 to 1000000"]),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -1.0 ", ["tool_speed", "0.01 to 3"]),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = 0.6 ", ["at most 0.5", "motion"]),
+            ("scale = 1.0 ", "scale = 7.0 ", ["thresholds.scale", "0.5 to 1.5"]),
+            ("sandbox_pairs = 300 ", "sandbox_pairs = 0 ", ["sandbox_pairs", "60 to 100000"]),
+            (
+                "timeout_s = 600.0                     # a shift lead is back within ten minutes; then it holds",
+                "timeout_s = 500.0",
+                ["approval.timeout_s", "a reason"],
+            ),
+            ("retries_max", "retries", ["line-4.toml:", "retries"]),
+        ] {
+            let error = parse(&line_4("", "").replace(from, to), POLICY).unwrap_err();
+            assert!(parts.iter().all(|part| error.contains(part)), "{from}: {error}");
+        }
+    }
+
+    #[test]
+    fn policies_may_not_allow_what_the_class_leaves_to_people() {
+        let open = |policy: &str| parse(&line_4("", ""), &(POLICY.replace("forbid", "permit") + policy));
+        let error = open("").unwrap_err();
+        assert!(error.contains("line-4.cedar") && error.contains("class human"), "{error}");
+        let reviewed = POLICY.replace("@review(\"changes state that other skills use\")\n", "");
+        assert!(parse(&line_4("", ""), &reviewed).unwrap_err().contains("shared-state"));
+        assert!(
+            parse(&line_4("", ""), "permit (principal, action, resource) when { context.size > 1 };")
+                .is_err()
+        );
+        assert!(parse(&line_4("", ""), POLICY).is_ok());
+    }
+}
