@@ -230,6 +230,7 @@ fn run(
 }
 
 fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Result<Pump, String> {
+    let jobs = config.workers();
     let engine = Engine::start(Config {
         data: &config.data,
         profile: config.profile,

@@ -591,43 +591,6 @@ impl Pipeline {
     }
 }
 
-/// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
-fn set_context(
-    context: &Context,
-    own: Option<&ProfileTexts>,
-    ledger: &mut Ledger,
-    at_ms: u64,
-) -> Result<(), Fault> {
-    let name = context.profile.name;
-    let known = ledger.store().views()?.context()?;
-    let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
-    if same {
-        return Ok(());
-    }
-    let json = serde_json::to_string(&ContextRecord {
-        computed_by: COMPUTED_BY.to_owned(),
-        own: own.cloned(),
-        policy: context.table.digest,
-        profile: context.profile_digest,
-        site: context.profile.site.clone(),
-    })?;
-    // The context is the present one alone; what was in force before is read in the chain.
-    let loaded = context.profile.site.as_ref().map(|site| AuditBody {
-        kind: RecordKind::ProfileLoaded,
-        subject: site.to_string(),
-        body: json.clone(),
-    });
-    let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
-    ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
-    let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
-    for family in families {
-        let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
-        let note = Note::because("the profile, its policies or the build that computes evidence changed");
-        ledger.transition(&family, event, at_ms, note)?;
-    }
-    Ok(())
-}
-
 fn has_provisional(entry: &FamilyEntry) -> bool {
     let active = entry.state.active().and_then(|version| entry.state.get(version));
     active.is_some_and(|version| version.flags.provisional && !version.flags.rollback_pending)

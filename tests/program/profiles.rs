@@ -87,7 +87,6 @@ fn what_cannot_be_meant_is_refused_by_check_and_by_every_verb_that_uses_it() {
         ("scale = 1.0 ", "scale = 2.0 ", &["thresholds.scale", "0.5 to 1.5"]),
         ("shadow_sequences = 40 ", "shadow_sequences = 0 ", &["evaluation.shadow_sequences", "5 to 10000"]),
         ("break_glass = false", "break_glass = true", &["approval.break_glass", "false"]),
-        ("site = \"line-4\"\n", "", &["site", "a name of its own"]),
     ] {
         let path = line_4(&store, "", "");
         let own = fs::read_to_string(&path).unwrap();

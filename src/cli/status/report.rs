@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use super::StatusSubject;
 use crate::error::CliError;
-use holdpoint_engine::halt;
 use holdpoint_engine::context::ContextRecord;
+use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
