@@ -5,6 +5,9 @@
 #[doc = include_str!("guide/operating.md")]
 pub mod operating {}
 
+#[doc = include_str!("guide/lifecycle.md")]
+pub mod lifecycle {}
+
 #[doc = include_str!("guide/scenarios.md")]
 pub mod scenarios {}
 

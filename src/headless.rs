@@ -8,4 +8,4 @@ mod driver;
 mod printer;
 mod runs;
 
-pub use runs::{RunPlain, RunScript, run_plain, run_script};
+pub use runs::{RunPlain, RunScript, RunStage, run_plain, run_script, run_stage};

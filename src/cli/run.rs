@@ -193,12 +193,18 @@ fn parse_pace(text: &str) -> Result<LivePace, String> {
     times.map(LivePace::Times).ok_or_else(allowed)
 }
 
+/// How many episodes to evaluate at once: what was asked for, else one per core.
+#[must_use]
+pub fn jobs(asked: Option<u16>) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    asked.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+}
+
 impl RunArgs {
     /// How many episodes to evaluate at once: what was asked for, else one per core.
     #[must_use]
     pub fn jobs(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+        jobs(self.jobs)
     }
 
     /// Workers beside a console: what was asked for, else 0, which leaves a core to the console.

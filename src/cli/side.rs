@@ -105,7 +105,7 @@ impl Side {
 }
 
 /// The profile the store was last used with; another one would void what was measured under it.
-fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
+pub(super) fn last_profile(context: &CliContext) -> Result<ProfileName, CliError> {
     if !Layout::new(&context.data).database().exists() {
         return Ok(ProfileName::Sim);
     }
@@ -140,7 +140,7 @@ pub(super) fn door_error(error: DoorError) -> CliError {
 }
 
 /// What a refusal is to the caller: something wrong with the command, or something to wait for.
-pub(super) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
+pub(crate) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
     let problem = Problem::from((text.to_owned(), hint.map(ToOwned::to_owned)));
     match code {
         Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(problem),

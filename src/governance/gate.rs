@@ -275,6 +275,9 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
     let quorum =
         super::approval::quorum(&profile.approval, profile.activation.approval_bound, input.risk, review);
     let glass = found.approvals(input.approval, quorum);
+    if glass {
+        found.overrule();
+    }
     found.conclude(input, profile, quorum > 0, glass)
 }
 
@@ -409,7 +412,7 @@ impl GateFindings {
 
     /// Whether the approval is a break-glass one.
     fn approvals(&mut self, approval: Option<&ApprovalResult>, quorum: u8) -> bool {
-        if quorum == 0 {
+        if quorum == 0 && !approval.is_some_and(ApprovalResult::is_emergency) {
             return false;
         }
         let Some(approval) = approval else {
@@ -445,6 +448,17 @@ impl GateFindings {
         list.push(own);
         list.extend(approval.reasons.iter().cloned());
         glass
+    }
+
+    /// An emergency approval overrules what people or the calendar hold a version for, and nothing that was
+    /// measured; a review that is open holds all the same.
+    fn overrule(&mut self) {
+        let (stays, overruled): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.hold).into_iter().partition(|reason| {
+                !matches!(reason.code, ReasonCode::GateFrozen | ReasonCode::GateProfileClosed)
+            });
+        self.hold = stays;
+        self.noted.extend(overruled);
     }
 
     fn conclude(self, input: &GateInput<'_>, profile: &Profile, asked: bool, glass: bool) -> GateResult {

@@ -29,6 +29,8 @@ crate::words! {
         Restart = "restart",
         /// The doubt it was let in with remained on fresh evidence at the end of its window.
         OpenDoubt = "open-doubt",
+        /// It was let in by the emergency door, and nobody reviewed that in time.
+        Unreviewed = "unreviewed",
     }
 }
 

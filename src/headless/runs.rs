@@ -17,6 +17,7 @@ use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::CandidateView;
@@ -53,6 +54,19 @@ pub struct RunPlain<'a> {
     pub pace: Option<f64>,
     /// Who listens besides the printer: recordings, a live viewer.
     pub sinks: Vec<MakeSink>,
+}
+
+/// One stage of one candidate by itself, printed as it happens.
+pub struct RunStage<'a> {
+    pub data: &'a Path,
+    /// The profile the store was last used with.
+    pub profile: ProfileName,
+    pub seed: u64,
+    pub jobs: usize,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+    pub version: &'a CapabilityId,
+    pub stage: Stage,
 }
 
 /// The pause of the demonstration while it waits for people.
@@ -158,6 +172,28 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
             driver.pump.wait(if run.pace.is_some() { PACED_PAUSE } else { IDLE_PAUSE });
         }
     }
+}
+
+/// Runs one stage of one candidate and nothing else.
+///
+/// # Errors
+/// As [`run_script`], and with exit code 3 if the stage cannot be begun now.
+pub fn run_stage(run: &RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let mut engine = Engine::start(Config {
+        data: run.data,
+        profile: run.profile,
+        seed: run.seed,
+        jobs: run.jobs,
+        scripted: false,
+        cell: cell(None)?,
+        cache: EpisodeCache::InStore,
+    })
+    .map_err(start_error)?;
+    engine.begin_on_call();
+    let mut driver = Driver::new(Pump::new(engine, Vec::new()), Printer::new(out, run.json));
+    driver.take_events()?;
+    driver.run_stage(run.version, run.stage)?;
+    driver.finish_stage(run.stage)
 }
 
 fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {

@@ -19,6 +19,7 @@ use serde::Deserialize;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::words::WordError;
@@ -57,6 +58,27 @@ pub struct Step {
     pub wait: Option<Wait>,
     pub approve: Option<Say>,
     pub reject: Option<Say>,
+    /// One person lets the last candidate in by the emergency door.
+    pub break_glass: Option<Say>,
+    /// Send the last candidate back to evaluation, or close profiles to it.
+    pub demote: Option<Profiles>,
+    /// Lift its restriction, or open profiles to it again.
+    pub release: Option<Profiles>,
+    /// Evaluate it again.
+    pub repeat: Option<Again>,
+    /// Tighten its envelope.
+    pub restrict: Option<Say>,
+    /// Take it off.
+    pub rollback: Option<Say>,
+    /// Hold it.
+    pub pause: Option<Say>,
+    /// Let it go on where it is held.
+    pub resume: Option<Say>,
+    /// Answer its monitor's question: it goes on.
+    #[serde(rename = "continue")]
+    pub go_on: Option<Say>,
+    /// What the live world's agent works towards from its next sequence on.
+    pub goal: Option<String>,
     /// Let a drift set in.
     pub drift: Option<DriftStep>,
     /// Break something in the live world.
@@ -75,6 +97,9 @@ pub struct Wait {
     /// Until such a prompt is open.
     #[serde(default)]
     pub prompt: Option<AwaitedPrompt>,
+    /// Until a monitor asks about such a version.
+    #[serde(default)]
+    pub question: Option<AwaitedPrompt>,
     /// Longest wait, virtual s.
     pub timeout_s: f64,
 }
@@ -86,6 +111,29 @@ pub struct Say {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
+}
+
+/// What somebody says about a version, and the profiles it is about.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profiles {
+    #[serde(rename = "as")]
+    pub who: String,
+    pub reason: String,
+    /// Empty: about the version as a whole.
+    #[serde(default)]
+    pub profiles: Vec<ProfileName>,
+}
+
+/// A stage that somebody wants repeated.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Again {
+    #[serde(rename = "as")]
+    pub who: String,
+    pub reason: String,
+    /// Sandbox or shadow.
+    pub stage: Stage,
 }
 
 /// A drift of the live world.
@@ -171,22 +219,33 @@ impl Script {
                 step.wait.is_some(),
                 step.approve.is_some(),
                 step.reject.is_some(),
+                step.break_glass.is_some(),
+                step.demote.is_some(),
+                step.release.is_some(),
+                step.repeat.is_some(),
+                step.restrict.is_some(),
+                step.rollback.is_some(),
+                step.pause.is_some(),
+                step.resume.is_some(),
+                step.go_on.is_some(),
+                step.goal.is_some(),
                 step.drift.is_some(),
                 step.fault.is_some(),
                 step.expect.is_some(),
             ];
             let count = given.into_iter().filter(|given| *given).count();
             if count != 1 {
-                let allowed = "exactly one of register, wait, approve, reject, drift, fault, expect";
+                let allowed = "exactly one of register, wait, approve, reject, break_glass, demote, release, \
+                               repeat, restrict, rollback, pause, resume, continue, goal, drift, fault, expect";
                 return problem(&at, &format!("{count} of them"), allowed);
             }
             if let Some(wait) = &step.wait {
-                if wait.state.is_some() == wait.prompt.is_some() {
-                    return problem(
-                        &format!("{at}.wait"),
-                        "both or neither",
-                        "exactly one of state and prompt",
-                    );
+                let awaited = [wait.state.is_some(), wait.prompt.is_some(), wait.question.is_some()];
+                let awaited = awaited.into_iter().filter(|given| *given).count();
+                if awaited != 1 {
+                    let found = format!("{awaited} of them");
+                    let allowed = "exactly one of state, prompt and question";
+                    return problem(&format!("{at}.wait"), &found, allowed);
                 }
                 if !(wait.timeout_s > 0.0 && wait.timeout_s <= WAIT_MAX_SECS) {
                     let allowed = "above 0 and at most 1000000 s";
@@ -217,11 +276,25 @@ mod tests {
             [[step]]
             fault = { kind = "telemetry-lost" }
             [[step]]
+            wait = { question = "any", timeout_s = 600 }
+            [[step]]
+            continue = { as = "alice", reason = "the link is known" }
+            [[step]]
+            restrict = { as = "alice", reason = "a visitor" }
+            [[step]]
+            release = { as = "alice", reason = "the visitor left" }
+            [[step]]
+            demote = { as = "alice", reason = "too fast", profiles = ["human"] }
+            [[step]]
+            repeat = { as = "alice", reason = "mended", stage = "sandbox" }
+            [[step]]
+            break_glass = { as = "alice", reason = "the old one drops parts" }
+            [[step]]
             wait = { state = "confirmed", timeout_s = 600 }
             [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 7);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 14);
     }
 
     #[test]
@@ -242,6 +315,10 @@ mod tests {
                 "`validation`, `sandbox`, `shadow`, `activation`, `monitor`",
             ),
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
+            (
+                "profile = \"sim\"\n[[step]]\nrepeat = { as = \"a\", reason = \"b\", stage = \"gate\" }",
+                "sandbox",
+            ),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),
             ("profile = \"sim\"\nstep = []", "0 steps"),
         ] {

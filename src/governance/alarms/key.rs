@@ -24,6 +24,8 @@ crate::words! {
         Rejected = "rejected",
         /// People are asked for an approval.
         Approval = "approval",
+        /// One person let a version in by the emergency door, and nobody has reviewed it yet.
+        Unreviewed = "unreviewed",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -53,7 +55,7 @@ impl AlarmKind {
             Self::Escalated | Self::Restricted => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
-            Self::Approval => AlarmTopic::Approval,
+            Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
             Self::EngineFault => AlarmTopic::Engine,
         }
     }
@@ -79,6 +81,8 @@ pub enum AlarmKey {
     Rejected(CapabilityId),
     /// The candidate that waits for people.
     Approval(CapabilityId),
+    /// The version that was let in by the emergency door.
+    Unreviewed(CapabilityId),
     /// The one engine there is.
     EngineFault,
 }
@@ -100,6 +104,7 @@ impl AlarmKey {
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
             Self::Rejected(_) => AlarmKind::Rejected,
             Self::Approval(_) => AlarmKind::Approval,
+            Self::Unreviewed(_) => AlarmKind::Unreviewed,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -113,7 +118,8 @@ impl fmt::Display for AlarmKey {
             | Self::Escalated(version)
             | Self::Restricted(version)
             | Self::Rejected(version)
-            | Self::Approval(version) => write!(f, "{kind}:{version}"),
+            | Self::Approval(version)
+            | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
             Self::EngineFault => write!(f, "{kind}"),
         }
@@ -135,6 +141,7 @@ impl FromStr for AlarmKey {
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
             AlarmKind::Approval => Self::Approval(version()?),
+            AlarmKind::Unreviewed => Self::Unreviewed(version()?),
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::EngineFault => return Err(bad()),
         })
@@ -180,7 +187,8 @@ mod tests {
                 | AlarmKind::Escalated
                 | AlarmKind::Restricted
                 | AlarmKind::Rejected
-                | AlarmKind::Approval => ":grasp@1.3.0",
+                | AlarmKind::Approval
+                | AlarmKind::Unreviewed => ":grasp@1.3.0",
             };
             let text = format!("{kind}{about}");
             let key: AlarmKey = text.parse().unwrap();

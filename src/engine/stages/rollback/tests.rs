@@ -51,7 +51,10 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        Self::over(tempfile::tempdir().unwrap())
+    }
+
+    fn over(folder: TempDir) -> Self {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let settings = PipelineSettings {
             seed: CALIBRATION_FROM_RUN,
@@ -69,13 +72,27 @@ impl Bench {
 
     /// Makes a candidate active and watched without its evaluation: what is tested comes after that.
     pub(crate) fn activate(&mut self, name: &str) -> CapabilityId {
+        let id = self.pass(name, &Stage::ALL);
+        self.enter(&id, |version| LifecycleEvent::Activate { version });
+        id
+    }
+
+    /// Opens its store again, as an engine that comes up does.
+    pub(crate) fn restart(self) -> Self {
+        let Self { folder, pipeline } = self;
+        drop(pipeline);
+        Self::over(folder)
+    }
+
+    /// Registers a candidate that has passed these stages, without working them.
+    pub(crate) fn pass(&mut self, name: &str, stages: &[Stage]) -> CapabilityId {
         let pipeline = &mut self.pipeline;
         let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
         let id = Capability::load(name, package.clone()).unwrap().id();
         let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let version = pipeline.record().ledger().version(&id).unwrap().0;
-        for stage in Stage::ALL {
+        for stage in stages.iter().copied() {
             pipeline
                 .live()
                 .record
@@ -88,9 +105,16 @@ impl Bench {
                 .unwrap();
         }
         pipeline.live().dossiers.edit(&id).twins = vec![GOOD; 40];
+        id
+    }
+
+    /// Makes a candidate that has passed every stage active and watched.
+    pub(crate) fn enter(&mut self, id: &CapabilityId, event: impl Fn(VersionRef) -> LifecycleEvent) {
+        let pipeline = &mut self.pipeline;
+        let version = pipeline.record().ledger().version(id).unwrap().0;
         let now_tick = pipeline.record().now_tick();
         let live = pipeline.live();
-        let watched = Watched::new(&id, live.dossiers.of(&id), live.context, now_tick).unwrap();
+        let watched = Watched::new(id, live.dossiers.of(id), live.context, now_tick).unwrap();
         let digest = Digest::of_parts("test", &[b"gate"]);
         let gate = Change::PutEvidence {
             version: id.clone(),
@@ -103,10 +127,9 @@ impl Bench {
             before: vec![gate],
             ..Note::because("test")
         };
-        pipeline.live().record.transition(&id.family, LifecycleEvent::Activate { version }, note).unwrap();
+        pipeline.live().record.transition(&id.family, event(version), note).unwrap();
         pipeline.live().monitors.insert(watched);
         pipeline.drain_events();
-        id
     }
 
     pub(crate) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
@@ -201,6 +224,9 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     assert_eq!(record.trigger.kind, TriggerKind::SafetyEvent);
     assert!(record.trigger.event.is_some());
     assert!(record.in_flight);
+    let swap = record.rungs.iter().find(|rung| rung.rung == Rung::SwapBinding).unwrap();
+    let told = "align in flight is cancelled, 3 tasks are planned anew";
+    assert!(swap.text.ends_with(told), "the agent's dispatch state is repaired: {}", swap.text);
     bench.assert_restored(&record);
     let safe = record.time_to_safe_ticks.unwrap();
     assert!((1..u64::from(RATE_HZ)).contains(&safe), "the arm moved and was stopped: {safe} ticks");
