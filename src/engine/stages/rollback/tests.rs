@@ -64,9 +64,11 @@ impl Bench {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let clock = Clock::scripted(store.opening().head.at_ms);
+        let ledger = Ledger::open(store, false).unwrap();
         let baselines = crate::embedded::baselines().unwrap();
-        let pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
+        let pipeline = Pipeline::new(settings, ledger, clock, baselines).unwrap();
         Self { folder, pipeline }
     }
 
