@@ -54,6 +54,7 @@ pub use crate::error::{CliError, Exit};
 pub use context::CliContext;
 pub use engine_verbs::{EngineVerbs, RealEngine};
 pub use output::Output;
+pub(crate) use side::refused;
 
 /// Decides whether a new version of a robot's skill may take control of the robot.
 ///
@@ -104,12 +105,24 @@ pub enum Verb {
     Reject(decide::VersionArgs),
     /// Rolls a family back to its predecessor.
     Rollback(decide::FamilyArgs),
-    /// Sends a version back to evaluation.
-    Demote(decide::VersionArgs),
     /// Stops the arm at once, whatever is under way; `go` lets it work again.
     Stop(stop::StopArgs),
     /// Lets a stopped cell work again.
     Go(stop::GoArgs),
+    /// Sends a version back to evaluation, or closes profiles to it.
+    Demote(decide::DemoteArgs),
+    /// Runs sandbox or shadow of a version again.
+    Repeat(decide::RepeatArgs),
+    /// Tightens the envelope of an active version.
+    Restrict(decide::VersionArgs),
+    /// Lifts the restriction of an active version, or opens closed profiles.
+    Release(decide::ReleaseArgs),
+    /// Answers a monitor's question: the version goes on.
+    Continue(decide::VersionArgs),
+    /// Makes a superseded version of a stopped family active again.
+    Rearm(decide::VersionArgs),
+    /// Emergency: one person lets a version in alone; two others review it.
+    BreakGlass(decide::BreakGlassArgs),
     /// Pauses the pipeline; reject, demote and rollback still work.
     Pause(decide::PauseArgs),
     /// Resumes a paused pipeline.
@@ -196,6 +209,14 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Go(args)) => engine.decide(&context()?, &AskedDecision::Go(args.clone()), out),
         Some(Verb::Pause(args)) => engine.decide(&context()?, &AskedDecision::Pause(args.clone()), out),
         Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),
+        Some(Verb::Repeat(args)) => engine.decide(&context()?, &AskedDecision::Repeat(args.clone()), out),
+        Some(Verb::Restrict(args)) => engine.decide(&context()?, &AskedDecision::Restrict(args.clone()), out),
+        Some(Verb::Release(args)) => engine.decide(&context()?, &AskedDecision::Release(args.clone()), out),
+        Some(Verb::Continue(args)) => engine.decide(&context()?, &AskedDecision::Continue(args.clone()), out),
+        Some(Verb::Rearm(args)) => engine.decide(&context()?, &AskedDecision::Rearm(args.clone()), out),
+        Some(Verb::BreakGlass(args)) => {
+            engine.decide(&context()?, &AskedDecision::BreakGlass(args.clone()), out)
+        }
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(&context()?, args, out),

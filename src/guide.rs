@@ -8,6 +8,9 @@ pub mod operating {}
 #[doc = include_str!("guide/governance.md")]
 pub mod governance {}
 
+#[doc = include_str!("guide/lifecycle.md")]
+pub mod lifecycle {}
+
 #[doc = include_str!("guide/scenarios.md")]
 pub mod scenarios {}
 

@@ -13,5 +13,5 @@ mod runs;
 mod service;
 
 pub use plain::{PlainWork, RunPlain, run_plain};
-pub use runs::{RunScript, fresh_store, run_script};
+pub use runs::{RunScript, RunStage, fresh_store, run_script, run_stage};
 pub use service::{Service, serve};

@@ -97,7 +97,13 @@ pub struct Approval {
     pub nonce: Nonce,
     /// Virtual time from which it is void, ms.
     pub not_after_ms: u64,
+    /// Whether it is an emergency (break-glass) approval; signed with the rest, so that neither passes for the other.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub break_glass: bool,
 }
+
+/// What an emergency approval is signed over beyond an ordinary one.
+const BREAK_GLASS: &[u8] = b"break-glass";
 
 impl Approval {
     /// The bytes that are signed: every field with its length, behind a domain tag.
@@ -115,7 +121,8 @@ impl Approval {
     fn digest(&self, store_id: &str) -> Digest {
         let Self { who, role, decision, reason, version, profile, nonce, .. } = self;
         let version = version.to_string();
-        let parts: [&[u8]; 13] = [
+        let (row_version, not_after_ms) = (self.row_version.to_le_bytes(), self.not_after_ms.to_le_bytes());
+        let mut parts: Vec<&[u8]> = vec![
             store_id.as_bytes(),
             who.as_bytes(),
             role.name().as_bytes(),
@@ -123,13 +130,16 @@ impl Approval {
             reason.as_bytes(),
             version.as_bytes(),
             self.candidate_digest.bytes(),
-            &self.row_version.to_le_bytes(),
+            &row_version,
             self.evidence_digest.bytes(),
             self.policy_digest.bytes(),
             profile.name().as_bytes(),
             nonce.as_str().as_bytes(),
-            &self.not_after_ms.to_le_bytes(),
+            &not_after_ms,
         ];
+        if self.break_glass {
+            parts.push(BREAK_GLASS);
+        }
         Digest::of_parts(DOMAIN, &parts)
     }
 }
@@ -267,6 +277,7 @@ mod tests {
             store_id: "s".into(),
             nonce: Nonce::from_bytes([7; 16]),
             not_after_ms: 1000,
+            break_glass: false,
         }
     }
 
@@ -278,7 +289,7 @@ mod tests {
         signed.verify(ada.info()).unwrap();
         let other = Digest::of_parts("t", &[b"x"]);
         type Edit = fn(&mut Approval, Digest);
-        let edits: [(&str, Edit); 13] = [
+        let edits: [(&str, Edit); 14] = [
             ("who", |a, _| a.who = "eve".into()),
             ("role", |a, _| a.role = Role::Safety),
             ("decision", |a, _| a.decision = Answer::Reject),
@@ -292,6 +303,7 @@ mod tests {
             ("store", |a, _| a.store_id = "t".into()),
             ("nonce", |a, _| a.nonce = Nonce::from_bytes([8; 16])),
             ("expiry", |a, _| a.not_after_ms += 1),
+            ("emergency", |a, _| a.break_glass = true),
         ];
         for (name, edit) in edits {
             let mut forged = signed.clone();

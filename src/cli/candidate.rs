@@ -1,4 +1,4 @@
-//! `holdpoint candidate register | show | check | diff`.
+//! `holdpoint candidate register | show | check | diff | compat | sandbox | shadow`.
 //!
 //! Parses arguments and prints; [`capability`] reads folders and [`check`] judges what is in them.
 
@@ -15,7 +15,8 @@ use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::check::{self, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_runtime::capability::{self, Capability, PackageError, Parsed};
@@ -44,6 +45,35 @@ pub enum CandidateVerb {
     Check(FolderArgs),
     /// Compares two candidates' manifests and parameters field by field.
     Diff(DiffArgs),
+    /// Runs the compatibility checks of a registered candidate, and no other stage.
+    Compat(StageArgs),
+    /// Runs the sandbox of a validated candidate, and no other stage.
+    Sandbox(StageArgs),
+    /// Runs the shadow of a sandboxed candidate, and no other stage.
+    Shadow(StageArgs),
+}
+
+/// The arguments of `candidate compat`, `candidate sandbox` and `candidate shadow`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The stage is the pipeline's own, on record like any other; the next one is
+not begun. It exits with 0 if the stage is passed, 1 if the candidate is
+rejected, 3 if it is held.
+
+Examples:
+  holdpoint candidate compat grasp@1.1.0
+  holdpoint candidate sandbox grasp@1.1.0 --jobs 2
+  holdpoint candidate shadow grasp@1.1.0 --json")]
+pub struct StageArgs {
+    /// The registered candidate, e.g. grasp@1.1.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// Seed of the episodes [default: that of `run`].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Episodes evaluated at once [default: one per core].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(super::run::JOBS_MAX)))]
+    pub jobs: Option<u16>,
 }
 
 /// The arguments of `candidate register`.
@@ -118,6 +148,9 @@ pub fn run(
 ) -> Result<Exit, CliError> {
     match &args.verb {
         CandidateVerb::Register(args) => return engine.register(context, args, out),
+        CandidateVerb::Compat(args) => return engine.stage(context, args, Stage::Validation, out),
+        CandidateVerb::Sandbox(args) => return engine.stage(context, args, Stage::Sandbox, out),
+        CandidateVerb::Shadow(args) => return engine.stage(context, args, Stage::Shadow, out),
         CandidateVerb::Show(args) => show(&read(&args.folder)?.0, out)?,
         CandidateVerb::Check(args) => {
             let (parsed, _) = read(&args.folder)?;

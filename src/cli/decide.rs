@@ -1,10 +1,15 @@
-//! `holdpoint approve | reject | rollback | demote | pause | resume`, and what `stop | go` come to.
+//! `holdpoint approve | reject | rollback | demote | pause | resume`, what leads on from there (`onward.rs`), and what
+//! `stop | go` come to.
 //!
 //! Approvals and refusals of what waits are signed with the identity's key; the verbs that stop something name who
 //! asked and need no key, because stopping must never be harder than going on. The engine re-validates every one of
 //! these and may refuse it; nothing here confers a right.
 
+mod onward;
+
 use clap::Args;
+
+pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
 use super::audit;
 use super::side::{Side, running};
@@ -34,8 +39,8 @@ pub enum AskedDecision {
     Reject(VersionArgs),
     /// To take a family's active version off.
     Rollback(FamilyArgs),
-    /// To send a version back to evaluation.
-    Demote(VersionArgs),
+    /// To send a version back to evaluation, or to close profiles to it.
+    Demote(DemoteArgs),
     /// To take up no further stage.
     Pause(PauseArgs),
     /// To take up stages again.
@@ -44,6 +49,18 @@ pub enum AskedDecision {
     Stop(StopArgs),
     /// To let the stopped cell work again.
     Go(GoArgs),
+    /// To evaluate a version again.
+    Repeat(RepeatArgs),
+    /// To lift a restriction, or to open a profile again.
+    Release(ReleaseArgs),
+    /// To tighten the envelope of an active version.
+    Restrict(VersionArgs),
+    /// To answer a monitor's question with "go on".
+    Continue(VersionArgs),
+    /// To let a version in alone, in an emergency.
+    BreakGlass(BreakGlassArgs),
+    /// To make a superseded version of a stopped family active again.
+    Rearm(VersionArgs),
 }
 
 /// Who decides, and why.
@@ -77,12 +94,14 @@ pub struct ApproveArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `reject` and `demote`.
+/// The arguments of the verbs about one version.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint reject grasp@1.3.0 --as mara --reason 'grip force too high for this part'
-  holdpoint demote grasp@1.3.0 --as mara --reason 'evaluate again with the new gripper'")]
+  holdpoint restrict grasp@1.3.0 --as mara --reason 'a visitor is in the hall'
+  holdpoint continue grasp@1.3.0 --as mara --reason 'the link is known to be slow'
+  holdpoint rearm grasp@1.0.0 --as mara --reason 'the gripper is mended'")]
 pub struct VersionArgs {
     /// The version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
@@ -95,12 +114,18 @@ pub struct VersionArgs {
 /// The arguments of `rollback`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
+Where nobody would take over, the verb changes nothing and says so;
+--stop-family takes the last version off all the same.
+
 Example:
   holdpoint rollback grasp --as mara --reason 'drops parts since noon'")]
 pub struct FamilyArgs {
     /// The family, e.g. grasp.
     #[arg(value_parser = parse_family)]
     pub family: Family,
+    /// Takes the last version off too: no version of the family acts until somebody re-arms it.
+    #[arg(long)]
+    pub stop_family: bool,
     /// Who signs, and the reason that is kept.
     #[command(flatten)]
     pub signature: SigningArgs,
@@ -169,8 +194,15 @@ pub(super) fn run(
         AskedDecision::Demote(args) => {
             known_version(&views()?, &args.version)?;
             let operation = operation(&args.version, &args.signature);
-            Side::open(context)?.carry_out(Command::Demote { operation, profiles: Vec::new() }, out)
+            let profiles = args.profile.clone();
+            Side::open(context)?.carry_out(Command::Demote { operation, profiles }, out)
         }
+        AskedDecision::Repeat(args) => onward::repeat(context, &views()?, args, out),
+        AskedDecision::Release(args) => onward::release(context, &views()?, args, out),
+        AskedDecision::Restrict(args) => onward::restrict(context, &views()?, args, out),
+        AskedDecision::Continue(args) => onward::go_on(context, &views()?, args, out),
+        AskedDecision::BreakGlass(args) => onward::break_glass(context, &views()?, args, out),
+        AskedDecision::Rearm(args) => onward::rearm(context, &views()?, args, out),
         AskedDecision::Pause(args) => pause(context, &views()?, args, Pausing::Pause, out),
         AskedDecision::Resume(args) => {
             // Going on needs somebody who can be named for it.
@@ -255,7 +287,9 @@ fn rollback(
     let Some(active) = family.and_then(|view| view.active.clone()) else {
         return Err(CliError::held(format!("held: {} is safe-stopped, no version is active", args.family)));
     };
-    let exit = side.carry_out(Command::Rollback(operation(&active, &args.signature)), out)?;
+    let operation = operation(&active, &args.signature);
+    let command = if args.stop_family { Command::Vacate(operation) } else { Command::Rollback(operation) };
+    let exit = side.carry_out(command, out)?;
     let family = side.snapshot()?.families.into_iter().find(|view| view.family == args.family);
     if family.is_none_or(|view| view.active.is_none()) {
         // Taken off, and nobody took over: that is a stop, not a rollback.
@@ -291,7 +325,12 @@ fn pause(
             State::Rejected | State::RolledBack | State::Superseded => false,
         };
         let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
-        on_its_way && of_family && view.flags.paused == (pausing == Pausing::Resume)
+        let stands = match pausing {
+            Pausing::Pause => !view.flags.paused,
+            // What the gate or an unanswered question holds is let go on by the same verb.
+            Pausing::Resume => view.flags.paused || (view.held && view.state != State::Active),
+        };
+        on_its_way && of_family && stands
     };
     let versions: Vec<CapabilityId> =
         side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
@@ -299,7 +338,7 @@ fn pause(
         let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
         return Err(CliError::held(match pausing {
             Pausing::Pause => format!("nothing was paused: no version{of} is on its way"),
-            Pausing::Resume => format!("nothing was resumed: no version{of} is paused"),
+            Pausing::Resume => format!("nothing was resumed: no version{of} is paused or held"),
         }));
     }
     for version in versions {

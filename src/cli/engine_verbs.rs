@@ -3,14 +3,15 @@
 //! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
 //! anything itself.
 
-use super::side::Side;
-use super::{bench, candidate, decide, demo, run, serve, status};
+use super::side::{Side, last_cell, running};
+use super::{audit, bench, candidate, chosen, decide, demo, run, serve, status};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use crate::headless::{PlainWork, RunPlain, RunScript, Service, run_plain, run_script};
+use crate::headless::{PlainWork, RunPlain, RunScript, RunStage, Service, run_plain, run_script, run_stage};
 use holdpoint_engine::embedded;
 use holdpoint_engine::host::HostConfig;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
@@ -64,6 +65,18 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &candidate::RegisterArgs,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError>;
+
+    /// Runs one stage of one candidate by itself.
+    ///
+    /// # Errors
+    /// As [`EngineVerbs::run`].
+    fn stage(
+        &mut self,
+        context: &CliContext,
+        args: &candidate::StageArgs,
+        stage: Stage,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError>;
 
@@ -221,6 +234,34 @@ impl EngineVerbs for RealEngine {
             )?;
         }
         Ok(exit)
+    }
+
+    fn stage(
+        &mut self,
+        context: &CliContext,
+        args: &candidate::StageArgs,
+        stage: Stage,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        // What does not exist is said before an engine is opened, so that the store stays as it was.
+        decide::known_version(&audit::open(&context.data)?, &args.version)?;
+        if running(context)?.is_some() {
+            let text =
+                "held: an engine is running on this store, which takes candidates through their stages";
+            let hint = format!("`holdpoint status {} --watch` shows it", args.version);
+            return Err(CliError::held(text).with_hint(hint));
+        }
+        let run = RunStage {
+            data: &context.data,
+            profile: chosen::last(&context.data)?,
+            cell: last_cell(context)?,
+            seed: args.seed.unwrap_or(run::SEED_DEFAULT),
+            jobs: run::jobs(args.jobs),
+            json: context.json,
+            version: &args.version,
+            stage,
+        };
+        run_stage(run, out.sink())
     }
 
     fn status(

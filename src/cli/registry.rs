@@ -260,6 +260,7 @@ fn flags(version: &VersionSummary) -> String {
         (flags.provisional, "provisional"),
         (flags.restricted, "restricted"),
         (flags.rollback_pending, "rollback-pending"),
+        (version.unreviewed, "UNREVIEWED"),
     ];
     let running = flags.running.map(|stage| format!("running:{stage}"));
     let set = words.into_iter().filter(|(set, _)| *set).map(|(_, word)| word.to_owned());
@@ -278,6 +279,7 @@ fn summary_json(version: &VersionSummary) -> Value {
         "provisional": version.flags.provisional,
         "restricted": version.flags.restricted,
         "rollback_pending": version.flags.rollback_pending,
+        "unreviewed": version.unreviewed,
         "kappa": { "interface": interface, "policy": policy, "behavior": behavior, "recovery": recovery },
         "baseline": version.baseline,
         "author": version.author,

@@ -16,7 +16,7 @@ use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::ProfileName;
 
 /// The seed of a run that names none.
-const SEED_DEFAULT: u64 = 1;
+pub(super) const SEED_DEFAULT: u64 = 1;
 
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
@@ -208,12 +208,18 @@ pub(super) fn parse_pace(text: &str) -> Result<LivePace, String> {
     times.map(LivePace::Times).ok_or_else(allowed)
 }
 
+/// How many episodes to evaluate at once: what was asked for, else one per core.
+#[must_use]
+pub fn jobs(asked: Option<u16>) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    asked.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+}
+
 impl EngineArgs {
     /// How many episodes to evaluate at once: what was asked for, else one per core.
     #[must_use]
     pub fn jobs(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+        jobs(self.jobs)
     }
 
     /// Workers beside a front end on a thread of its own: what was asked for, else 0, which leaves it a core.

@@ -3,6 +3,7 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
+use super::audit;
 use super::chosen;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -105,7 +106,7 @@ impl Side {
 }
 
 /// The cell of the robot that the store is for; the built-in arm's if there is no store.
-fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
+pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     let recorded = if Layout::new(&context.data).database().exists() {
         bound::robot(&audit::open(&context.data)?).map_err(CliError::usage)?
     } else {
@@ -147,7 +148,7 @@ pub(super) fn door_error(error: DoorError) -> CliError {
 }
 
 /// What a refusal is to the caller: something wrong with the command, or something to wait for.
-pub(super) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
+pub(crate) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
     let problem = Problem::from((text.to_owned(), hint.map(ToOwned::to_owned)));
     match code {
         Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(problem),

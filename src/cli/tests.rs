@@ -39,6 +39,16 @@ impl EngineVerbs for Recorder {
         self.0.push(format!("register {}", args.folder.display()));
         Ok(Exit::Confirmed)
     }
+    fn stage(
+        &mut self,
+        _: &CliContext,
+        args: &candidate::StageArgs,
+        stage: holdpoint_governance::lifecycle::Stage,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        self.0.push(format!("stage {stage} {}", args.version));
+        Ok(Exit::Held)
+    }
     fn status(
         &mut self,
         _: &CliContext,
@@ -58,12 +68,18 @@ impl EngineVerbs for Recorder {
         self.0.push(match asked {
             AskedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
             AskedDecision::Reject(args) => format!("reject {}", args.version),
-            AskedDecision::Rollback(args) => format!("rollback {}", args.family),
-            AskedDecision::Demote(args) => format!("demote {}", args.version),
+            AskedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
+            AskedDecision::Demote(args) => format!("demote {} {:?}", args.version, args.profile),
             AskedDecision::Pause(args) => format!("pause {:?}", args.family),
             AskedDecision::Resume(args) => format!("resume {}", args.signature.identity),
             AskedDecision::Stop(args) => format!("stop {:?}", args.who),
             AskedDecision::Go(args) => format!("go {}", args.signature.identity),
+            AskedDecision::Repeat(args) => format!("repeat {} {}", args.version, args.stage),
+            AskedDecision::Release(args) => format!("release {} {:?}", args.version, args.profile),
+            AskedDecision::Restrict(args) => format!("restrict {}", args.version),
+            AskedDecision::Continue(args) => format!("continue {}", args.version),
+            AskedDecision::BreakGlass(args) => format!("break-glass {}", args.version),
+            AskedDecision::Rearm(args) => format!("rearm {}", args.version),
         });
         Ok(Exit::Rejected)
     }
@@ -133,6 +149,9 @@ fn verbs_reach_the_engine() {
         (vec!["demo", "--seed", "3"], "demo Some(3)", 0),
         (vec!["run", "--profile", "human", "--seed", "7"], "run Some(BuiltIn(Human)) Some(7)", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
+        (vec!["candidate", "compat", "grasp@1.1.0"], "stage validation grasp@1.1.0", 3),
+        (vec!["candidate", "sandbox", "grasp@1.1.0"], "stage sandbox grasp@1.1.0", 3),
+        (vec!["candidate", "shadow", "grasp@1.1.0"], "stage shadow grasp@1.1.0", 3),
         (vec!["status"], "status None 600", 3),
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
         (
@@ -141,8 +160,24 @@ fn verbs_reach_the_engine() {
             1,
         ),
         (["reject", "grasp@1.3.0"].into_iter().chain(signed).collect(), "reject grasp@1.3.0", 1),
-        (["rollback", "grasp"].into_iter().chain(signed).collect(), "rollback grasp", 1),
-        (["demote", "grasp@1.3.0"].into_iter().chain(signed).collect(), "demote grasp@1.3.0", 1),
+        (["rollback", "grasp"].into_iter().chain(signed).collect(), "rollback grasp false", 1),
+        (
+            ["rollback", "grasp", "--stop-family"].into_iter().chain(signed).collect(),
+            "rollback grasp true",
+            1,
+        ),
+        (["demote", "grasp@1.3.0"].into_iter().chain(signed).collect(), "demote grasp@1.3.0 []", 1),
+        (
+            ["demote", "grasp@1.3.0", "--profile", "human"].into_iter().chain(signed).collect(),
+            "demote grasp@1.3.0 [Human]",
+            1,
+        ),
+        (["repeat", "grasp@1.3.0"].into_iter().chain(signed).collect(), "repeat grasp@1.3.0 sandbox", 1),
+        (["release", "grasp@1.3.0"].into_iter().chain(signed).collect(), "release grasp@1.3.0 []", 1),
+        (["restrict", "grasp@1.3.0"].into_iter().chain(signed).collect(), "restrict grasp@1.3.0", 1),
+        (["continue", "grasp@1.3.0"].into_iter().chain(signed).collect(), "continue grasp@1.3.0", 1),
+        (["break-glass", "grasp@1.3.0"].into_iter().chain(signed).collect(), "break-glass grasp@1.3.0", 1),
+        (["rearm", "grasp@1.0.0"].into_iter().chain(signed).collect(), "rearm grasp@1.0.0", 1),
         (["pause"].into_iter().chain(signed).collect(), "pause None", 1),
         (["resume"].into_iter().chain(signed).collect(), "resume mara", 1),
         (vec!["bench", "--quick"], "bench true", 0),

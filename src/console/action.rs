@@ -166,6 +166,12 @@ actions! {
     Rollback = "rollback", Version, ["B"];
     /// Tighten the envelope of this active version, reason required
     Restrict = "restrict", Version, ["t"];
+    /// Run the sandbox of this version again, reason required
+    Repeat = "repeat", Version, ["e"];
+    /// Lift the restriction of this active version, reason required
+    Release = "release", Version, ["w"];
+    /// Emergency: let this version in alone; two people review it
+    BreakGlass = "break-glass", Version, ["E"];
     /// Answer a monitor's question: go on, reason required
     Continue = "continue", Version, ["c"];
     /// Make a superseded version of a stopped family active again, reason required
@@ -249,6 +255,9 @@ impl Action {
             | Self::Demote
             | Self::Rollback
             | Self::Restrict
+            | Self::Repeat
+            | Self::Release
+            | Self::BreakGlass
             | Self::Continue
             | Self::Rearm
             | Self::Acknowledge

@@ -4,17 +4,20 @@ use super::action::Action;
 use super::palette::best;
 use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude, UnknownWord};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::profile::ProfileName;
 
 /// The largest pace, simulated seconds in a second.
 pub const PACE_MAX: f64 = 1000.0;
 
 /// A command with an argument: name, argument, help.
-pub const WITH_ARGUMENT: [(&str, &str, &str); 8] = [
+pub const WITH_ARGUMENT: [(&str, &str, &str); 10] = [
     ("as", "NAME", "Sit down as this identity"),
     ("candidate", "VERSION", "Show a version in full"),
+    ("close", "PROFILE", "Close a profile to the version under the cursor, reason required"),
     ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
     ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
+    ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
     ("register", "DIR", "Submit a candidate's folder"),
     ("theme", "NAME", "Use this theme"),
@@ -34,6 +37,8 @@ pub enum Asked {
     /// A drift; absent ends it.
     Drift(Option<Drift>),
     Candidate(CapabilityId),
+    /// A profile is closed (or opened) to the version under the cursor.
+    Profile(ProfileName, bool),
 }
 
 impl Asked {
@@ -42,7 +47,7 @@ impl Asked {
     pub const fn changes_something(&self) -> bool {
         match self {
             Self::Action(action) => action.changes_something(),
-            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift(_) => true,
+            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift(_) | Self::Profile(..) => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
         }
     }
@@ -66,6 +71,8 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "theme" => needs("a name; tab shows them").map(Asked::Theme),
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
+        "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
+        "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
             let version = rest.parse::<CapabilityId>();
             version.map(Asked::Candidate).map_err(|error| format!("{rest:?} is no version: {error}"))
@@ -95,6 +102,11 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
     times
         .map(Some)
         .ok_or_else(|| format!("the pace {text:?} is not allowed; max or a number up to {PACE_MAX} is"))
+}
+
+fn profile(name: &str, close: bool) -> Result<Asked, String> {
+    let known = name.parse::<ProfileName>();
+    known.map(|profile| Asked::Profile(profile, close)).map_err(|error| error.to_string())
 }
 
 fn drift(text: &str) -> Result<Asked, String> {
@@ -137,11 +149,13 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
         return best(typed, words.into_iter().map(|word| (word.to_owned(), word.to_owned())).collect());
     };
     let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
+    let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
     let arguments: &[String] = match word {
         "as" => known.people,
         "theme" => known.themes,
         "candidate" => known.versions,
         "demo" => &demos,
+        "close" | "open" => &profiles,
         _ => &[],
     };
     let rest = rest.trim();
@@ -166,6 +180,9 @@ mod tests {
             ("candidate grasp@1.2.0", Asked::Candidate(version)),
             ("candidate", Asked::Action(Action::ShowCandidate)),
             ("drift off", Asked::Drift(None)),
+            ("close human", Asked::Profile(ProfileName::Human, true)),
+            ("open human", Asked::Profile(ProfileName::Human, false)),
+            ("open", Asked::Action(Action::Open)),
         ] {
             assert_eq!(parse(text), Ok(asked), "{text}");
         }
@@ -179,6 +196,8 @@ mod tests {
             ("pace 1e9", "not allowed"),
             ("as", "needs"),
             ("drift strong", "allowed are"),
+            ("close", "needs a profile"),
+            ("close moon", "moon"),
             ("alarms now", "takes nothing"),
             ("candidate grasp", "is no version"),
         ] {

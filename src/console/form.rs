@@ -6,6 +6,8 @@
 use super::line::EditLine;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_text::{Hint, Problem};
 
@@ -19,6 +21,14 @@ pub enum Intent {
     Abort(Abort),
     /// Roll an active version back.
     Rollback(CapabilityId),
+    /// Take a family's last version off: nobody takes over.
+    Vacate(CapabilityId),
+    /// Run the sandbox of a version again.
+    Repeat(CapabilityId),
+    /// Lift the restriction of an active version.
+    Release(CapabilityId),
+    /// Close a profile to a version, or open it again.
+    Profile(CapabilityId, ProfileName, bool),
     Pause(CapabilityId),
     /// Let a held candidate go on.
     Resume(CapabilityId),
@@ -46,6 +56,8 @@ pub enum Intent {
 pub enum Abort {
     /// A version that is active but not settled: rolled back.
     Active(CapabilityId),
+    /// As that, where nobody would take over.
+    Last(CapabilityId),
     /// A candidate on its way: held.
     Candidate(CapabilityId),
 }
@@ -56,8 +68,14 @@ impl Intent {
     pub const fn verb(&self) -> &'static str {
         match self {
             Self::Abort(Abort::Active(_)) => "Abort: roll back",
+            Self::Abort(Abort::Last(_)) => "Abort: stop the family",
             Self::Abort(Abort::Candidate(_)) => "Abort: hold",
             Self::Rollback(_) => "Roll back",
+            Self::Vacate(_) => "Take the last version off",
+            Self::Repeat(_) => "Evaluate again",
+            Self::Release(_) => "Release",
+            Self::Profile(_, _, true) => "Close a profile to",
+            Self::Profile(_, _, false) => "Open a profile to",
             Self::Pause(_) => "Hold",
             Self::Resume(_) => "Let go on",
             Self::Reject(_) => "Reject for good",
@@ -76,8 +94,12 @@ impl Intent {
     #[must_use]
     pub fn subject(&self) -> String {
         match self {
-            Self::Abort(Abort::Active(id) | Abort::Candidate(id))
+            Self::Profile(id, profile, _) => format!("{id}: {}", profile.name()),
+            Self::Abort(Abort::Active(id) | Abort::Last(id) | Abort::Candidate(id))
             | Self::Rollback(id)
+            | Self::Vacate(id)
+            | Self::Repeat(id)
+            | Self::Release(id)
             | Self::Pause(id)
             | Self::Resume(id)
             | Self::Reject(id)
@@ -227,7 +249,23 @@ impl Form {
         let aborted = "aborted at the console";
         let command = match &self.intent {
             Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
+            Intent::Abort(Abort::Last(id)) => Command::Vacate(operation(id, aborted)),
             Intent::Abort(Abort::Candidate(id)) => Command::Pause(operation(id, aborted)),
+            Intent::Vacate(id) => Command::Vacate(operation(id, &reason)),
+            Intent::Repeat(id) => {
+                Command::Repeat { operation: operation(id, &reason), stage: Stage::Sandbox }
+            }
+            Intent::Release(id) => {
+                Command::Release { operation: operation(id, &reason), profiles: Vec::new() }
+            }
+            Intent::Profile(id, profile, close) => {
+                let (operation, profiles) = (operation(id, &reason), vec![*profile]);
+                if *close {
+                    Command::Demote { operation, profiles }
+                } else {
+                    Command::Release { operation, profiles }
+                }
+            }
             Intent::Rollback(id) => Command::Rollback(operation(id, &reason)),
             Intent::Pause(id) => Command::Pause(operation(id, &reason)),
             Intent::Resume(id) => Command::Resume(operation(id, &reason)),

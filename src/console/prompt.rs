@@ -6,7 +6,7 @@
 use super::line::EditLine;
 use super::operator::Operator;
 use holdpoint_governance::approval::Answer;
-use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
+use holdpoint_protocol::snapshot::{CandidateView, PromptView, Purpose, Snapshot};
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
@@ -45,6 +45,8 @@ pub enum Obstacle {
     ShortId,
     /// The reason is missing.
     Reason,
+    /// The emergency door lets in or stays shut; there is nothing to reject.
+    NoRefusal,
     /// A field has the keys: leave it first.
     Typing,
 }
@@ -62,6 +64,7 @@ impl Obstacle {
             Self::Approved => "you have approved: a second person is needed (`:as NAME`)",
             Self::ShortId => "type the short id (tab)",
             Self::Reason => "give a reason (tab)",
+            Self::NoRefusal => "Esc leaves the door shut; F rejects the version",
             Self::Typing => "leave the field (tab)",
         }
     }
@@ -166,12 +169,22 @@ impl Prompt {
             .collect()
     }
 
+    /// The question as it stands now; absent if it is closed.
+    fn question<'a>(&self, snapshot: &'a Snapshot) -> Option<&'a PromptView> {
+        let open = match self.seen.purpose {
+            Purpose::Emergency => &snapshot.emergencies,
+            Purpose::Activation | Purpose::Release | Purpose::Review => &snapshot.prompts,
+        };
+        let same = |now: &&PromptView| now.version == self.seen.version && now.purpose == self.seen.purpose;
+        open.iter().find(same)
+    }
+
     /// Holds what was read against how things stand. Once stale it stays so until it is read again.
     pub fn look(&mut self, snapshot: &Snapshot) {
         if self.stale.is_some() {
             return;
         }
-        let now = snapshot.prompts.iter().find(|question| question.version == self.seen.version);
+        let now = self.question(snapshot);
         let what = match now {
             None => Some("the question is closed"),
             Some(now) if now.candidate != self.seen.candidate => Some("the candidate changed"),
@@ -194,7 +207,7 @@ impl Prompt {
 
     /// Reads the question again: guard time, fields and focus start anew. False if it is closed.
     pub fn reread(&mut self, snapshot: &Snapshot, now_ms: u64) -> bool {
-        let question = snapshot.prompts.iter().find(|question| question.version == self.seen.version);
+        let question = self.question(snapshot);
         let fresh = question.and_then(|question| Self::open(question, snapshot, now_ms));
         fresh.map(|fresh| *self = fresh).is_some()
     }
@@ -213,7 +226,9 @@ impl Prompt {
         let is = |name: &str| who.is_some_and(|who| who.name == name);
         let id_missing = approves && self.seen.tier >= 1 && self.short_id.text() != self.wanted_id();
         let reason_needed = !approves || self.seen.tier >= 2;
+        let emergency = self.seen.purpose == Purpose::Emergency;
         let checks = [
+            (emergency && !approves, Obstacle::NoRefusal),
             (read_only, Obstacle::ReadOnly),
             (who.is_none(), Obstacle::NoIdentity),
             (self.stale.is_some(), Obstacle::Stale),

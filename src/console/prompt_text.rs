@@ -7,6 +7,7 @@ use super::words::{kappa_line, reason_line, seconds};
 use holdpoint_engine::explain::is_in_favour;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::profile::titled;
+use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::Untrusted;
 
 /// Reasons against it that are shown.
@@ -20,17 +21,42 @@ impl Prompt {
     #[must_use]
     pub fn text(&self) -> Vec<String> {
         let seen = &self.seen;
-        let mut lines = vec![format!(
-            "Promote {} ({}) to active on {}, profile {}?",
-            seen.version,
-            self.wanted_id(),
-            self.robot,
-            titled(seen.profile, seen.site.as_ref())
-        )];
-        lines.push(seen.replaces.as_ref().map_or_else(
-            || "Replaces nothing: the family has no active version".to_owned(),
-            |replaced| format!("Replaces {replaced}, which stays pinned as the way back"),
-        ));
+        let (of, id, on) = (&seen.version, self.wanted_id(), &self.robot);
+        let mut lines = vec![match seen.purpose {
+            Purpose::Activation => {
+                format!(
+                    "Promote {of} ({id}) to active on {on}, profile {}?",
+                    titled(seen.profile, seen.site.as_ref())
+                )
+            }
+            Purpose::Release => format!("Release {of} ({id}) on {on}: lift its restriction?"),
+            Purpose::Review => format!("Was it right to let {of} ({id}) in alone, in an emergency, on {on}?"),
+            Purpose::Emergency => {
+                format!(
+                    "EMERGENCY: let {of} ({id}) in alone on {on}, profile {}?",
+                    titled(seen.profile, seen.site.as_ref())
+                )
+            }
+        }];
+        if seen.purpose == Purpose::Emergency {
+            let until = seconds(seen.deadline_ms);
+            lines.push(format!(
+                "Two people review it by {until}, or it is taken off; it is flagged until then"
+            ));
+        }
+        if !seen.about.is_empty() {
+            lines.push(seen.about.clone());
+        }
+        lines.push(match (seen.purpose, &seen.replaces) {
+            (Purpose::Activation | Purpose::Emergency, None) => {
+                "Replaces nothing: the family has no active version".to_owned()
+            }
+            (Purpose::Activation | Purpose::Emergency, Some(replaced)) => {
+                format!("Replaces {replaced}, which stays pinned as the way back")
+            }
+            (Purpose::Release | Purpose::Review, None) => "There is no way back from it".to_owned(),
+            (Purpose::Release | Purpose::Review, Some(back)) => format!("The way back is {back}"),
+        });
         lines.push(format!("Made by {}", seen.author));
         if let Some(deployment) = self.evidence.deployment {
             lines.push(format!("Deployment outcome so far: {deployment}"));
@@ -48,11 +74,21 @@ impl Prompt {
             lines.push("Not tested: nothing is known to be missing".to_owned());
         }
         lines.extend(seen.untested.iter().map(|what| format!("Not tested: {what}")));
-        lines.push(format!("If it gets worse: {}", seen.on_drift));
+        if matches!(seen.purpose, Purpose::Activation | Purpose::Emergency) {
+            lines.push(format!("If it gets worse: {}", seen.on_drift));
+        }
         let by =
             if seen.approved_by.is_empty() { "nobody yet".to_owned() } else { seen.approved_by.join(", ") };
         lines.push(format!("Approvals: {} of {} ({by})", seen.approved_by.len(), seen.needed));
-        lines.push(format!("Nobody answers by {}: it is held, never approved", seconds(seen.deadline_ms)));
+        let by = seconds(seen.deadline_ms);
+        lines.push(match seen.purpose {
+            Purpose::Activation => format!("Nobody answers by {by}: it is held, never approved"),
+            Purpose::Release => format!("Nobody answers by {by}: it stays restricted"),
+            Purpose::Review => {
+                format!("Nobody answers by {by}: it is taken off; nothing of its family is promoted before")
+            }
+            Purpose::Emergency => "Nobody answers: it stays held".to_owned(),
+        });
         lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()
     }
 

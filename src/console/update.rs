@@ -212,8 +212,11 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::Demote
         | Action::Rollback
         | Action::Restrict
+        | Action::Repeat
+        | Action::Release
         | Action::Continue
         | Action::Rearm => operating::on_version(model, action),
+        Action::BreakGlass => operating::break_glass(model),
         Action::Acknowledge | Action::Shelve | Action::Unshelve | Action::ResetAlarm => {
             operating::on_alarm(model, action)
         }

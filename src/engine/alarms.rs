@@ -138,6 +138,7 @@ impl Record {
             AlarmKey::Violation(version) | AlarmKey::Degraded(version) => !self.is_active(version),
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
+            AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),
             // Whoever ends the question or the rejection clears it.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
             // An engine that holds does so until it comes up again.
@@ -145,12 +146,19 @@ impl Record {
         }
     }
 
-    fn is_restricted(&self, version: &CapabilityId) -> bool {
+    pub(crate) fn is_restricted(&self, version: &CapabilityId) -> bool {
         self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
     }
 
     fn is_active(&self, version: &CapabilityId) -> bool {
         self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.state == State::Active)
+    }
+
+    /// Whether people still have to review how a version became active.
+    pub(crate) fn is_unreviewed(&self, version: &CapabilityId) -> bool {
+        self.ledger().family(&version.family).is_ok_and(|entry| {
+            entry.find(version).is_some_and(|(number, _, _)| entry.state.is_unreviewed(number))
+        })
     }
 
     /// Whether a family has an active version that may work.

@@ -18,10 +18,11 @@ use crate::monitors::Monitors;
 use crate::trial::lab::Party;
 
 /// What a version runs under: the profile, capped by its own declaration and its conditions, tighter if its
-/// monitor asked for that.
+/// monitor or an operator asked for that.
 #[must_use]
 pub fn terms_of(
     context: &Context,
+    ledger: &Ledger,
     dossiers: &Dossiers,
     monitors: &Monitors,
     capability: &Capability,
@@ -29,7 +30,8 @@ pub fn terms_of(
     let id = capability.id();
     let conditions = dossiers.of(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
     let (speed, force) = composition::envelope(&capability.manifest, conditions);
-    let restricted = monitors.of(&id).is_some_and(|watched| watched.restricted);
+    let on_record = ledger.version(&id).is_ok_and(|(_, standing, _)| standing.flags.restricted);
+    let restricted = on_record || monitors.of(&id).is_some_and(|watched| watched.restricted);
     let terms = context.terms().capped(speed, force);
     // On the arm only what passed the gate with these people's approval runs; in sandbox and shadow it is tried.
     let terms = if people_needed(conditions) > 0 { terms.reviewed() } else { terms };
@@ -53,7 +55,11 @@ pub fn party(
 ) -> Party {
     let fallback = version.manifest.recovery.fallback.as_ref();
     let fallback = fallback.and_then(|binding| ledger.resolve(&binding.family, &binding.version).cloned());
-    Party { version: version.clone(), terms: terms_of(context, dossiers, monitors, version), fallback }
+    Party {
+        version: version.clone(),
+        terms: terms_of(context, ledger, dossiers, monitors, version),
+        fallback,
+    }
 }
 
 /// What evidence on a candidate has to be bound to now.

@@ -52,6 +52,16 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             RecordKind::AuditClosed => {
                 reader.then(format!("the record of the upgrade was closed (record {})", record.seq));
             }
+            RecordKind::ProfilesSet => {
+                reader.then(format!("profiles were closed to it, or opened (record {})", record.seq));
+            }
+            RecordKind::Resumed => reader.then(format!("somebody let it go on (record {})", record.seq)),
+            RecordKind::BreakGlass => {
+                reader.then(format!("one person let it in by the emergency door (record {})", record.seq));
+            }
+            RecordKind::BreakGlassReviewed => {
+                reader.then(format!("people reviewed its emergency activation (record {})", record.seq));
+            }
             // No decision, and nothing that came of one.
             RecordKind::VersionRegistered
             | RecordKind::FlagsSet

@@ -312,7 +312,9 @@ impl Ledger {
         let mut last = Vec::new();
         for change in life {
             match *change {
-                LifecycleChange::Added { .. } | LifecycleChange::Standing { .. } => {}
+                LifecycleChange::Added { .. }
+                | LifecycleChange::Standing { .. }
+                | LifecycleChange::Review { .. } => {}
                 LifecycleChange::State { version, from, to } => {
                     let Some(id) = id_of(version) else { continue };
                     let expected = entry.members.get(usize::from(version.0)).map_or(0, |m| m.row_version);

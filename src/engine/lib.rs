@@ -8,6 +8,7 @@ mod alarms;
 mod binding;
 pub mod bound;
 mod caller;
+mod calls;
 pub mod cell;
 pub mod check;
 pub mod context;
@@ -142,6 +143,8 @@ pub struct Engine {
     next_seq: u64,
     answers: VecDeque<(String, Reply)>,
     waiting: VecDeque<Request>,
+    /// Calls made by the program that holds it.
+    calls: u64,
     ended: bool,
 }
 
@@ -174,7 +177,14 @@ impl Engine {
             cache: config.cache,
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines)?;
-        Ok(Self { pipeline, next_seq: 1, answers: VecDeque::new(), waiting: VecDeque::new(), ended: false })
+        Ok(Self {
+            pipeline,
+            next_seq: 1,
+            answers: VecDeque::new(),
+            waiting: VecDeque::new(),
+            calls: 0,
+            ended: false,
+        })
     }
 
     /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works

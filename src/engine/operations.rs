@@ -2,9 +2,11 @@
 //!
 //! Functions over the parts they need. What is refused has changed nothing.
 
+use holdpoint_body::TaskKind;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
 use crate::context::Context;
+use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::record::Record;
@@ -22,6 +24,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{ActiveCause, StoreError};
+use holdpoint_runtime::agent::Goal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Untrusted;
 
@@ -97,8 +100,66 @@ pub(crate) fn transition(
     accepted(&id, done)
 }
 
+/// A version that was paused, or that the gate or an unanswered question holds, goes on where it stands.
+pub(crate) fn resume(
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    operation: &Operation,
+) -> Result<Reply, Fault> {
+    let id = checked(record, operation)?;
+    let (_, standing, _) = record.ledger().version(&id)?;
+    let (state, held) = (standing.state, dossiers.is_held(&id));
+    let is_candidate = !matches!(state, State::Active | State::Superseded) && !state.is_terminal();
+    if standing.flags.paused || !(held && is_candidate) {
+        let reply = transition(record, operation, "resumed", |version| LifecycleEvent::Resume { version })?;
+        dossiers.edit(&id).held = false;
+        return Ok(reply);
+    }
+    let body = serde_json::json!({ "by": operation.by, "reason": operation.reason }).to_string();
+    record.note(RecordKind::Resumed, id.to_string(), body)?;
+    dossiers.edit(&id).held = false;
+    record.tell(EventKind::Resumed {
+        version: id.clone(),
+        by: operation.by.clone(),
+        reason: operation.reason.clone(),
+    });
+    let text = format!("{id} goes on where it stands; the gate looks at it anew");
+    Ok(Reply::Accepted { text, version: Some(id) })
+}
+
+/// What is done where nobody would take over.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum LastVersion {
+    /// It is asked for by name first.
+    Ask,
+    /// The family is stopped.
+    Take,
+}
+
+/// The question whether a family's last version is to be taken off; absent if somebody takes over.
+pub(crate) fn asks_for_last(record: &Record, id: &CapabilityId) -> Option<Reply> {
+    let entry = record.ledger().family(&id.family).ok()?;
+    let (version, standing, _) = entry.find(id)?;
+    if standing.state != State::Active || entry.state.restorable_predecessor(version).is_some() {
+        return None;
+    }
+    let family = &id.family;
+    Some(Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!(
+            "{id} is the last version of {family}: nobody would take over, and {family} would stop"
+        ),
+        hint: Some(format!("to stop it all the same, `holdpoint rollback {family} --stop-family`")),
+    })
+}
+
 /// An operator takes an active version off.
-pub(crate) fn roll_back(live: &mut Live<'_>, operation: &Operation, leave: Leave) -> Result<Reply, Fault> {
+pub(crate) fn roll_back(
+    live: &mut Live<'_>,
+    operation: &Operation,
+    leave: Leave,
+    last: LastVersion,
+) -> Result<Reply, Fault> {
     let id = checked(live.record, operation)?;
     let (_, standing, _) = live.record.ledger().version(&id)?;
     if standing.state != State::Active {
@@ -107,6 +168,10 @@ pub(crate) fn roll_back(live: &mut Live<'_>, operation: &Operation, leave: Leave
             text: format!("{id} is {}; only an active version is rolled back", standing.state),
             hint: Some("reject or demote a candidate instead".to_owned()),
         });
+    }
+    let asks = asks_for_last(live.record, &id);
+    if let Some(asks) = asks.filter(|_| last == LastVersion::Ask) {
+        return Ok(asks);
     }
     let trigger = format!("operator {}: {}", operation.by, operation.reason);
     live.dossiers.edit(&id).reasons =
@@ -146,6 +211,23 @@ pub(crate) fn drift(
     record.note(RecordKind::Drift, String::new(), body)?;
     record.tell(EventKind::Drift { kind, magnitude });
     Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
+}
+
+/// What the agent works towards from the next sequence on, if its interpreter knows the words.
+pub(crate) fn set_goal(world: &mut LiveWorld, text: &str) -> Reply {
+    match Goal::interpret(text) {
+        Ok(goal) => {
+            world.cell.set_goal(goal);
+            let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
+            let text = format!("from the next sequence on the agent works {}", tasks.join(", "));
+            Reply::Accepted { text, version: None }
+        }
+        Err(error) => Reply::Refused {
+            code: Refusal::BadInput,
+            text: Untrusted::new(error.to_string()).line().into_string(),
+            hint: None,
+        },
+    }
 }
 
 /// How fast the live world works from the next sequence on.

@@ -42,6 +42,7 @@ use crate::record::Record;
 use crate::restart;
 use crate::stages::activation::Activation;
 use crate::stages::confirmation::{self, ConfirmationRun};
+use crate::stages::emergency;
 use crate::stages::monitoring::{self, Live};
 use crate::stages::resume::{self, Resumption};
 use crate::stages::rollback::trigger;
@@ -109,6 +110,8 @@ pub struct Pipeline {
     /// The agent the store is for.
     agent: Digest,
     work: Option<Work>,
+    /// Stages begin by a call alone.
+    on_call: bool,
 }
 
 impl Pipeline {
@@ -140,6 +143,7 @@ impl Pipeline {
             resumptions: Vec::new(),
             health: CellHealth::default(),
             work: None,
+            on_call: false,
         };
         pipeline.record.recall_alarms()?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
@@ -209,7 +213,12 @@ impl Pipeline {
 
     /// What stages 6 and 7 work on.
     pub(crate) fn live(&mut self) -> Live<'_> {
-        Live {
+        self.live_and_approvals().0
+    }
+
+    /// What stages 6 and 7 work on, and what waits for people.
+    fn live_and_approvals(&mut self) -> (Live<'_>, &mut Approvals) {
+        let live = Live {
             context: &self.context,
             seed: self.trials.seed(),
             record: &mut self.record,
@@ -218,7 +227,8 @@ impl Pipeline {
             world: &mut self.world,
             resumptions: &mut self.resumptions,
             health: &mut self.health,
-        }
+        };
+        (live, &mut self.approvals)
     }
 
     /// What stage 5 works on.
@@ -289,7 +299,7 @@ impl Pipeline {
             }
             None => {}
         }
-        if let Some(id) = confirmation::next(&self.monitors, &self.dossiers) {
+        if let Some(id) = confirmation::next(&self.monitors, &self.dossiers).filter(|_| !self.on_call) {
             self.begin_confirmation(&id)?;
             return Ok(Progress::Worked);
         }
@@ -305,8 +315,12 @@ impl Pipeline {
     }
 
     /// Prompts and escalations whose time is over. Tells whether anything was done.
-    fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
-        Ok(self.activation().look_at_deadlines()? || self.live().look_at_monitors()?)
+    pub(crate) fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        if self.activation().look_at_deadlines()? || self.live().look_at_monitors()? {
+            return Ok(true);
+        }
+        let (mut live, approvals) = self.live_and_approvals();
+        emergency::look_at_reviews(&mut live, approvals)
     }
 
     pub(crate) fn next_deadline_ms(&self) -> Option<u64> {
@@ -320,10 +334,18 @@ impl Pipeline {
 
     /// The first candidate, in order of family and registration, with a stage to begin.
     fn next_stage(&self) -> Option<(CapabilityId, Stage)> {
+        if self.on_call {
+            return None;
+        }
         for (_, entry) in self.record.ledger().families() {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
                 if version.flags.paused || version.flags.awaiting_approval || self.dossiers.is_held(&id) {
+                    continue;
+                }
+                // Nothing can be compared with nobody: a stopped family is re-armed first.
+                let compares = matches!(version.state, State::Validated | State::Sandboxed | State::Demoted);
+                if compares && entry.active().is_none() {
                     continue;
                 }
                 let stage = match (version.state, version.flags.running) {

@@ -6,6 +6,8 @@
 
 use std::time::Duration;
 
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::{MakeSink, Pictures, Serve};
@@ -82,6 +84,16 @@ impl Pump {
     /// As [`Engine::pace_live_world`].
     pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
         self.engine.pace_live_world(times, pictures);
+    }
+
+    /// Begins one stage of one candidate by itself, by the call that is for it.
+    pub fn launch(&mut self, id: &CapabilityId, stage: Stage) -> Reply {
+        match stage {
+            Stage::Validation => self.engine.run_compat_checks(id),
+            Stage::Sandbox => self.engine.launch_sandbox_eval(id),
+            Stage::Shadow => self.engine.launch_shadow_eval(id),
+            Stage::Activation => self.engine.activate_candidate(id),
+        }
     }
 
     /// As [`Engine::fail`].

@@ -113,7 +113,7 @@ fn resume_questions(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<()
     let mut open = Vec::new();
     for (family, entry) in record.ledger().families() {
         for (index, version) in entry.state.versions.iter().enumerate() {
-            if version.flags.awaiting_approval && version.state == State::Shadowed {
+            if version.flags.awaiting_approval && matches!(version.state, State::Shadowed | State::Active) {
                 open.push((family.clone(), index));
             }
         }
@@ -141,8 +141,14 @@ fn resume_questions(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<()
             before: void_requests(record.ledger(), &id)?,
             ..Note::because("the engine came up again: people are asked anew")
         };
+        let restricted = record.ledger().version(&id)?.1.state == State::Active;
         record.transition(&family, LifecycleEvent::ApprovalExpired { version }, note)?;
-        say_recovered(record, &id, "people had been asked; they are asked anew");
+        let what = if restricted {
+            "people had been asked to release it; it stays restricted until they are asked anew"
+        } else {
+            "people had been asked; they are asked anew"
+        };
+        say_recovered(record, &id, what);
     }
     Ok(())
 }

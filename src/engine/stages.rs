@@ -6,10 +6,15 @@
 pub mod activation;
 pub(crate) mod closing;
 pub mod confirmation;
+pub(crate) mod emergency;
 pub(crate) mod ladder;
 pub mod monitoring;
+pub(crate) mod release;
 pub mod resume;
 pub mod rollback;
 pub mod sandbox;
 pub mod shadow;
 pub mod validation;
+
+#[cfg(test)]
+mod standings;

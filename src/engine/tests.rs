@@ -42,6 +42,7 @@ fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
         jobs: 1,
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
+        own: None,
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
     };
@@ -52,7 +53,7 @@ fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
 fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
     Engine::start(Config {
         data: folder,
-        profile: ProfileName::Sim,
+        profile: ProfileName::Sim.into(),
         seed: CALIBRATION_FROM_RUN,
         jobs: 1,
         scripted: true,

@@ -154,6 +154,17 @@ pub struct ApprovalResult {
     pub reasons: Vec<Reason>,
 }
 
+impl ApprovalResult {
+    /// Whether one person granted it by the emergency door.
+    #[must_use]
+    pub const fn is_emergency(&self) -> bool {
+        matches!(self.outcome, ApprovalOutcome::Granted { break_glass: true, .. })
+    }
+}
+
+/// People who have to review an emergency activation: two, neither who broke the glass nor the author.
+pub const REVIEWERS: u8 = 2;
+
 /// Distinct people needed: by risk tier if activation is bound to approvals, and at least the review's
 /// quorum if a dimension asked for a review.
 #[must_use]

@@ -293,6 +293,9 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
     found.rules(input, table, profile);
     let quorum = people_needed(input.kappas, (input.risk, input.provenance), table, profile);
     let glass = found.approvals(input.approval, quorum);
+    if glass {
+        found.overrule();
+    }
     found.conclude(input, profile, quorum, glass)
 }
 
@@ -452,7 +455,7 @@ impl GateFindings {
 
     /// Whether the approval is a break-glass one.
     fn approvals(&mut self, approval: Option<&ApprovalResult>, quorum: u8) -> bool {
-        if quorum == 0 {
+        if quorum == 0 && !approval.is_some_and(ApprovalResult::is_emergency) {
             return false;
         }
         let Some(approval) = approval else {
@@ -488,6 +491,17 @@ impl GateFindings {
         list.push(own);
         list.extend(approval.reasons.iter().cloned());
         glass
+    }
+
+    /// An emergency approval overrules what people or the calendar hold a version for, and nothing that was
+    /// measured; a review that is open holds all the same.
+    fn overrule(&mut self) {
+        let (stays, overruled): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.hold).into_iter().partition(|reason| {
+                !matches!(reason.code, ReasonCode::GateFrozen | ReasonCode::GateProfileClosed)
+            });
+        self.hold = stays;
+        self.noted.extend(overruled);
     }
 
     fn conclude(self, input: &GateInput<'_>, profile: &Profile, quorum: u8, glass: bool) -> GateResult {

@@ -3,7 +3,11 @@
 //! State = the last stage passed; a stage that runs is a flag. `apply` is total, pure and the only place
 //! where a state changes. Sources: paper appendix A; design rule 3.9; readings X51 to X54.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
+
+use super::profile::ProfileName;
 
 mod apply;
 mod rules;
@@ -46,7 +50,8 @@ impl State {
             Self::Sandboxed => matches!(to, Self::Shadowed | Self::Demoted | Self::Rejected),
             Self::Shadowed => matches!(to, Self::Active | Self::Demoted | Self::Rejected),
             Self::Active => matches!(to, Self::Superseded | Self::RolledBack | Self::Demoted),
-            Self::Demoted => matches!(to, Self::Sandboxed | Self::Shadowed | Self::Rejected),
+            // Active again by re-arming alone, where a stopped family has nobody else to go back to.
+            Self::Demoted => matches!(to, Self::Sandboxed | Self::Shadowed | Self::Rejected | Self::Active),
             Self::Superseded => matches!(to, Self::Active | Self::Rejected),
             Self::Rejected | Self::RolledBack => false,
         }
@@ -141,6 +146,23 @@ pub struct Version {
     pub gate: Option<Stamp>,
     /// Under what the approvals that the profile needs were completed.
     pub approval: Option<Stamp>,
+    /// Whether it was in control before. Absent in older stores, where a family's first version alone is known to have.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub acted: bool,
+    /// Profiles that are closed to it by a profile demotion; the gate holds under them. Absent in older stores.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub closed: BTreeSet<ProfileName>,
+}
+
+/// The review of an emergency activation (design rule 3.10): open until people have looked at it, whatever has become
+/// of the version meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Review {
+    /// The version that one person let in.
+    pub version: VersionRef,
+    /// Virtual time at which the emergency approval lapses, ms: unreviewed by then, the version is taken off.
+    pub until_ms: u64,
 }
 
 /// A family: its versions and what holds for all of them.
@@ -155,6 +177,9 @@ pub struct FamilyState {
     pub context: u32,
     /// Whether the profile needs people's approval before an activation.
     pub needs_approval: bool,
+    /// The review that is open; nothing is promoted before it is closed. Absent in stores made before there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub review: Option<Review>,
 }
 
 /// The most versions a family may have over its whole life.
@@ -236,9 +261,35 @@ pub enum LifecycleEvent {
         /// The shadowed version with a current gate pass and, if the profile asks for it, current approvals.
         version: VersionRef,
     },
+    /// As [`LifecycleEvent::Activate`], by one person's emergency approval: a review of it is open from then on.
+    ActivateUnreviewed {
+        /// The shadowed version that one person lets in.
+        version: VersionRef,
+        /// Virtual time at which the emergency approval lapses, ms.
+        until_ms: u64,
+    },
+    /// People have reviewed the emergency activation of a version; what they think of it moves nothing here.
+    Reviewed {
+        /// The version whose review is open, in whatever state it is now.
+        version: VersionRef,
+    },
+    /// A profile is closed to a version: under it the gate holds.
+    Close {
+        /// The version, not terminal.
+        version: VersionRef,
+        /// The profile under which it is not to act.
+        profile: ProfileName,
+    },
+    /// A closed profile is open to a version again.
+    Open {
+        /// The version, not terminal.
+        version: VersionRef,
+        /// The profile that was closed to it.
+        profile: ProfileName,
+    },
     /// The provisional window passed without a trip and no doubt is open.
     Confirm {
-        /// The active, provisional and unrestricted version that is confirmed.
+        /// The active, provisional, unrestricted and reviewed version that is confirmed.
         version: VersionRef,
     },
     /// The monitor narrows the envelope.
@@ -338,6 +389,11 @@ pub enum LifecycleChange {
         /// Whether the family is safe-stopped from now on.
         stopped: bool,
     },
+    /// The review of an emergency activation was opened or closed.
+    Review {
+        /// The version whose review is open from now on; `None`: none is.
+        open: Option<VersionRef>,
+    },
     /// Gate passes, approvals and comparative evidence of earlier contexts are void.
     Context {
         /// The new count; what bears an older one no longer counts.
@@ -349,7 +405,7 @@ impl FamilyState {
     /// A family as it is before its bootstrap.
     #[must_use]
     pub const fn empty(needs_approval: bool) -> Self {
-        Self { versions: Vec::new(), safe_stopped: false, context: 0, needs_approval }
+        Self { versions: Vec::new(), safe_stopped: false, context: 0, needs_approval, review: None }
     }
 
     /// The version in control; `None` in a new or safe-stopped family.
@@ -378,9 +434,57 @@ impl FamilyState {
         self.versions.iter().any(|other| holds(other.state) && other.predecessor == Some(version))
     }
 
+    /// Whether a version was in control before.
+    #[must_use]
+    pub fn has_acted(&self, version: VersionRef) -> bool {
+        version.0 == 0 || self.get(version).is_some_and(|found| found.acted)
+    }
+
+    /// Whether people still have to review how this version became active.
+    #[must_use]
+    pub fn is_unreviewed(&self, version: VersionRef) -> bool {
+        self.review.is_some_and(|review| review.version == version)
+    }
+
     /// The version's predecessor, if it can still be restored.
-    fn restorable_predecessor(&self, version: VersionRef) -> Option<VersionRef> {
+    #[must_use]
+    pub fn restorable_predecessor(&self, version: VersionRef) -> Option<VersionRef> {
         self.get(version)?.predecessor.filter(|target| self.state(*target) == Some(State::Superseded))
+    }
+}
+
+impl Version {
+    /// A version without history.
+    #[must_use]
+    pub fn new(state: State) -> Self {
+        Self {
+            state,
+            flags: Flags::default(),
+            row_version: 1,
+            round: 0,
+            predecessor: None,
+            sandbox: None,
+            shadow: None,
+            gate: None,
+            approval: None,
+            acted: false,
+            closed: BTreeSet::new(),
+        }
+    }
+
+    /// Leaves for a state in which nothing of its standing holds.
+    fn leave(&mut self, to: State) {
+        let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
+        let paused = self.flags.paused && !to.is_terminal();
+        *self = Self {
+            flags: Flags { paused, ..Flags::default() },
+            row_version: self.row_version,
+            round: self.round,
+            sandbox: keep,
+            acted: self.acted || self.state == State::Active,
+            closed: std::mem::take(&mut self.closed),
+            ..Self::new(to)
+        };
     }
 }
 

@@ -60,6 +60,8 @@ crate::words! {
     MonitorAnswer, "answer to a monitor", {
         /// The version works on; its charts begin anew.
         GoOn = "go-on",
+        /// As that, and its restriction is lifted.
+        Release = "release",
     }
 }
 
@@ -467,9 +469,21 @@ impl Monitor {
         Ok(())
     }
 
-    /// People released the restriction; the version works on at its full envelope.
-    pub fn released(&mut self) {
+    /// People released the restriction: the version works on at its full envelope, and what was measured under the
+    /// tighter one says nothing of it. Charts and window begin anew; a question that was open is answered by it.
+    ///
+    /// # Errors
+    /// As [`Monitor::answered`].
+    pub fn released(
+        &mut self,
+        profile: &Profile,
+        expected: &Signature,
+        now_tick: u64,
+    ) -> Result<(), MonitorError> {
+        self.answered(profile, expected, now_tick)?;
         self.restricted = false;
+        self.provisional_left = profile.activation.provisional_episodes;
+        Ok(())
     }
 
     fn escalate(&mut self, now_tick: u64) {

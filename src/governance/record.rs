@@ -56,6 +56,14 @@ crate::words! {
         Monitor = "monitor",
         /// A person's answer to the monitor's question.
         MonitorAnswer = "monitor-answer",
+        /// Profiles were closed to a version, or opened again: by whom and why.
+        ProfilesSet = "profiles-set",
+        /// A held version was let go on: by whom and why.
+        Resumed = "resumed",
+        /// One person let a version in by the emergency door: who, why, and until when it has to be reviewed.
+        BreakGlass = "break-glass",
+        /// What the review of an emergency activation came to, and who reviewed it.
+        BreakGlassReviewed = "break-glass-reviewed",
         /// What was shown to people who decided.
         Shown = "shown",
         /// Who reset an alarm, and why it was safe.
@@ -166,6 +174,9 @@ pub struct VersionSummary {
     pub risk: Risk,
     /// Virtual time of its last change, ms.
     pub changed_ms: u64,
+    /// It became active by the emergency door, and people have not reviewed that yet.
+    #[serde(default)]
+    pub unreviewed: bool,
 }
 
 /// One record of the audit chain, hashed together with the record before it.

@@ -31,6 +31,8 @@ crate::words! {
         OpenDoubt = "open-doubt",
         /// The store was opened under a profile that the version does not admit, such as another than simulation.
         ProfileNotAdmitted = "profile-not-admitted",
+        /// It was let in by the emergency door, and nobody reviewed that in time.
+        Unreviewed = "unreviewed",
     }
 }
 

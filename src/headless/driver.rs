@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::outcome::{Followed, outcome_of};
 use super::printer::Printer;
-use super::script::{DriftStep, Expect, Say, Step, Wait, Work};
+use super::script::{DriftStep, Expect, Profiles, Say, Step, Wait, Work};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
@@ -15,10 +15,10 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::submission::Package;
 use holdpoint_lab::approver;
-use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::command::{Command, Operation, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::standing::{Decider, Stands};
@@ -54,8 +54,28 @@ impl<'a> Driver<'a> {
         Self { pump, printer, requests: 0, candidate: None, given: Vec::new(), confirmed: false }
     }
 
+    /// Works a stage that was begun by a call to its end.
+    pub(super) fn run_stage(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), CliError> {
+        self.candidate = Some(id.clone());
+        let reply = self.pump.launch(id, stage);
+        self.take_events()?;
+        if let Reply::Refused { code, text, hint } = &reply {
+            return Err(crate::cli::refused(*code, text, hint.as_deref()));
+        }
+        while !self.is_over() && self.view().is_some_and(|view| view.flags.running.is_some()) {
+            let (_, events) = self.pump.turn();
+            self.tell(&events)?;
+        }
+        Ok(())
+    }
+
     pub(super) fn note(&mut self, text: &str) -> Result<(), CliError> {
         self.printer.note(text)
+    }
+
+    /// Nobody reads what is told, or the engine has ended.
+    const fn is_over(&self) -> bool {
+        self.printer.is_gone() || self.pump.engine().has_ended()
     }
 
     /// Carries out a step of a scenario; `index` names it in errors.
@@ -68,8 +88,12 @@ impl<'a> Driver<'a> {
             self.say(say, Answer::Approve)
         } else if let Some(say) = &step.reject {
             self.say(say, Answer::Reject)
+        } else if let Some(say) = &step.break_glass {
+            self.break_glass(say)
         } else if let Some(drift) = &step.drift {
             self.drift(drift)
+        } else if let Some(goal) = &step.goal {
+            self.accept(Command::Goal { goal: goal.clone() })
         } else if let Some(fault) = &step.fault {
             self.accept(Command::LiveFault { fault: Some(fault.kind) })
         } else if let Some(Say { who, reason }) = &step.stop {
@@ -83,8 +107,62 @@ impl<'a> Driver<'a> {
         } else if let Some(expect) = &step.expect {
             self.expect(expect, index)
         } else {
-            Ok(StepEnd::Done)
+            self.operate(step)
         }
+    }
+
+    /// Carries out a step that is an operation on the last candidate.
+    fn operate(&mut self, step: &Step) -> Result<StepEnd, CliError> {
+        let Some(version) = self.candidate.clone() else {
+            return Err(CliError::usage("nothing was registered that the step could be about"));
+        };
+        let operation = |by: &str, reason: &str| Operation {
+            version: version.clone(),
+            by: by.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let said = |say: &Say| operation(&say.who, &say.reason);
+        let of = |some: &Profiles| (operation(&some.who, &some.reason), some.profiles.clone());
+        let command = if let Some(some) = &step.demote {
+            let (operation, profiles) = of(some);
+            Command::Demote { operation, profiles }
+        } else if let Some(some) = &step.release {
+            let (operation, profiles) = of(some);
+            Command::Release { operation, profiles }
+        } else if let Some(again) = &step.repeat {
+            self.ended_before();
+            Command::Repeat { operation: operation(&again.who, &again.reason), stage: again.stage }
+        } else if let Some(say) = &step.restrict {
+            Command::Restrict(said(say))
+        } else if let Some(say) = &step.rollback {
+            Command::Rollback(said(say))
+        } else if let Some(say) = &step.pause {
+            Command::Pause(said(say))
+        } else if let Some(say) = &step.resume {
+            Command::Resume(said(say))
+        } else if let Some(say) = &step.go_on {
+            Command::Continue(said(say))
+        } else {
+            return Ok(StepEnd::Done);
+        };
+        self.accept(command)
+    }
+
+    /// What became of the candidate before it is evaluated again does not count any more.
+    const fn ended_before(&mut self) {
+        self.confirmed = false;
+    }
+
+    /// Signs an emergency approval of what is held back, as a named person whose key is in the store's folder.
+    fn break_glass(&mut self, say: &Say) -> Result<StepEnd, CliError> {
+        let snapshot = self.pump.engine().snapshot();
+        let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
+        let Some(door) = snapshot.emergencies.into_iter().find(|door| ours(&door.version)) else {
+            return Err(CliError::usage("nothing is held back that the emergency door is for"));
+        };
+        let command = approver::break_glass(self.pump.engine(), &door, &say.who, &say.reason)
+            .map_err(CliError::usage)?;
+        self.accept(command)
     }
 
     /// Takes and prints what the engine tells.
@@ -231,6 +309,10 @@ impl<'a> Driver<'a> {
             let prompts = self.pump.engine().snapshot().prompts;
             return prompts.iter().any(|open| prompt.is_about(&open.version));
         }
+        if let Some(question) = &wait.question {
+            let questions = self.pump.engine().snapshot().questions;
+            return questions.iter().any(|open| question.is_about(&open.version));
+        }
         let Some(view) = self.view() else { return false };
         match wait.state {
             Some(Stands::Confirmed) => self.confirmed,
@@ -295,9 +377,36 @@ impl<'a> Driver<'a> {
         fail(format!("the reason {:?} was not given; given were {}", code.as_str(), known.join(", ")))
     }
 
+    /// The exit code by what one stage came to: passed, rejected, or held.
+    pub(super) fn finish_stage(mut self, stage: Stage) -> Result<Exit, CliError> {
+        let passed = match stage {
+            Stage::Validation => State::Validated,
+            Stage::Sandbox => State::Sandboxed,
+            Stage::Shadow => State::Shadowed,
+            Stage::Activation => State::Active,
+        };
+        let exit = match self.view().map(|view| view.state) {
+            Some(state) if state == passed => Exit::Confirmed,
+            Some(State::Rejected) => Exit::Rejected,
+            Some(_) | None => Exit::Held,
+        };
+        let said = if exit == Exit::Confirmed { "passed" } else { exit.word() };
+        self.end(&format!("outcome: {said}"))?;
+        Ok(exit)
+    }
+
     /// The exit code by what became of the last candidate.
     pub(super) fn finish(mut self) -> Result<Exit, CliError> {
         let followed = self.view().map(|view| Followed { exit: outcome_of(&view), version: view.version });
+        let said = followed
+            .as_ref()
+            .map_or_else(|| "nothing was judged: no version was submitted".to_owned(), ToString::to_string);
+        self.end(&said)?;
+        Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
+    }
+
+    /// Ends the engine and says how it ended.
+    fn end(&mut self, said: &str) -> Result<(), CliError> {
         self.requests += 1;
         let id = format!("script-{}", self.requests);
         self.pump.submit(Request { id, command: Command::Shutdown });
@@ -305,10 +414,6 @@ impl<'a> Driver<'a> {
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
         let events = self.pump.finish();
         self.tell(&events)?;
-        match &followed {
-            Some(followed) => self.note(&followed.to_string())?,
-            None => self.note("nothing was judged: no version was submitted")?,
-        }
-        Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
+        self.note(said)
     }
 }

@@ -11,6 +11,9 @@ use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_text::Hint;
 
@@ -29,6 +32,21 @@ pub struct RunScript<'a> {
     pub json: bool,
     /// Who listens besides the printer: recordings, a live viewer.
     pub sinks: Vec<MakeSink>,
+}
+
+/// One stage of one candidate by itself, printed as it happens.
+pub struct RunStage<'a> {
+    pub data: &'a Path,
+    /// The profile the store was last used with.
+    pub profile: ChosenProfile,
+    pub seed: u64,
+    pub jobs: usize,
+    /// The robot the store is for.
+    pub cell: Cell,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+    pub version: &'a CapabilityId,
+    pub stage: Stage,
 }
 
 /// The seed if neither script nor command line name one.
@@ -83,6 +101,28 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
 /// If none can be made.
 pub fn fresh_store() -> Result<tempfile::TempDir, CliError> {
     tempfile::tempdir().map_err(|error| CliError::usage(format!("cannot make a temporary folder: {error}")))
+}
+
+/// Runs one stage of one candidate and nothing else.
+///
+/// # Errors
+/// As [`run_script`], and with exit code 3 if the stage cannot be begun now.
+pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let mut engine = Engine::start(Config {
+        data: run.data,
+        profile: run.profile,
+        seed: run.seed,
+        jobs: run.jobs,
+        scripted: false,
+        cell: run.cell,
+        cache: EpisodeCache::InStore,
+    })
+    .map_err(start_error)?;
+    engine.begin_on_call();
+    let mut driver = Driver::new(Pump::new(engine, Vec::new()), Printer::new(out, run.json));
+    driver.take_events()?;
+    driver.run_stage(run.version, run.stage)?;
+    driver.finish_stage(run.stage)
 }
 
 pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {

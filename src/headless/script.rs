@@ -20,6 +20,7 @@ use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::AlarmKind;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::words::WordError;
@@ -61,6 +62,27 @@ pub struct Step {
     pub wait: Option<Wait>,
     pub approve: Option<Say>,
     pub reject: Option<Say>,
+    /// One person lets the last candidate in by the emergency door.
+    pub break_glass: Option<Say>,
+    /// Send the last candidate back to evaluation, or close profiles to it.
+    pub demote: Option<Profiles>,
+    /// Lift its restriction, or open profiles to it again.
+    pub release: Option<Profiles>,
+    /// Evaluate it again.
+    pub repeat: Option<Again>,
+    /// Tighten its envelope.
+    pub restrict: Option<Say>,
+    /// Take it off.
+    pub rollback: Option<Say>,
+    /// Hold it.
+    pub pause: Option<Say>,
+    /// Let it go on where it is held.
+    pub resume: Option<Say>,
+    /// Answer its monitor's question: it goes on.
+    #[serde(rename = "continue")]
+    pub go_on: Option<Say>,
+    /// What the live world's agent works towards from its next sequence on.
+    pub goal: Option<String>,
     /// Let a drift set in.
     pub drift: Option<DriftStep>,
     /// Break something in the live world.
@@ -87,6 +109,9 @@ pub struct Wait {
     /// Until such a prompt is open.
     #[serde(default)]
     pub prompt: Option<AwaitedPrompt>,
+    /// Until a monitor asks about such a version.
+    #[serde(default)]
+    pub question: Option<AwaitedPrompt>,
     /// Longest wait, virtual s.
     pub timeout_s: f64,
 }
@@ -116,6 +141,29 @@ pub struct Work {
 pub struct Pass {
     /// Virtual s.
     pub for_s: f64,
+}
+
+/// What somebody says about a version, and the profiles it is about.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profiles {
+    #[serde(rename = "as")]
+    pub who: String,
+    pub reason: String,
+    /// Empty: about the version as a whole.
+    #[serde(default)]
+    pub profiles: Vec<ProfileName>,
+}
+
+/// A stage that somebody wants repeated.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Again {
+    #[serde(rename = "as")]
+    pub who: String,
+    pub reason: String,
+    /// Sandbox or shadow.
+    pub stage: Stage,
 }
 
 /// A drift of the live world.
@@ -201,6 +249,16 @@ impl Script {
                 step.wait.is_some(),
                 step.approve.is_some(),
                 step.reject.is_some(),
+                step.break_glass.is_some(),
+                step.demote.is_some(),
+                step.release.is_some(),
+                step.repeat.is_some(),
+                step.restrict.is_some(),
+                step.rollback.is_some(),
+                step.pause.is_some(),
+                step.resume.is_some(),
+                step.go_on.is_some(),
+                step.goal.is_some(),
                 step.drift.is_some(),
                 step.fault.is_some(),
                 step.stop.is_some(),
@@ -211,7 +269,9 @@ impl Script {
             ];
             let count = given.into_iter().filter(|given| *given).count();
             if count != 1 {
-                let allowed = "exactly one of register, wait, approve, reject, drift, fault, stop, go, pass, work, expect";
+                let allowed = "exactly one of register, wait, approve, reject, break_glass, demote, release, \
+                               repeat, restrict, rollback, pause, resume, continue, goal, drift, fault, stop, go, \
+                               pass, work, expect";
                 return problem(&at, &format!("{count} of them"), allowed);
             }
             if let Some(pass) = step.pass.filter(|pass| !(pass.for_s > 0.0 && pass.for_s <= WAIT_MAX_SECS)) {
@@ -225,12 +285,12 @@ impl Script {
                 return problem(&format!("{at}.work.sequences"), &work.sequences.to_string(), allowed);
             }
             if let Some(wait) = &step.wait {
-                if wait.state.is_some() == wait.prompt.is_some() {
-                    return problem(
-                        &format!("{at}.wait"),
-                        "both or neither",
-                        "exactly one of state and prompt",
-                    );
+                let awaited = [wait.state.is_some(), wait.prompt.is_some(), wait.question.is_some()];
+                let awaited = awaited.into_iter().filter(|given| *given).count();
+                if awaited != 1 {
+                    let found = format!("{awaited} of them");
+                    let allowed = "exactly one of state, prompt and question";
+                    return problem(&format!("{at}.wait"), &found, allowed);
                 }
                 if !(wait.timeout_s > 0.0 && wait.timeout_s <= WAIT_MAX_SECS) {
                     let allowed = "above 0 and at most 1000000 s";
@@ -268,12 +328,25 @@ mod tests {
             go = { as = "ana", reason = "the cell is empty" }
             [[step]]
             work = { sequences = 10, until = "rolled-back" }
+            wait = { question = "any", timeout_s = 600 }
+            [[step]]
+            continue = { as = "alice", reason = "the link is known" }
+            [[step]]
+            restrict = { as = "alice", reason = "a visitor" }
+            [[step]]
+            release = { as = "alice", reason = "the visitor left" }
+            [[step]]
+            demote = { as = "alice", reason = "too fast", profiles = ["human"] }
+            [[step]]
+            repeat = { as = "alice", reason = "mended", stage = "sandbox" }
+            [[step]]
+            break_glass = { as = "alice", reason = "the old one drops parts" }
             [[step]]
             wait = { state = "confirmed", timeout_s = 600 }
             [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 11);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 18);
     }
 
     #[test]
@@ -296,6 +369,10 @@ mod tests {
             ("profile = \"sim\"\n[[step]]\nwait = { state = \"active\", timeout_s = nan }", "timeout_s"),
             ("profile = \"sim\"\n[[step]]\nwork = { sequences = 0 }", "sequences"),
             ("profile = \"sim\"\n[[step]]\npass = { for_s = 0 }", "for_s"),
+            (
+                "profile = \"sim\"\n[[step]]\nrepeat = { as = \"a\", reason = \"b\", stage = \"gate\" }",
+                "sandbox",
+            ),
             ("profile = \"moon\"\n[[step]]\nregister = \"x\"", "moon"),
             ("profile = \"sim\"\nstep = []", "0 steps"),
         ] {

@@ -40,10 +40,23 @@ pub fn answer(
     answer: Answer,
     reason: &str,
 ) -> Result<Command, ApproverError> {
+    Ok(prompt.answer(&identity(engine, who)?, answer, reason, None)?)
+}
+
+/// The command by which `who` lets in alone what `door` is about. An identity that the store does not know is made.
+///
+/// # Errors
+/// [`ApproverError`].
+pub fn break_glass(
+    engine: &Engine,
+    door: &PromptView,
+    who: &str,
+    reason: &str,
+) -> Result<Command, ApproverError> {
+    Ok(door.break_glass(&identity(engine, who)?, reason, None)?)
+}
+
+fn identity(engine: &Engine, who: &str) -> Result<Identity, IdentityError> {
     let folder = engine.layout().identities();
-    let identity = match Identity::load(&folder, who) {
-        Ok(identity) => identity,
-        Err(_) => Identity::create(&folder, who, Role::Engineer)?,
-    };
-    Ok(prompt.answer(&identity, answer, reason, None)?)
+    Identity::load(&folder, who).or_else(|_| Identity::create(&folder, who, Role::Engineer))
 }

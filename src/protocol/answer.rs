@@ -18,6 +18,30 @@ impl PromptView {
         reason: &str,
         shown: Option<String>,
     ) -> Result<Command, ApprovalError> {
+        self.sign(who, decision, reason, shown, false)
+    }
+
+    /// The command by which `who` lets this version in alone, in an emergency (break-glass).
+    ///
+    /// # Errors
+    /// As [`PromptView::answer`].
+    pub fn break_glass(
+        &self,
+        who: &Identity,
+        reason: &str,
+        shown: Option<String>,
+    ) -> Result<Command, ApprovalError> {
+        self.sign(who, Answer::Approve, reason, shown, true)
+    }
+
+    fn sign(
+        &self,
+        who: &Identity,
+        decision: Answer,
+        reason: &str,
+        shown: Option<String>,
+        break_glass: bool,
+    ) -> Result<Command, ApprovalError> {
         let signed = who.sign(Approval {
             who: who.info().name.clone(),
             role: who.info().role,
@@ -32,6 +56,7 @@ impl PromptView {
             store_id: self.store_id.clone(),
             nonce: Nonce::random()?,
             not_after_ms: self.valid_until_ms,
+            break_glass,
         });
         Ok(Command::Decide { signed: Box::new(signed), shown })
     }

@@ -35,13 +35,24 @@ pub enum Command {
     },
     /// Refuse a candidate for good; an active version is rolled back instead.
     Reject(Operation),
-    /// Take the active version off: safe pose first, then the predecessor.
+    /// Take the active version off: safe pose first, then the predecessor. Without a predecessor it is refused;
+    /// [`Command::Vacate`] is for that.
     Rollback(Operation),
+    /// Take the last version of a family off: no version acts until somebody re-arms the family.
+    Vacate(Operation),
     /// Send a version back to evaluation, or close profiles to it.
     Demote {
         /// Version, person and reason.
         operation: Operation,
-        /// Profiles that are closed to it; empty for a soft demotion.
+        /// Profiles that are closed to it (a profile demotion: it keeps its state, unless it acts under one of
+        /// them); empty for a soft demotion.
+        profiles: Vec<ProfileName>,
+    },
+    /// Lift the restriction of an active version, or open profiles to a version again.
+    Release {
+        /// Version, person and reason.
+        operation: Operation,
+        /// Profiles that are open to it again; empty for the envelope that monitor or operator tightened.
         profiles: Vec<ProfileName>,
     },
     /// Hold a candidate: it does not advance; rejecting, demoting and rolling back still work.
@@ -123,6 +134,12 @@ pub enum Command {
         by: String,
         /// Why it is safe, in the person's own words; a blank reason is refused.
         reason: String,
+    },
+    /// What the agent of the live world works towards, from the next sequence on.
+    Goal {
+        /// In the words of the agent's goal interpreter: `pick-align-place`, or the last primitive to work (`grasp`,
+        /// `align`, `place`).
+        goal: String,
     },
     /// How fast the simulated live world works.
     Pace {
@@ -314,7 +331,9 @@ impl Command {
             | Self::Decide { .. }
             | Self::Reject(_)
             | Self::Rollback(_)
+            | Self::Vacate(_)
             | Self::Demote { .. }
+            | Self::Release { .. }
             | Self::Pause(_)
             | Self::Resume(_)
             | Self::Repeat { .. }
@@ -324,6 +343,7 @@ impl Command {
             | Self::LiveFault { .. }
             | Self::Continue(_)
             | Self::Go { .. }
+            | Self::Goal { .. }
             | Self::Pace { .. }
             | Self::Shutdown => false,
         }
@@ -345,7 +365,10 @@ impl Command {
     /// Whether it takes authority away: the arm is stopped for it wherever it works.
     #[must_use]
     pub const fn stops_the_arm(&self) -> bool {
-        matches!(self, Self::Rollback(_) | Self::Restrict(_) | Self::Rearm(_) | Self::Shutdown)
+        matches!(
+            self,
+            Self::Rollback(_) | Self::Vacate(_) | Self::Restrict(_) | Self::Rearm(_) | Self::Shutdown
+        )
     }
 
     /// The family the command is about; `None` if it names none.
@@ -354,12 +377,14 @@ impl Command {
         match self {
             Self::Reject(operation)
             | Self::Rollback(operation)
+            | Self::Vacate(operation)
             | Self::Pause(operation)
             | Self::Resume(operation)
             | Self::Restrict(operation)
             | Self::Rearm(operation)
             | Self::Continue(operation)
             | Self::Demote { operation, .. }
+            | Self::Release { operation, .. }
             | Self::Repeat { operation, .. } => Some(&operation.version.family),
             Self::Detail { version } => Some(&version.family),
             Self::Register { .. }
@@ -372,6 +397,7 @@ impl Command {
             | Self::UnshelveAlarm { .. }
             | Self::Stop { .. }
             | Self::Go { .. }
+            | Self::Goal { .. }
             | Self::Pace { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::command::Caller;
 use super::detail::Changes;
 use super::explained::blank;
+use super::snapshot::Purpose;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
@@ -178,6 +179,9 @@ pub enum EventKind {
         untested: Vec<String>,
         /// What happens when it gets worse after activation, one sentence.
         on_drift: String,
+        /// What is asked.
+        #[serde(default)]
+        purpose: Purpose,
     },
     /// A person's signed answer was accepted and is on record.
     ApprovalReceived {
@@ -324,6 +328,55 @@ pub enum EventKind {
         caller: Caller,
         /// Why it is safe, in the person's own words.
         reason: String,
+    },
+    /// The restriction of an active version was lifted; its window and its charts begin anew.
+    Released {
+        /// The active version that works at its full envelope again.
+        version: CapabilityId,
+        /// Identity of the person who released it, or the people who approved it.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
+    /// A version that was held goes on where it stands.
+    Resumed {
+        /// The version that was paused, or held by the gate or an unanswered question.
+        version: CapabilityId,
+        /// Identity of the person who asked for it.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
+    /// A profile demotion: profiles were closed to a version, or are open to it again.
+    ProfilesSet {
+        /// The version it is about.
+        version: CapabilityId,
+        /// Every profile that is closed to it from now on.
+        closed: Vec<ProfileName>,
+        /// Identity of the person who asked for it.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
+    /// One person let a version in by the emergency door; two others have to review it.
+    BreakGlass {
+        /// The version that becomes active by it.
+        version: CapabilityId,
+        /// Identity of the person who signed.
+        by: String,
+        /// The emergency, in the person's own words.
+        reason: String,
+        /// Virtual time by which it has to be reviewed, or it is taken off, ms.
+        until_ms: u64,
+    },
+    /// An emergency activation was reviewed.
+    Reviewed {
+        /// The version that was let in by the emergency door.
+        version: CapabilityId,
+        /// Whether the reviewers found it right; if not, it is taken off.
+        upheld: bool,
+        /// Identities of the reviewers who decided.
+        by: Vec<String>,
     },
     /// The simulated live world works at another pace from now on.
     Pace {

@@ -46,8 +46,11 @@ pub struct Snapshot {
     pub families: Vec<FamilyView>,
     /// Every version that is not history, the newest last.
     pub candidates: Vec<CandidateView>,
-    /// Questions about activations that wait for people.
+    /// Questions that wait for people: about activations, releases and reviews.
     pub prompts: Vec<PromptView>,
+    /// Versions that people or the calendar hold back, and that one person may let in by the emergency door.
+    #[serde(default)]
+    pub emergencies: Vec<PromptView>,
     /// Monitors' questions that wait for an answer.
     pub questions: Vec<QuestionView>,
     /// Alarms that are not normal, in the order of attention.
@@ -103,6 +106,20 @@ pub struct FamilyView {
     pub flags: Option<Flags>,
     /// Episodes of the provisional window: worked and needed.
     pub provisional: Option<(u32, u32)>,
+    /// The emergency activation that nobody has reviewed yet; nothing of the family is promoted before.
+    #[serde(default)]
+    pub review: Option<ReviewView>,
+}
+
+/// An emergency activation (break-glass) that two people still have to review.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ReviewView {
+    /// The version that one person let in; it may have left meanwhile.
+    pub version: CapabilityId,
+    /// Virtual time by which it has to be reviewed, or it is taken off, ms.
+    pub until_ms: u64,
+    /// Whether that time is over; the review stays open.
+    pub overdue: bool,
 }
 
 /// A candidate (or a version that was one).
@@ -147,6 +164,12 @@ pub struct CandidateView {
     /// Which of the paper's four deployment outcomes it comes to so far; absent before the first decision.
     #[serde(default)]
     pub deployment: Option<Deployability>,
+    /// It is not gone on with by itself, because the gate holds it or nobody answered; resuming lets it go on.
+    #[serde(default)]
+    pub held: bool,
+    /// Profiles that are closed to it by a profile demotion.
+    #[serde(default)]
+    pub closed: Vec<ProfileName>,
 }
 
 /// How far the running stage is.
@@ -213,7 +236,23 @@ pub struct Disagreement {
     pub output: f32,
 }
 
-/// A question about an activation that waits for people.
+holdpoint_governance::words! {
+    /// What people are asked to decide.
+    #[derive(Default)]
+    Purpose, "purpose of a question", {
+        /// Whether a candidate may become active.
+        #[default]
+        Activation = "activation",
+        /// Whether a restriction of an active version is lifted.
+        Release = "release",
+        /// Whether an emergency activation was right.
+        Review = "review",
+        /// Whether one person lets a version in alone.
+        Emergency = "emergency",
+    }
+}
+
+/// A question that waits for people.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PromptView {
     /// Identifies the question among those that wait.
@@ -260,6 +299,12 @@ pub struct PromptView {
     pub untested: Vec<String>,
     /// What happens when it gets worse after activation, one sentence.
     pub on_drift: String,
+    /// What is asked.
+    #[serde(default)]
+    pub purpose: Purpose,
+    /// What a release or a review is about, one sentence; empty for an activation.
+    #[serde(default)]
+    pub about: String,
 }
 
 /// An alarm that is not normal.

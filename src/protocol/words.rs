@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use crate::event::{DimensionResult, Event, EventKind};
+use crate::snapshot::Purpose;
 use holdpoint_governance::profile::titled;
 use holdpoint_text::{Shown, Untrusted};
 
@@ -95,8 +96,16 @@ fn text(kind: &EventKind) -> String {
             conditions,
             untested,
             on_drift,
+            purpose,
         } => {
             let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            if *purpose != Purpose::Activation {
+                let short = evidence.short();
+                return format!(
+                    "ask      {version}: {needed} to decide on its {purpose} by {} s, evidence {short}; {on_drift}",
+                    deadline_ms / 1000
+                );
+            }
             format!(
                 "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}, made by {author}; new \
                  permissions: {}; changes: {}; conditions: {}; if it gets worse: {on_drift}; not tested: {}",
@@ -195,6 +204,25 @@ fn text(kind: &EventKind) -> String {
         EventKind::ArmStands { ticks } => format!("stands   the arm stands, {ticks} ticks after the stop"),
         EventKind::CellReleased { by, caller, reason } => {
             format!("go       the cell works again: {by}, {caller}, says so ({reason})")
+        }
+        EventKind::Released { version, by, reason } => {
+            format!("release  {version}: unrestricted, {by} says so ({reason})")
+        }
+        EventKind::Resumed { version, by, reason } => {
+            format!("resume   {version}: {by} says so ({reason})")
+        }
+        EventKind::ProfilesSet { version, closed, by, reason } => {
+            let closed: Vec<&str> = closed.iter().map(|profile| profile.name()).collect();
+            let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(", ") };
+            format!("profiles {version}: closed to it: {closed}; {by} says so ({reason})")
+        }
+        EventKind::BreakGlass { version, by, reason, until_ms } => format!(
+            "EMERGENCY {version}: {by} lets it in alone ({reason}); two people review it by {} s, or it is taken off",
+            until_ms / 1000
+        ),
+        EventKind::Reviewed { version, upheld, by } => {
+            let found = if *upheld { "upheld" } else { "NOT upheld" };
+            format!("review   {version}: its emergency activation is {found} by {}", by.join(", "))
         }
         EventKind::Pace { times } => match times {
             Some(times) => format!("pace     {times} simulated seconds in a second"),

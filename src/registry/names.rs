@@ -25,6 +25,10 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::Decision
         | RecordKind::Monitor
         | RecordKind::MonitorAnswer
+        | RecordKind::ProfilesSet
+        | RecordKind::Resumed
+        | RecordKind::BreakGlass
+        | RecordKind::BreakGlassReviewed
         | RecordKind::Shown
         | RecordKind::AlarmReset
         | RecordKind::Drift

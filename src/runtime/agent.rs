@@ -6,6 +6,7 @@
 
 pub mod dispatcher;
 
+use std::collections::VecDeque;
 use std::fmt;
 
 use holdpoint_body::TaskKind;
@@ -15,11 +16,13 @@ use crate::capability::Capability;
 use holdpoint_governance::ids::{Digest, Family};
 
 /// What the agent can be asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Goal {
     /// Bring the object from the table into the tray.
+    #[default]
     PickAlignPlace,
+    /// Up to one primitive: those before it, and this one.
     Single(TaskKind),
 }
 
@@ -46,12 +49,15 @@ impl Goal {
         }
     }
 
-    /// The planner: primitives in the order they are worked.
+    /// The planner: primitives in the order they are worked. A primitive needs those before it.
     #[must_use]
     pub fn plan(self) -> Vec<TaskKind> {
         match self {
             Self::PickAlignPlace => TaskKind::SEQUENCE.to_vec(),
-            Self::Single(task) => vec![task],
+            Self::Single(task) => {
+                let last = TaskKind::SEQUENCE.iter().position(|known| *known == task);
+                TaskKind::SEQUENCE.iter().copied().take(last.map_or(0, |last| last + 1)).collect()
+            }
         }
     }
 }
@@ -77,6 +83,24 @@ pub struct AgentIdentity {
 pub struct Agent {
     identity: AgentIdentity,
     episodes: u64,
+    dispatch: DispatchState,
+}
+
+/// What the agent is about to do: invocations that are planned, and the one that was begun and not finished.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct DispatchState {
+    goal: Goal,
+    planned: VecDeque<TaskKind>,
+    in_flight: Option<TaskKind>,
+}
+
+/// What repairing the dispatch state came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DispatchRepair {
+    /// The invocation that was begun under the version that left; it counts as not done.
+    pub cancelled: Option<TaskKind>,
+    /// Invocations that are planned anew.
+    pub planned: usize,
 }
 
 impl Default for Agent {
@@ -88,6 +112,7 @@ impl Default for Agent {
                 decision_policy: 1,
             },
             episodes: 0,
+            dispatch: DispatchState::default(),
         }
     }
 }
@@ -129,6 +154,30 @@ impl Agent {
         Family::from(task)
     }
 
+    /// Takes up a goal: its primitives are planned, whatever was before.
+    pub fn take_up(&mut self, goal: Goal) {
+        self.dispatch = DispatchState { goal, planned: goal.plan().into(), in_flight: None };
+    }
+
+    /// The next invocation, which is in flight from now on; `None` if none is planned.
+    pub fn next_task(&mut self) -> Option<TaskKind> {
+        let task = self.dispatch.planned.pop_front()?;
+        self.dispatch.in_flight = Some(task);
+        Some(task)
+    }
+
+    /// The invocation in flight was done.
+    pub const fn finished(&mut self) {
+        self.dispatch.in_flight = None;
+    }
+
+    /// After a rollback: what was in flight is cancelled, and the goal is planned anew for whoever is active now.
+    pub fn repair(&mut self) -> DispatchRepair {
+        let cancelled = self.dispatch.in_flight.take();
+        self.take_up(self.dispatch.goal);
+        DispatchRepair { cancelled, planned: self.dispatch.planned.len() }
+    }
+
     pub(super) const fn note_episode(&mut self) {
         self.episodes += 1;
     }
@@ -147,9 +196,25 @@ mod tests {
     #[test]
     fn interprets_and_plans() {
         assert_eq!(Goal::interpret("pick-align-place").unwrap().plan(), TaskKind::SEQUENCE);
-        assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Align]);
+        assert_eq!(Goal::interpret("grasp").unwrap().plan(), [TaskKind::Grasp]);
+        assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Grasp, TaskKind::Align]);
+        assert_eq!(Goal::interpret("place").unwrap().plan(), TaskKind::SEQUENCE);
         assert!(Goal::interpret("pick align place").is_err());
         assert!(GOALS.into_iter().all(|text| Goal::interpret(text).is_ok()));
+    }
+
+    #[test]
+    fn what_was_in_flight_is_cancelled_and_the_goal_planned_anew() {
+        let mut agent = Agent::default();
+        agent.take_up(Goal::PickAlignPlace);
+        assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
+        agent.finished();
+        assert_eq!(agent.next_task(), Some(TaskKind::Align));
+        let repaired = agent.repair();
+        assert_eq!(repaired, DispatchRepair { cancelled: Some(TaskKind::Align), planned: 3 });
+        assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
+        agent.finished();
+        assert_eq!(agent.repair().cancelled, None);
     }
 
     #[test]

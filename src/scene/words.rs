@@ -30,6 +30,11 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Rung { version, .. }
         | EventKind::RolledBack { version, .. }
         | EventKind::Continued { version, .. }
+        | EventKind::Released { version, .. }
+        | EventKind::Resumed { version, .. }
+        | EventKind::ProfilesSet { version, .. }
+        | EventKind::BreakGlass { version, .. }
+        | EventKind::Reviewed { version, .. }
         | EventKind::AuditClosed { version, .. } => Some(version),
         EventKind::EngineStarted { .. }
         | EventKind::Sequence { .. }
@@ -70,7 +75,10 @@ pub fn phase(kind: &EventKind) -> Option<String> {
 #[must_use]
 pub fn level(kind: &EventKind) -> &'static str {
     match kind {
-        EventKind::RolledBack { .. } | EventKind::CellStopped { .. } | EventKind::Fault { .. } => "ERROR",
+        EventKind::RolledBack { .. }
+        | EventKind::CellStopped { .. }
+        | EventKind::BreakGlass { .. }
+        | EventKind::Fault { .. } => "ERROR",
         EventKind::Rung { ok: false, .. } => "ERROR",
         EventKind::Rung { .. }
         | EventKind::Monitor { .. }

@@ -86,6 +86,7 @@ fn frames() -> Vec<Duration> {
         provenance: Provenance::Optimiser,
         risk: Risk::Low,
         changed_ms: number,
+        unreviewed: false,
     };
     let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();
     rows.sort_by(|a, b| a.version.cmp(&b.version));

@@ -53,7 +53,7 @@ impl Bench {
 
     /// A family that is stopped, and so an alarm that latches while its condition is there.
     fn safe_stop(&mut self) {
-        let reply = self.ask(Command::Rollback(operation("grasp@1.0.0")));
+        let reply = self.ask(Command::Vacate(operation("grasp@1.0.0")));
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
 }
@@ -156,6 +156,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
             store_id: text("another"),
             nonce: Nonce::random().unwrap(),
             not_after_ms: u64::MAX,
+            break_glass: false,
         });
         let reply = bench.ask(Command::Decide { signed: Box::new(signed), shown: Some("x".repeat(bytes)) });
         let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };

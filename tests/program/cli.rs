@@ -36,6 +36,15 @@ impl EngineVerbs for NoEngine {
     ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to register"))
     }
+    fn stage(
+        &mut self,
+        _: &CliContext,
+        _: &candidate::StageArgs,
+        _: holdpoint::governance::lifecycle::Stage,
+        _: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        Err(CliError::internal("asked for a stage"))
+    }
     fn status(
         &mut self,
         _: &CliContext,

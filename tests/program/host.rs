@@ -158,7 +158,7 @@ fn an_abort_stops_the_arm_in_flight() {
     let mut front = Front::start(folder.path(), Some(1.0));
     front.picture(|picture| picture.task == Some(TaskKind::Grasp) && picture.speed_m_s > 0.02);
     let asked = Instant::now();
-    let reply = front.carry_out(Command::Rollback(operation("grasp@1.0.0")));
+    let reply = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
     let took = asked.elapsed();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     // Half a second is the aim on a machine that is not shared; a whole sequence takes more than ten.

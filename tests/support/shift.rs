@@ -19,7 +19,7 @@ use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
 use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
-    PromptView, QuestionView, ShadowView, Snapshot,
+    PromptView, Purpose, QuestionView, ShadowView, Snapshot,
 };
 use serde_json::Value;
 
@@ -101,6 +101,8 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
         )],
         conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
         deployment: Some(Deployability::Conditionally),
+        held: false,
+        closed: Vec::new(),
     }
 }
 
@@ -218,6 +220,8 @@ pub fn question(tier: u8) -> PromptView {
             "the conveyor running while the tray is turned".to_owned(),
         ],
         on_drift: "align@1.0.0 takes over by itself within 250 ms of a trip".to_owned(),
+        purpose: Purpose::Activation,
+        about: String::new(),
     }
 }
 
@@ -272,6 +276,7 @@ fn families() -> Vec<FamilyView> {
         safe_stopped: active.is_none(),
         flags: active.map(|_| flags),
         provisional: flags.provisional.then_some((7, 40)),
+        review: None,
     };
     let provisional = Flags { provisional: true, ..Flags::default() };
     vec![
@@ -374,6 +379,7 @@ pub fn snapshot() -> Snapshot {
         families: families(),
         candidates: candidates(),
         prompts: vec![question(2)],
+        emergencies: Vec::new(),
         questions: vec![QuestionView {
             version: id("grasp@1.0.0"),
             reasons: vec![reason(
@@ -411,6 +417,7 @@ pub fn registry_page() -> RegistryPage {
         provenance: Provenance::Optimiser,
         risk: Risk::Medium,
         changed_ms: 300_000,
+        unreviewed: false,
     };
     let none = Flags::default();
     let running = |stage| Flags { running: Some(stage), ..none };

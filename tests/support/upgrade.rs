@@ -188,6 +188,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
             conditions: Vec::new(),
             untested: vec!["objects heavier than 0.4 kg".to_owned()],
             on_drift: "place@1.0.0 takes over by itself".to_owned(),
+            purpose: holdpoint_protocol::snapshot::Purpose::Activation,
         },
     ));
     events.push(at(

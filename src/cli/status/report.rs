@@ -17,7 +17,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::VersionSummary;
-use holdpoint_protocol::snapshot::{PromptView, Snapshot, StoppedView};
+use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, Snapshot, StoppedView};
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 use holdpoint_text::Untrusted;
 
@@ -37,6 +37,10 @@ pub(super) struct StatusReport {
     pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
     pub(super) waiting: Vec<WaitingRow>,
+    /// Monitors' questions, if an engine runs.
+    pub(super) questions: Vec<QuestionRow>,
+    /// Versions that one person may let in by the emergency door, if an engine runs.
+    pub(super) emergencies: Vec<CapabilityId>,
     pub(super) alarms: Vec<AlarmRow>,
 }
 
@@ -61,6 +65,12 @@ pub(super) struct VersionRow {
     pub(super) provisional: bool,
     pub(super) restricted: bool,
     pub(super) rollback_pending: bool,
+    /// Let in by the emergency door, and not reviewed yet.
+    pub(super) unreviewed: bool,
+    /// Waits for somebody to resume it, if an engine runs.
+    pub(super) held: bool,
+    /// Profiles closed to it, if an engine runs.
+    pub(super) closed: Vec<ProfileName>,
     /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent if not measured.
     pub(super) kappas: [Option<f64>; 4],
     /// What the running stage does: so many done of so many.
@@ -81,6 +91,8 @@ pub(super) struct WaitingRow {
     pub(super) version: CapabilityId,
     /// The first eight digits of the evidence's digest; an approval names them.
     pub(super) evidence: String,
+    /// What is asked.
+    pub(super) purpose: Purpose,
     pub(super) needed: u32,
     pub(super) approved_by: Vec<String>,
     pub(super) deadline_ms: u64,
@@ -162,6 +174,18 @@ impl StatusReport {
             families,
             versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
+            questions: engine
+                .iter()
+                .flat_map(|engine| &engine.questions)
+                .filter(|question| wanted(&question.version))
+                .map(QuestionRow::new)
+                .collect(),
+            emergencies: engine
+                .iter()
+                .flat_map(|engine| &engine.emergencies)
+                .filter(|door| wanted(&door.version))
+                .map(|door| door.version.clone())
+                .collect(),
             alarms: alarms(views)?,
         })
     }
@@ -180,6 +204,10 @@ impl StatusReport {
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(WaitingRow::line));
+        lines.extend(self.questions.iter().map(QuestionRow::line));
+        lines.extend(self.emergencies.iter().map(|version| {
+            format!("door     {version} is held back by people or the calendar; `holdpoint break-glass` lets it in")
+        }));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
         lines
     }
@@ -232,6 +260,9 @@ impl VersionRow {
             provisional: flags.provisional,
             restricted: flags.restricted,
             rollback_pending: flags.rollback_pending,
+            unreviewed: version.unreviewed,
+            held: view.is_some_and(|view| view.held),
+            closed: view.map_or_else(Vec::new, |view| view.closed.clone()),
             kappas: version.kappas,
             progress: progress.map(|progress| ProgressRow {
                 what: progress.what.clone(),
@@ -255,10 +286,16 @@ impl VersionRow {
             (self.provisional, "provisional"),
             (self.restricted, "restricted"),
             (self.rollback_pending, "being rolled back"),
+            (self.held, "held"),
+            (self.unreviewed, "UNREVIEWED emergency activation"),
         ];
         for (_, word) in flags.iter().filter(|(set, _)| *set) {
             line.push_str(", ");
             line.push_str(word);
+        }
+        if !self.closed.is_empty() {
+            let closed: Vec<&str> = self.closed.iter().map(|profile| profile.name()).collect();
+            line.push_str(&format!(", closed under {}", closed.join(", ")));
         }
         if let Some(ProgressRow { what, done, budget }) = &self.progress {
             line.push_str(&format!(", {what} {done} of {budget}"));
@@ -276,11 +313,39 @@ impl VersionRow {
     }
 }
 
+/// A monitor's question: the version is rolled back at the deadline unless somebody answers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct QuestionRow {
+    pub(super) version: CapabilityId,
+    pub(super) reason: String,
+    pub(super) deadline_ms: u64,
+}
+
+impl QuestionRow {
+    fn new(question: &QuestionView) -> Self {
+        let reason = question.reasons.first();
+        Self {
+            version: question.version.clone(),
+            reason: reason.map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text)),
+            deadline_ms: question.deadline_ms,
+        }
+    }
+
+    fn line(&self) -> String {
+        let by = self.deadline_ms / 1000;
+        format!(
+            "question {}: its monitor asks people ({}); unanswered by {by} s it is rolled back",
+            self.version, self.reason
+        )
+    }
+}
+
 impl WaitingRow {
     fn asked(prompt: &PromptView) -> Self {
         Self {
             version: prompt.version.clone(),
             evidence: prompt.evidence.short(),
+            purpose: prompt.purpose,
             needed: prompt.needed,
             approved_by: prompt.approved_by.clone(),
             deadline_ms: prompt.deadline_ms,
@@ -297,6 +362,7 @@ impl WaitingRow {
             new_permissions: new.map(Into::into).collect(),
             version: request.version,
             evidence: request.evidence_digest.short(),
+            purpose: Purpose::Activation,
             needed: request.needed,
             approved_by: Vec::new(),
             deadline_ms: request.deadline_ms,
@@ -310,11 +376,16 @@ impl WaitingRow {
         let new =
             if new.is_empty() { String::new() } else { format!("; new permissions: {}", new.join(", ")) };
         format!(
-            "waiting  {} for {} to approve the evidence {} by {} s; approved by {have}{new}",
+            "waiting  {} for {} to approve the evidence {} by {} s{}; approved by {have}{new}",
             self.version,
             if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) },
             self.evidence,
             self.deadline_ms / 1000,
+            match self.purpose {
+                Purpose::Activation | Purpose::Emergency => "",
+                Purpose::Release => " (its release)",
+                Purpose::Review => " (the review of its emergency activation)",
+            },
         )
     }
 }

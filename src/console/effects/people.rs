@@ -9,6 +9,7 @@ use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::Problem;
 
 /// Everybody who could sit here; nobody if no identity was made yet.
@@ -30,7 +31,12 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
 pub fn sign(folder: &Path, decision: &PromptAnswer) -> Result<Command, Problem> {
     let identity = Identity::load(folder, decision.by()).map_err(|error| Problem::of(&error))?;
     let shown = Some(decision.shown().to_owned());
-    let command = decision.over().answer(&identity, decision.answer(), decision.reason(), shown);
+    let command = match decision.over().purpose {
+        Purpose::Emergency => decision.over().break_glass(&identity, decision.reason(), shown),
+        Purpose::Activation | Purpose::Release | Purpose::Review => {
+            decision.over().answer(&identity, decision.answer(), decision.reason(), shown)
+        }
+    };
     command.map_err(|error| Problem::of(&error))
 }
 

@@ -49,7 +49,13 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
             turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
         }
         EventKind::Activated { .. } => turn((Glyph::Up, ThemeRole::Good), 7),
-        EventKind::Confirmed { .. } | EventKind::Continued { .. } => turn((Glyph::Good, ThemeRole::Good), 6),
+        EventKind::BreakGlass { .. } => turn((Glyph::Warning, ThemeRole::Bad), 9),
+        EventKind::Reviewed { upheld, .. } => {
+            turn(if *upheld { (Glyph::Good, ThemeRole::Good) } else { (Glyph::Bad, ThemeRole::Bad) }, 8)
+        }
+        EventKind::Confirmed { .. } | EventKind::Continued { .. } | EventKind::Released { .. } => {
+            turn((Glyph::Good, ThemeRole::Good), 6)
+        }
         EventKind::ApprovalReceived { decision, .. } => match decision {
             Answer::Approve => turn((Glyph::Good, ThemeRole::Good), 6),
             Answer::Reject => turn((Glyph::Bad, ThemeRole::Bad), 8),
@@ -81,6 +87,8 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }
         | EventKind::CellReleased { .. }
+        | EventKind::Resumed { .. }
+        | EventKind::ProfilesSet { .. }
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }

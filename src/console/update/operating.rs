@@ -5,9 +5,11 @@ use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent};
 use crate::model::{AskedFor, EngineState, Model, Overlay};
+use crate::prompt::Prompt;
 use crate::words::{seconds, standing};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::profile::ProfileName;
 
 /// Hands a confirmed operation to the engine.
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
@@ -85,18 +87,24 @@ fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, V
             (Intent::Pause(of), "Its stage stops; only reject, demote and resume go through".to_owned())
         }
         Action::Pause => return wrong("only a candidate that is not held can be held"),
-        Action::Resume if is_candidate => {
+        Action::Resume if is_candidate && (flags.paused || held(model, id)) => {
             (Intent::Resume(of), "It goes on where it stands; nothing is approved by it".to_owned())
         }
-        Action::Resume => return wrong("only a candidate can go on"),
+        Action::Resume => return wrong("only a candidate that is held can go on"),
         Action::Refuse if is_candidate => {
             (Intent::Reject(of), "It never comes back under this version".to_owned())
         }
         Action::Refuse => return wrong("only a candidate can be rejected"),
+        Action::Demote if state == State::Active && pinned(model, id).is_none() => {
+            return wrong("nobody would take over; B takes the last version off");
+        }
         Action::Demote if is_candidate || state == State::Active => {
             (Intent::Demote(of), leaves(model, id, state, "It is evaluated again before it may act"))
         }
         Action::Demote => return wrong("only a candidate or an active version can be sent back"),
+        Action::Rollback if state == State::Active && pinned(model, id).is_none() => {
+            (Intent::Vacate(of), leaves(model, id, state, "Somebody has to re-arm the family"))
+        }
         Action::Rollback if state == State::Active => {
             (Intent::Rollback(of), leaves(model, id, state, "It does not come back by itself"))
         }
@@ -105,6 +113,17 @@ fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, V
             (Intent::Restrict(of), "Its speed and force are tightened until it is settled".to_owned())
         }
         Action::Restrict => return wrong("only an active version that is not restricted can be restricted"),
+        Action::Repeat if !flags.paused && flags.running.is_none() && repeats(state) => {
+            (Intent::Repeat(of), "Its sandbox is worked anew; gate pass and approvals are void".to_owned())
+        }
+        Action::Repeat => {
+            return wrong("only a sandboxed, shadowed or demoted version at rest is evaluated again");
+        }
+        Action::Release if state == State::Active && flags.restricted => {
+            let what = "It works at its full envelope; its window and its charts begin anew";
+            (Intent::Release(of), what.to_owned())
+        }
+        Action::Release => return wrong("only a restricted version can be released"),
         Action::Continue if asks(model, id) => {
             (Intent::Continue(of), "The monitor's question is closed; its charts start anew".to_owned())
         }
@@ -118,6 +137,48 @@ fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, V
         _ => return Err(format!("{:?} is not about a version", action.word())),
     };
     Ok((intent, vec![now, consequence]))
+}
+
+const fn repeats(state: State) -> bool {
+    matches!(state, State::Sandboxed | State::Shadowed | State::Demoted)
+}
+
+fn held(model: &Model, id: &CapabilityId) -> bool {
+    model.candidate(id).is_some_and(|candidate| candidate.held)
+}
+
+/// Opens the question whether one person lets the version under the cursor in alone.
+pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
+    let Some(id) = model.version_here() else {
+        return refuse(model, "there is no version under the cursor");
+    };
+    let prompt = model.told.snapshot.as_ref().and_then(|snapshot| {
+        let question = snapshot.emergencies.iter().find(|question| question.version == id)?;
+        Prompt::open(question, snapshot, model.now_ms)
+    });
+    match prompt {
+        Some(prompt) => {
+            model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+            model.entry.typing = None;
+            Vec::new()
+        }
+        None => refuse(model, &format!("{id} is nothing that the emergency door is for")),
+    }
+}
+
+/// Opens the form that closes a profile to the version under the cursor, or opens it again.
+pub(super) fn on_profile(model: &mut Model, profile: ProfileName, close: bool) -> Vec<Effect> {
+    let Some(id) = model.version_here() else {
+        return refuse(model, "there is no version under the cursor");
+    };
+    let now = model.told.snapshot.as_ref().map(|snapshot| snapshot.profile);
+    let acts = stands(model, &id).is_some_and(|(state, _)| state == State::Active);
+    let consequence = match (close, acts && now == Some(profile)) {
+        (true, true) => leaves(model, &id, State::Active, "It acts under this profile, so it is taken off"),
+        (true, false) => format!("Under {} the gate holds it; how it stands is not touched", profile.name()),
+        (false, _) => format!("Under {} the gate looks at it again", profile.name()),
+    };
+    open(model, Intent::Profile(id, profile, close), vec![consequence])
 }
 
 fn asks(model: &Model, id: &CapabilityId) -> bool {
@@ -184,8 +245,14 @@ fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
         (_, Some(id)) => Abort::Candidate(id.clone()),
         (None, None) => return None,
     };
+    let what = match what {
+        Abort::Active(id) if pinned(model, &id).is_none() => Abort::Last(id),
+        Abort::Active(_) | Abort::Last(_) | Abort::Candidate(_) => what,
+    };
     let mut lines = match &what {
-        Abort::Active(id) => vec![leaves(model, id, State::Active, "It does not come back by itself")],
+        Abort::Active(id) | Abort::Last(id) => {
+            vec![leaves(model, id, State::Active, "It does not come back by itself")]
+        }
         Abort::Candidate(id) => vec![format!("{id} is held where it stands; what is active goes on")],
     };
     let rest = candidates().filter(|id| !matches!(&what, Abort::Candidate(of) if of == *id));

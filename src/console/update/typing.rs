@@ -155,6 +155,7 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             let question = Question::Drift(drift);
             asking::ask(model, "let a drift set in".to_owned(), question)
         }
+        Asked::Profile(profile, close) => super::operating::on_profile(model, profile, close),
         Asked::Candidate(version) => {
             model.place.chosen = Some(version);
             show(model, View::Candidate)

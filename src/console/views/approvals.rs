@@ -79,8 +79,10 @@ fn asked(model: &Model, question: &QuestionView) -> Vec<(ThemeRole, String)> {
     lines.push((
         ThemeRole::Text,
         format!(
-            "{} lets it go on, {} rolls it back, {} tightens its envelope; each asks for a reason",
+            "{} lets it go on, {} releases it if it is restricted, {} rolls it back, {} tightens its envelope; each asks \
+             for a reason",
             key(Action::Continue),
+            key(Action::Release),
             key(Action::Rollback),
             key(Action::Restrict)
         ),

@@ -69,6 +69,13 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         let why = super::short(why, width / 4);
         say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
     }
+    // Until it is reviewed it is said on every screen, also where its alarm was acknowledged.
+    for family in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.families) {
+        if let Some(review) = &family.review {
+            let what = if review.overdue { "OVERDUE" } else { "UNREVIEWED" };
+            say(ThemeRole::Problem, &format!("{what} {}", super::short(&review.version.to_string(), 24)));
+        }
+    }
     if let Some(frozen) = &model.place.frozen {
         let secs = model.now_ms.saturating_sub(frozen.at_ms) / 1000;
         let glyph = pen.look.glyph(Glyph::Paused);

@@ -65,7 +65,9 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Overview) => {
             &[A::Stop, A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze]
         }
-        (None, View::Registry) => &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Rearm],
+        (None, View::Registry) => {
+            &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Repeat, A::Release, A::Rearm]
+        }
         (None, View::Candidate) => &[A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy],
         (None, View::Shadow) => &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Abort],
         (None, View::Alarms) => &[A::Acknowledge, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort],

@@ -6,7 +6,7 @@ mod taken_up;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_approvals::{Identity, SignedApproval};
+use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
     self, Answer, ApprovalOutcome, ApprovalResult, Request, SignatureCheck, Subject, Vote,
@@ -19,14 +19,12 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::strictness::Strictness;
-use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::snapshot::PromptView;
+use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
-use holdpoint_registry::{ApprovalRequest, AuditBody, Change};
-use holdpoint_text::Hint;
+use holdpoint_registry::{ApprovalRequest, Change};
 
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -34,23 +32,28 @@ use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
 use crate::record::Record;
 
-/// The longest text of a screen that is kept with a decision, bytes.
-pub const SHOWN_BYTES_MAX: usize = 32 * 1024;
+pub use super::signers::SHOWN_BYTES_MAX;
+use super::signers::{shown_record, signer, way_back};
 
 /// Something that waits for people.
 pub struct PendingQuestion {
-    id: String,
-    request: Request,
-    votes: Vec<Vote>,
-    signed: Vec<SignedApproval>,
-    evidence: Digest,
-    row_version: u64,
-    life_row_version: u64,
-    asked_ms: u64,
-    deadline_ms: u64,
-    replaces: Option<CapabilityId>,
+    pub(super) purpose: Purpose,
+    /// What a release or a review is about.
+    pub(super) about: String,
+    /// Its time is over and it stays open all the same: a review.
+    pub(super) overdue: bool,
+    pub(super) id: String,
+    pub(super) request: Request,
+    pub(super) votes: Vec<Vote>,
+    pub(super) signed: Vec<SignedApproval>,
+    pub(super) evidence: Digest,
+    pub(super) row_version: u64,
+    pub(super) life_row_version: u64,
+    pub(super) asked_ms: u64,
+    pub(super) deadline_ms: u64,
+    pub(super) replaces: Option<CapabilityId>,
     /// It takes people to override what a rule would not pass.
-    review: bool,
+    pub(super) review: bool,
 }
 
 impl PendingQuestion {
@@ -58,6 +61,18 @@ impl PendingQuestion {
     #[must_use]
     pub const fn life_row_version(&self) -> u64 {
         self.life_row_version
+    }
+
+    /// What is asked.
+    #[must_use]
+    pub const fn purpose(&self) -> Purpose {
+        self.purpose
+    }
+
+    /// Whether it is asked about the version as its row stands in the store, and its time stands likewise.
+    #[must_use]
+    pub const fn is_about(&self, row_version: u64, overdue: bool) -> bool {
+        self.row_version == row_version && self.overdue == overdue
     }
 
     #[must_use]
@@ -113,7 +128,8 @@ impl Approvals {
     #[must_use]
     pub fn due(&self, now_ms: u64) -> Vec<CapabilityId> {
         let due = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
-            prompt.deadline_ms <= now_ms && !self.granted.contains(*id)
+            let waits = prompt.purpose != Purpose::Review && !self.granted.contains(*id);
+            waits && prompt.deadline_ms <= now_ms
         };
         self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
     }
@@ -121,7 +137,7 @@ impl Approvals {
     /// The next deadline, virtual ms.
     #[must_use]
     pub fn next_ms(&self) -> Option<u64> {
-        self.prompts.values().map(|prompt| prompt.deadline_ms).min()
+        self.prompts.values().filter(|prompt| !prompt.overdue).map(|prompt| prompt.deadline_ms).min()
     }
 
     /// What waits for people.
@@ -130,7 +146,7 @@ impl Approvals {
         self.prompts.iter().map(|(id, prompt)| view(context, record, dossiers, id, prompt)).collect()
     }
 
-    /// Asks people; from here on only they or the deadline move the candidate.
+    /// Asks people to let a candidate in; from here on only they or the deadline move it.
     ///
     /// # Errors
     /// If the question cannot be written.
@@ -141,25 +157,67 @@ impl Approvals {
         dossiers: &mut Dossiers,
         id: &CapabilityId,
     ) -> Result<(), Fault> {
-        let candidate = record.capability(id)?;
         let dossier = dossiers.edit(id);
-        let evidence = dossier.digest()?;
-        let Some(kappas) = dossier.kappas.clone() else {
+        let Some(kappas) = &dossier.kappas else {
             return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
         };
+        let submission = record.capability(id)?.submission.clone();
+        let of = (submission.estimated_risk, submission.provenance);
+        let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
+        // Where the profile asks nobody by itself, people decide on what it would not have let pass.
+        let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
+        let evidence = dossier.digest()?;
+        self.put(
+            context,
+            record,
+            dossiers,
+            id,
+            (Purpose::Activation, String::new()),
+            (evidence, quorum, review),
+        )
+    }
+
+    /// Asks people to lift the restriction of an active version.
+    ///
+    /// # Errors
+    /// If the lifecycle refuses the question, or it cannot be written.
+    pub fn ask_release(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        dossiers: &mut Dossiers,
+        operation: &Operation,
+    ) -> Result<(), Fault> {
+        let Operation { version: id, by, reason } = operation;
+        let about = format!("{by} asks for it: {reason}");
+        let dossier = dossiers.edit(id).digest()?;
+        let risk = record.capability(id)?.submission.estimated_risk;
+        let quorum = approval::quorum(&context.profile.approval, context.needs_approval(), risk, false);
+        let evidence = Digest::of_parts("holdpoint.release.v1", &[dossier.bytes(), about.as_bytes()]);
+        self.put(context, record, dossiers, id, (Purpose::Release, about), (evidence, quorum, false))
+    }
+
+    fn put(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        dossiers: &mut Dossiers,
+        id: &CapabilityId,
+        (purpose, about): (Purpose, String),
+        (evidence, quorum, review): (Digest, u8, bool),
+    ) -> Result<(), Fault> {
+        let candidate = record.capability(id)?;
         let settings = context.profile.approval;
         let risk = candidate.submission.estimated_risk;
-        let about = (risk, candidate.submission.provenance);
-        let quorum = gate::people_needed(&kappas, about, &context.table, &context.profile);
-        // Where the profile asks nobody by itself, people decide on what it would not have let pass.
-        let review = gate::needs_review(&kappas, &context.profile) || !context.needs_approval();
         let (version, _, member) = record.ledger().version(id)?;
         let row_version = member.row_version;
         let now_ms = record.now_ms();
         let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
         // An engine that comes up again asks the same question anew, with another deadline: another request.
         let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
-        let replaces = record.active_of(&id.family).map(|active| active.id());
+        let active = record.active_of(&id.family).map(|active| active.id());
+        let replaces = if purpose == Purpose::Activation { active } else { way_back(record, id) };
+        let dossier = dossiers.edit(id);
         let question = ApprovalRequest {
             id: prompt_id.clone(),
             version: id.clone(),
@@ -179,6 +237,9 @@ impl Approvals {
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         let life_row_version = record.ledger().version(id)?.1.row_version;
         let prompt = PendingQuestion {
+            purpose,
+            about,
+            overdue: false,
             id: prompt_id,
             request: Request {
                 subject: Subject {
@@ -204,26 +265,39 @@ impl Approvals {
             replaces: replaces.clone(),
             review,
         };
+        self.open(context, record, dossiers, id, prompt);
+        let priority = context.profile.alarms.approval_waiting;
+        let text = format!("{id} waits for approval");
+        record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
+        Ok(())
+    }
+
+    /// A question that is on record is open from now on, and told.
+    pub(super) fn open(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        dossiers: &Dossiers,
+        id: &CapabilityId,
+        prompt: PendingQuestion,
+    ) {
         let asked = view(context, record, dossiers, id, &prompt);
         let conditions = dossiers.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
         self.prompts.insert(id.clone(), prompt);
         record.tell(EventKind::ApprovalRequested {
             version: id.clone(),
-            replaces,
+            replaces: asked.replaces,
             needed: asked.needed,
-            deadline_ms,
-            evidence,
+            deadline_ms: asked.deadline_ms,
+            evidence: asked.evidence,
             author: asked.author,
             new_permissions: asked.new_permissions,
             changes: Box::new(asked.changes),
             conditions,
             untested: asked.untested,
             on_drift: asked.on_drift,
+            purpose: asked.purpose,
         });
-        let priority = context.profile.alarms.approval_waiting;
-        let text = format!("{id} waits for approval");
-        record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
-        Ok(())
     }
 
     /// Takes one signed decision, with what was on the screen; says what asking came to by it. What does not fit the
@@ -243,23 +317,10 @@ impl Approvals {
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
         };
-        if let Some(text) = shown.filter(|text| text.len() > SHOWN_BYTES_MAX) {
-            let text = format!(
-                "the text of the screen has {} bytes; at most {SHOWN_BYTES_MAX} are allowed",
-                text.len()
-            );
-            return refuse(Refusal::BadInput, text, None);
-        }
-        let identity = match Identity::find(&record.ledger().store().layout().identities(), &said.who) {
+        let identity = match signer(record, &signed, shown) {
             Ok(identity) => identity,
-            Err(error) => {
-                let hint = error.hint().unwrap_or("make an identity with `holdpoint identity new`".into());
-                return refuse(Refusal::NotAllowed, error.to_string(), Some(&hint));
-            }
+            Err(refused) => return Ok(Err(refused)),
         };
-        if let Err(error) = signed.verify(&identity) {
-            return refuse(Refusal::NotAllowed, error.to_string(), None);
-        }
         let Some(prompt) = self.prompts.get_mut(&id) else {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
@@ -359,7 +420,7 @@ pub fn void_requests(ledger: &Ledger, id: &CapabilityId) -> Result<Vec<Change>, 
     Ok(void.map(|request| Change::PutApprovalRequest(Box::new(request))).collect())
 }
 
-fn view(
+pub(super) fn view(
     context: &Context,
     record: &Record,
     dossiers: &Dossiers,
@@ -392,7 +453,12 @@ fn view(
         new_permissions: dossier.new_permissions.clone(),
         changes: dossier.changes.clone(),
         untested: untested(dossier),
-        on_drift: on_drift(context, prompt, &dossier.conditions),
+        on_drift: match prompt.purpose {
+            Purpose::Activation | Purpose::Emergency => on_drift(context, prompt, &dossier.conditions),
+            Purpose::Release | Purpose::Review => prompt.about.clone(),
+        },
+        purpose: prompt.purpose,
+        about: prompt.about.clone(),
     }
 }
 
@@ -419,23 +485,15 @@ fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition
     )
 }
 
-/// The record of what somebody had on the screen when deciding.
-fn shown_record(id: &CapabilityId, who: &str, nonce: &str, shown: &str) -> Result<AuditBody, Fault> {
-    let digest = Digest::of_parts("holdpoint.shown.v1", &[shown.as_bytes()]);
-    let body = serde_json::json!({ "by": who, "nonce": nonce, "digest": digest, "text": shown });
-    let body = serde_json::to_string(&body)?;
-    Ok(AuditBody { kind: RecordKind::Shown, subject: id.to_string(), body })
-}
-
 /// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
-fn secs_to_ms(secs: f64) -> u64 {
+pub(super) fn secs_to_ms(secs: f64) -> u64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let ms = (secs.clamp(0.0, 1.0e9) * 1000.0) as u64;
     ms
 }
 
 /// How much friction a decision needs (reference A6).
-const fn tier(profile: ProfileName, quorum: u8, review: bool) -> u8 {
+pub(super) const fn tier(profile: ProfileName, quorum: u8, review: bool) -> u8 {
     if quorum >= 2 || review {
         return 2;
     }

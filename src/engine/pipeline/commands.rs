@@ -4,17 +4,29 @@ use super::Pipeline;
 use crate::alarms;
 use crate::fault::Fault;
 use crate::halt;
-use crate::operations::{self, accepted, checked};
+use crate::operations::{self, LastVersion, accepted, checked};
+use crate::people::approvals::PendingQuestion;
 use crate::people::questions;
 use crate::stages::closing::rejected;
-use crate::stages::monitoring;
+use crate::stages::{emergency, monitoring, release};
 use crate::view::lookup;
+use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmError, AlarmEvent, AlarmKey};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
-use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::{Hint, Untrusted};
+
+fn refuse_held(why: &str) -> Reply {
+    Reply::Refused {
+        code: Refusal::Holding,
+        text: format!("the engine is holding: {why}"),
+        hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
+    }
+}
 
 impl Pipeline {
     /// A person's event about an alarm.
@@ -31,11 +43,6 @@ impl Pipeline {
     /// Carries out a command. What cannot be carried out is refused and changes nothing; a fault of
     /// the engine's own makes it hold.
     pub fn command(&mut self, command: Command) -> Reply {
-        let refuse_held = |why: &str| Reply::Refused {
-            code: Refusal::Holding,
-            text: format!("the engine is holding: {why}"),
-            hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
-        };
         // Who holds must still be able to look, and to say that the alarm was seen.
         if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
@@ -56,22 +63,20 @@ impl Pipeline {
         let Self { context, record, dossiers, monitors, world, .. } = self;
         match command {
             Command::Register { package, name } => operations::register(context, record, &name, package),
-            Command::Decide { signed, shown } => self.activation().decide(*signed, shown.as_deref()),
+            Command::Decide { signed, shown } => self.decide(*signed, shown.as_deref()),
             Command::Reject(operation) => self.operator_reject(&operation),
             Command::Rollback(operation) => {
-                operations::roll_back(&mut self.live(), &operation, Leave::RolledBack)
+                operations::roll_back(&mut self.live(), &operation, Leave::RolledBack, LastVersion::Ask)
+            }
+            Command::Vacate(operation) => {
+                operations::roll_back(&mut self.live(), &operation, Leave::RolledBack, LastVersion::Take)
             }
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
+            Command::Release { operation, profiles } => self.operator_release(&operation, &profiles),
             Command::Pause(operation) => operations::transition(record, &operation, "paused", |version| {
                 LifecycleEvent::Pause { version }
             }),
-            Command::Resume(operation) => {
-                let reply = operations::transition(record, &operation, "resumed", |version| {
-                    LifecycleEvent::Resume { version }
-                })?;
-                dossiers.edit(&operation.version).held = false;
-                Ok(reply)
-            }
+            Command::Resume(operation) => operations::resume(record, dossiers, &operation),
             Command::Repeat { operation, stage } => {
                 let reply = operations::transition(record, &operation, "to be repeated", |version| {
                     LifecycleEvent::Repeat { version, stage }
@@ -83,7 +88,7 @@ impl Pipeline {
                 let id = checked(record, &operation)?;
                 let text = format!("{} asked for it: {}", operation.by, operation.reason);
                 let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, text);
-                monitoring::restrict(context, record, monitors, &id, &[reason])?;
+                monitoring::restrict_on_demand(context, record, monitors, &id, &[reason])?;
                 accepted(&id, "restricted")
             }
             Command::Rearm(operation) => {
@@ -114,6 +119,7 @@ impl Pipeline {
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
             Command::Go { by, reason } => Ok(halt::go(record, world, by, reason)?),
+            Command::Goal { goal } => Ok(operations::set_goal(world, &goal)),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
             Command::Registry { group, text, offset, limit } => {
@@ -130,6 +136,101 @@ impl Pipeline {
         }
     }
 
+    /// From now on a stage begins by a call alone.
+    pub(crate) const fn begin_on_call(&mut self) {
+        self.on_call = true;
+    }
+
+    /// Begins one stage of one candidate, as the pipeline would by itself. What does not fit is refused and changes
+    /// nothing.
+    pub(crate) fn launch(&mut self, id: &CapabilityId, stage: Stage) -> Reply {
+        if let Some(why) = self.record.holding() {
+            return refuse_held(why);
+        }
+        match self.try_launch(id, stage) {
+            Ok(reply) => reply,
+            Err(fault) => match fault.refusal() {
+                Some(code) => Reply::refused(code, &fault),
+                None => {
+                    self.hold(&fault.sentence());
+                    refuse_held(&fault.sentence())
+                }
+            },
+        }
+    }
+
+    fn try_launch(&mut self, id: &CapabilityId, stage: Stage) -> Result<Reply, Fault> {
+        let refuse = |text: String, hint: &str| {
+            Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint.to_owned()) })
+        };
+        let (_, standing, _) = self.record.ledger().version(id)?;
+        let (state, flags) = (standing.state, standing.flags);
+        if self.work.is_some() || self.world.is_running() {
+            return refuse("another stage is being worked".to_owned(), "wait for its end");
+        }
+        if flags.paused || flags.awaiting_approval || self.dossiers.is_held(id) {
+            return refuse(format!("{id} is held, or people are asked about it"), "see `holdpoint status`");
+        }
+        let from = match stage {
+            Stage::Validation => State::Registered,
+            Stage::Sandbox => State::Validated,
+            Stage::Shadow => State::Sandboxed,
+            Stage::Activation => State::Shadowed,
+        };
+        let repeated = state == State::Demoted && flags.running == Some(stage);
+        if !(repeated || (state == from && flags.running.is_none())) {
+            let text = format!("{id} is {state}; {stage} is begun from {from}");
+            return refuse(text, "`holdpoint repeat` has a stage that was passed run again");
+        }
+        let compares = matches!(stage, Stage::Sandbox | Stage::Shadow);
+        if compares && self.record.active_of(&id.family).is_none() {
+            let text = format!("{} has no active version to compare {id} with", id.family);
+            return refuse(text, "`holdpoint rearm` makes a version active again");
+        }
+        self.begin(id, stage)?;
+        accepted(id, &format!("in {stage}"))
+    }
+
+    /// A signed decision, by what was asked.
+    fn decide(&mut self, signed: SignedApproval, shown: Option<&str>) -> Result<Reply, Fault> {
+        if signed.approval().break_glass {
+            return self.activation().break_glass(signed, shown);
+        }
+        let id = signed.approval().version.clone();
+        let result = match self.approvals.vote(&self.context, &mut self.record, signed, shown)? {
+            Ok(result) => result,
+            Err(refused) => return Ok(refused),
+        };
+        let text = match self.approvals.of(&id).map(PendingQuestion::purpose) {
+            Some(Purpose::Release) => {
+                let (mut live, approvals) = self.live_and_approvals();
+                release::settle(&mut live, approvals, &id, &result)?
+            }
+            Some(Purpose::Review) => {
+                let (mut live, approvals) = self.live_and_approvals();
+                emergency::settle_review(&mut live, approvals, &id, &result)?
+            }
+            Some(Purpose::Activation | Purpose::Emergency) | None => {
+                self.activation().settle(&id, &result)?
+            }
+        };
+        Ok(Reply::Accepted { text, version: Some(id) })
+    }
+
+    fn operator_release(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
+        if profiles.is_empty() {
+            let (mut live, approvals) = self.live_and_approvals();
+            return release::release(&mut live, approvals, operation);
+        }
+        let reply = release::set_profiles(&mut self.record, operation, profiles, false)?;
+        if matches!(reply, Reply::Accepted { .. }) {
+            let dossier = self.dossiers.edit(&operation.version);
+            dossier.closed.retain(|profile| !profiles.contains(profile));
+            dossier.held = false;
+        }
+        Ok(reply)
+    }
+
     fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, Fault> {
         let reply = operations::transition(&mut self.record, operation, "rejected", |version| {
             LifecycleEvent::Reject { version }
@@ -141,18 +242,26 @@ impl Pipeline {
 
     fn operator_demote(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
         let id = checked(&self.record, operation)?;
-        if self.record.ledger().version(&id)?.1.state == State::Active {
-            self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
-            // A profile demotion leaves a version active if it is not closed.
-            if !profiles.is_empty() && !profiles.contains(&self.context.profile.name) {
-                return accepted(&id, "closed to the profiles named");
+        let is_active = self.record.ledger().version(&id)?.1.state == State::Active;
+        if is_active && (profiles.is_empty() || profiles.contains(&self.context.profile.name)) {
+            let mut live = self.live();
+            if let Some(asks) = operations::asks_for_last(live.record, &id) {
+                return Ok(asks);
             }
-            return operations::roll_back(&mut self.live(), operation, Leave::Demoted);
+            if !profiles.is_empty() {
+                let reply = release::set_profiles(live.record, operation, profiles, true)?;
+                if matches!(reply, Reply::Refused { .. }) {
+                    return Ok(reply);
+                }
+            }
+            return operations::roll_back(&mut live, operation, Leave::Demoted, LastVersion::Ask);
+        }
+        if !profiles.is_empty() {
+            return release::set_profiles(&mut self.record, operation, profiles, true);
         }
         let reply = operations::transition(&mut self.record, operation, "demoted", |version| {
             LifecycleEvent::Demote { version }
         })?;
-        self.dossiers.edit(&id).closed.extend(profiles.iter().copied());
         self.forget_work(&id);
         Ok(reply)
     }

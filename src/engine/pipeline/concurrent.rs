@@ -5,12 +5,17 @@
 
 use std::sync::Arc;
 
+use holdpoint_approvals::Approval;
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::snapshot::Purpose;
 
 use super::{Pipeline, Progress, Work};
 use crate::fault::Fault;
+use crate::operations::asks_for_last;
+use crate::people::approvals::PendingQuestion;
 use crate::stages::{confirmation, resume};
 use crate::world::sequence::{Shadowed, Worked};
 use holdpoint_text::Hint;
@@ -34,6 +39,12 @@ impl Pipeline {
             self.record.ledger().version(id).is_ok_and(|(_, standing, _)| standing.state == State::Active)
         };
         match command {
+            // It only asks back; the arm works on.
+            Command::Rollback(operation) | Command::Demote { operation, .. }
+                if asks_for_last(&self.record, &operation.version).is_some() =>
+            {
+                Timing::Now
+            }
             command if command.stops_the_arm() => Timing::Stop,
             Command::Demote { operation, .. } | Command::Reject(operation)
                 if is_active(&operation.version) =>
@@ -42,14 +53,22 @@ impl Pipeline {
             }
             // The deadline of a question does not wait for the end of a sequence, so the answer does not either.
             Command::Continue(operation) if self.monitors.has_question(&operation.version) => Timing::Stop,
-            Command::Drift { .. } | Command::LiveFault { .. } | Command::Go { .. } => Timing::Between,
+            Command::Release { operation, profiles } if profiles.is_empty() => {
+                let asked = self.monitors.has_question(&operation.version);
+                if asked { Timing::Stop } else { Timing::Between }
+            }
+            Command::Decide { signed, .. } => self.decision_timing(signed.approval()),
+            Command::Drift { .. } | Command::LiveFault { .. } | Command::Goal { .. } | Command::Go { .. } => {
+                Timing::Between
+            }
             Command::Rollback(_)
+            | Command::Vacate(_)
+            | Command::Release { .. }
             | Command::Restrict(_)
             | Command::Rearm(_)
             | Command::Shutdown
             | Command::Continue(_)
             | Command::Register { .. }
-            | Command::Decide { .. }
             | Command::Demote { .. }
             | Command::Reject(_)
             | Command::Pause(_)
@@ -66,6 +85,16 @@ impl Pipeline {
             | Command::Audit { .. }
             | Command::VerifyAudit
             | Command::Snapshot => Timing::Now,
+        }
+    }
+
+    /// Versions change places and envelopes between two sequences; what a review takes off is stopped.
+    fn decision_timing(&self, said: &Approval) -> Timing {
+        match self.approvals.of(&said.version).map(PendingQuestion::purpose) {
+            _ if said.break_glass => Timing::Between,
+            Some(Purpose::Review) if said.decision == Answer::Reject => Timing::Stop,
+            Some(Purpose::Release) => Timing::Between,
+            Some(Purpose::Review | Purpose::Activation | Purpose::Emergency) | None => Timing::Now,
         }
     }
 

@@ -59,7 +59,7 @@ impl Rehearsal {
         let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
             .into_iter()
             .filter_map(|task| record.active_of(&Family::from(task)))
-            .map(|active| (active.id(), terms_of(context, dossiers, monitors, &active)))
+            .map(|active| (active.id(), terms_of(context, record.ledger(), dossiers, monitors, &active)))
             .collect();
         let spare = context.terms();
         let choose = |capability: &Capability| {

@@ -8,12 +8,13 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::unmet;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
 
 use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
+use super::release;
 use super::validation::registered;
 use crate::binding::{binding, made_under};
 use crate::context::Context;
@@ -21,7 +22,7 @@ use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::monitors::{Monitors, Watched};
-use crate::people::approvals::{Approvals, clear_alarm, closing_note};
+use crate::people::approvals::{Approvals, PendingQuestion, clear_alarm, closing_note};
 use crate::record::Record;
 
 /// What the gate reads and moves.
@@ -69,7 +70,8 @@ impl Activation<'_> {
             }
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
-                activate(self.context, self.record, self.monitors, dossier, id, (&passed, body), &approvals)
+                let entry = Entry { passed: &passed, decision: body, emergency_until_ms: None };
+                activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
                 self.approvals.ask(self.context, self.record, self.dossiers, id)
@@ -92,23 +94,8 @@ impl Activation<'_> {
         }
     }
 
-    /// Takes one signed decision, with what was on the screen, and acts on what asking came to by it.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn decide(&mut self, signed: SignedApproval, shown: Option<&str>) -> Result<Reply, Fault> {
-        let id = signed.approval().version.clone();
-        match self.approvals.vote(self.context, self.record, signed, shown)? {
-            Ok(result) => {
-                let text = self.settle(&id, &result)?;
-                Ok(Reply::Accepted { text, version: Some(id) })
-            }
-            Err(refused) => Ok(refused),
-        }
-    }
-
     /// Acts on what asking came to so far. Returns a sentence for the one who asked or answered.
-    fn settle(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
+    pub(crate) fn settle(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason = result
             .reasons
@@ -165,7 +152,14 @@ impl Activation<'_> {
     pub fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
         let due = self.approvals.due(self.record.now_ms());
         for id in &due {
-            self.settle_now(id)?;
+            match self.approvals.of(id).map(PendingQuestion::purpose) {
+                Some(Purpose::Release) => {
+                    release::lapse(self.context, self.record, self.approvals, id)?;
+                }
+                Some(Purpose::Activation | Purpose::Emergency | Purpose::Review) | None => {
+                    self.settle_now(id)?;
+                }
+            }
         }
         Ok(!due.is_empty())
     }
@@ -189,7 +183,7 @@ impl Activation<'_> {
 }
 
 /// What the gate says of a candidate.
-fn gate(
+pub(super) fn gate(
     context: &Context,
     record: &Record,
     dossiers: &Dossiers,
@@ -198,13 +192,15 @@ fn gate(
 ) -> Result<GateResult, Fault> {
     let ledger = record.ledger();
     let candidate = record.capability(id)?;
-    let (_, _, member) = ledger.version(id)?;
+    let (_, standing, member) = ledger.version(id)?;
     let current = binding(context, ledger, &candidate);
     let assessed = dossiers.of(id).and_then(|dossier| Some((dossier, dossier.kappas.as_ref()?)));
     let Some((dossier, kappas)) = assessed else {
         return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
     };
     let made_under = made_under(context, ledger, &candidate, dossier.digest()?);
+    // Stores made before the lifecycle kept it have it in the dossier.
+    let closed = standing.closed.union(&dossier.closed).copied().collect();
     let input = GateInput {
         kappas,
         shadow: dossier.shadow.as_ref(),
@@ -214,9 +210,9 @@ fn gate(
         approval,
         risk: candidate.submission.estimated_risk,
         provenance: candidate.submission.provenance,
-        closed: &dossier.closed,
+        closed: &closed,
         unmet: &unmet(&candidate.manifest, &registered(ledger)),
-        review_open: false,
+        review_open: ledger.family(&id.family)?.state.review.is_some(),
         now_s: record.now_s(),
         row_version: member.row_version,
         made_under,
@@ -224,14 +220,23 @@ fn gate(
     Ok(gate::evaluate(&input, &context.table, &context.profile))
 }
 
+/// What a version becomes active by.
+pub(super) struct Entry<'a> {
+    pub(super) passed: &'a GatePassed,
+    /// The gate's decision, JSON text.
+    pub(super) decision: String,
+    /// Until when one person's emergency approval holds unreviewed, virtual ms; absent in the ordinary way.
+    pub(super) emergency_until_ms: Option<u64>,
+}
+
 /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
-fn activate(
+pub(super) fn activate(
     context: &Context,
     record: &mut Record,
     monitors: &mut Monitors,
     dossier: &Dossier,
     id: &CapabilityId,
-    (passed, decision): (&GatePassed, String),
+    Entry { passed, decision, emergency_until_ms }: Entry<'_>,
     approvals: &[SignedApproval],
 ) -> Result<(), Fault> {
     let (version, _, _) = record.ledger().version(id)?;
@@ -260,7 +265,11 @@ fn activate(
     };
     // Without a live monitor no tick runs under a provisional version: it is made first.
     let watched = Watched::new(id, Some(dossier), context, record.now_tick())?;
-    record.transition(&id.family, LifecycleEvent::Activate { version }, note)?;
+    let event = match emergency_until_ms {
+        None => LifecycleEvent::Activate { version },
+        Some(until_ms) => LifecycleEvent::ActivateUnreviewed { version, until_ms },
+    };
+    record.transition(&id.family, event, note)?;
     monitors.insert(watched);
     let terms = passed.terms();
     record.tell(EventKind::Activated {

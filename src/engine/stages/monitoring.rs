@@ -55,7 +55,8 @@ impl Live<'_> {
     /// If another sequence has them.
     pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
         let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
-        let terms_of = |version: &_| crate::binding::terms_of(context, dossiers, monitors, version);
+        let ledger = self.record.ledger();
+        let terms_of = |version: &_| crate::binding::terms_of(context, ledger, dossiers, monitors, version);
         sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, &terms_of)
     }
 
@@ -341,16 +342,34 @@ pub fn restrict(
     id: &CapabilityId,
     reasons: &[Reason],
 ) -> Result<(), Fault> {
-    let Some(watched) = monitors.of_mut(id) else { return Ok(()) };
-    if watched.restricted {
+    let Some(watched) = monitors.of_mut(id).filter(|watched| !watched.restricted) else { return Ok(()) };
+    if record.is_restricted(id) {
+        // An operator was first.
+        watched.restricted = true;
         return Ok(());
     }
-    watched.restricted = true;
-    tell_monitor(record, id, MonitorAction::Restrict, reasons)?;
+    restrict_on_demand(context, record, monitors, id, reasons)
+}
+
+/// Tightens the envelope of an active version, whoever watches it.
+///
+/// # Errors
+/// If the lifecycle refuses, or it cannot be written; nothing has changed then.
+pub fn restrict_on_demand(
+    context: &Context,
+    record: &mut Record,
+    monitors: &mut Monitors,
+    id: &CapabilityId,
+    reasons: &[Reason],
+) -> Result<(), Fault> {
     let (version, _, _) = record.ledger().version(id)?;
     let reason =
         reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
     record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
+    if let Some(watched) = monitors.of_mut(id) {
+        watched.restricted = true;
+    }
+    tell_monitor(record, id, MonitorAction::Restrict, reasons)?;
     let priority = context.profile.alarms.restricted;
     let text = format!("{id} is restricted");
     record.raise(AlarmKey::Restricted(id.clone()), priority, true, &text);
@@ -371,7 +390,7 @@ pub fn maybe_confirm(
     if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
         return Ok(());
     }
-    if dossiers.has_open_doubt(id) {
+    if dossiers.has_open_doubt(id) || record.is_unreviewed(id) {
         return Ok(());
     }
     watched.confirmed = true;

@@ -12,6 +12,7 @@ use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_registry::ActiveCause;
+use holdpoint_runtime::agent::DispatchRepair;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
@@ -27,6 +28,7 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::world::LiveWorld;
 use crate::world::descent::Descent;
+use crate::world::live::Rig;
 use crate::world::painter::Sketch;
 use crate::world::portrait;
 use crate::world::supervisor::Trip;
@@ -122,7 +124,8 @@ impl Rollback<'_> {
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
-                rung(self.record, &mut record, Rung::SwapBinding, None, "the predecessor is bound again");
+                let text = self.repair_dispatch(record.in_flight);
+                rung(self.record, &mut record, Rung::SwapBinding, None, &text);
             }
             Err(Fault::Ledger(LedgerError::Store(error))) => {
                 let text = format!("the swap could not be written: {}", error.sentence());
@@ -221,6 +224,22 @@ impl Rollback<'_> {
         (!(same && bound)).then_some(RungFailure::PolicyMismatch)
     }
 
+    /// Whoever takes over begins with a plan of its own; what was in flight counts as not done.
+    fn repair_dispatch(&mut self, in_flight: bool) -> String {
+        let repaired = self.world.cell.rig_mut().map(Rig::repair_dispatch);
+        match repaired {
+            None => "the predecessor is bound again; the agent is at work and plans anew after it".to_owned(),
+            Some(DispatchRepair { cancelled, planned }) => {
+                // A task that failed and ended is in flight no more.
+                let cancelled = cancelled.filter(|_| in_flight).map_or_else(
+                    || "nothing was in flight".to_owned(),
+                    |task| format!("{} in flight is cancelled", task.name()),
+                );
+                format!("the predecessor is bound again; {cancelled}, {planned} tasks are planned anew")
+            }
+        }
+    }
+
     fn ready(&mut self, predecessor: &Capability) -> RungRecord {
         let terms = self.terms(predecessor);
         let sketch = self.sketch(predecessor, &terms);
@@ -240,7 +259,7 @@ impl Rollback<'_> {
 
     /// What a version runs under now.
     fn terms(&self, version: &Capability) -> SkillTerms {
-        terms_of(self.context, self.dossiers, self.monitors, version)
+        terms_of(self.context, self.record.ledger(), self.dossiers, self.monitors, version)
     }
 
     /// Draws the ladder, where pictures are wanted.

@@ -105,6 +105,9 @@ pub fn begin(
     dossier.pairs.clear();
     dossier.hard_stops.clear();
     dossier.modes.clear();
+    // What shadow and an earlier confirmation came to was about evidence that is gathered anew now.
+    dossier.shadow = None;
+    dossier.confirmation = None;
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
@@ -219,7 +222,7 @@ impl Sandbox<'_> {
         records: &mut Vec<TaskRecord>,
     ) -> Result<bool, Fault> {
         let id = candidate.id();
-        let terms = terms_of(self.context, self.dossiers, self.monitors, candidate);
+        let terms = terms_of(self.context, self.record.ledger(), self.dossiers, self.monitors, candidate);
         let (mode, terms, conditions, purpose) = match alone {
             Alone::Canonical => (SandboxMode::Canonical, terms, Conditions::Canonical, Purpose::Canonical),
             Alone::Adversarial => {

@@ -89,7 +89,7 @@ pub fn take_along(
         Some(fork) => fork,
         None => context.cell.world()?,
     };
-    let terms = terms_of(context, dossiers, monitors, &candidate);
+    let terms = terms_of(context, record.ledger(), dossiers, monitors, &candidate);
     Ok(Some(Shadow::new(candidate, terms, fork)))
 }
 

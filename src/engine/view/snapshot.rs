@@ -6,10 +6,11 @@ use crate::dossier::{Dossier, Dossiers};
 use crate::ledger::FamilyEntry;
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
+use crate::people::emergencies;
 use crate::record::Record;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, Snapshot};
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
 
 /// What a snapshot is taken of.
 pub(crate) struct SnapshotView<'a> {
@@ -59,6 +60,8 @@ impl SnapshotView<'_> {
                     reasons: dossier.reasons.clone(),
                     conditions: dossier.conditions.clone(),
                     deployment: dossier.deployment,
+                    held: dossier.held,
+                    closed: version.closed.union(&dossier.closed).copied().collect(),
                 });
             }
         }
@@ -74,6 +77,7 @@ impl SnapshotView<'_> {
             stopped: self.world.halted.clone(),
             families,
             candidates,
+            emergencies: emergencies::views(self.context, self.record, self.dossiers),
             prompts: self.approvals.views(self.context, self.record, self.dossiers),
             alarms: self.alarm_views(),
             live: self.live_view(),
@@ -99,6 +103,10 @@ impl SnapshotView<'_> {
             safe_stopped: entry.state.safe_stopped,
             flags: version.map(|version| version.flags),
             provisional: self.monitors.window(family).map(|episodes| (episodes, needed)),
+            review: entry.state.review.and_then(|review| {
+                let overdue = review.until_ms <= self.record.now_ms();
+                Some(ReviewView { version: name(review.version)?, until_ms: review.until_ms, overdue })
+            }),
         }
     }
 

@@ -23,7 +23,7 @@ use super::switch::Switch;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
-use holdpoint_runtime::agent::{ActiveView, Agent, Goal};
+use holdpoint_runtime::agent::{ActiveView, Agent, DispatchRepair, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, Tick};
@@ -47,12 +47,14 @@ pub struct SequenceReport {
     pub failed: bool,
     /// Simulated time, ms.
     pub duration_ms: u64,
+    /// Primitives the agent had planned for it.
+    pub planned: usize,
 }
 
 impl SequenceReport {
     /// The report of a sequence that has not begun.
     const fn empty(seed: u64) -> Self {
-        Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0 }
+        Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0, planned: 0 }
     }
 
     /// The record of a primitive, if it was worked.
@@ -64,7 +66,9 @@ impl SequenceReport {
     /// Whether the whole sequence was done.
     #[must_use]
     pub fn succeeded(&self) -> bool {
-        self.tasks.len() == TaskKind::SEQUENCE.len() && self.tasks.iter().all(|done| done.record.success)
+        self.planned > 0
+            && self.tasks.len() == self.planned
+            && self.tasks.iter().all(|done| done.record.success)
     }
 }
 
@@ -86,6 +90,11 @@ impl Rig {
     pub(crate) const fn world(&self) -> &World {
         self.arm.body().world()
     }
+
+    /// As [`Agent::repair`].
+    pub(crate) fn repair_dispatch(&mut self) -> DispatchRepair {
+        self.agent.repair()
+    }
 }
 
 /// The live cell with its arm and its agent.
@@ -97,6 +106,7 @@ pub struct LiveCell {
     distribution: Arc<Distribution>,
     drift: Option<Drift>,
     fault: Option<LiveFault>,
+    goal: Goal,
     sequences: u64,
 }
 
@@ -106,6 +116,7 @@ pub(crate) struct RunningSequence {
     scene: Arc<Scene>,
     distribution: Arc<Distribution>,
     fault: Option<LiveFault>,
+    goal: Goal,
     sequence: u64,
 }
 
@@ -127,6 +138,7 @@ impl LiveCell {
             distribution,
             drift: None,
             fault: None,
+            goal: Goal::default(),
             sequences: 0,
         })
     }
@@ -139,6 +151,11 @@ impl LiveCell {
     /// Breaks something, or mends it.
     pub const fn set_fault(&mut self, fault: Option<LiveFault>) {
         self.fault = fault;
+    }
+
+    /// From the next sequence on the agent works towards this.
+    pub const fn set_goal(&mut self, goal: Goal) {
+        self.goal = goal;
     }
 
     #[must_use]
@@ -223,6 +240,7 @@ impl LiveCell {
             scene: Arc::clone(&self.cell.scene),
             distribution: Arc::clone(&self.distribution),
             fault: self.fault,
+            goal: self.goal,
             sequence,
         })
     }
@@ -271,7 +289,9 @@ impl RunningSequence {
             world.inject(InjectedFault::CameraLost);
         }
         arm.body_mut().verdict();
-        for task in Goal::PickAlignPlace.plan() {
+        agent.take_up(self.goal);
+        report.planned = self.goal.plan().len();
+        while let Some(task) = agent.next_task() {
             arm.body_mut().world_mut().begin_task(task);
             let world = arm.body().world();
             listener.before_task(world, task, seed);
@@ -302,6 +322,7 @@ impl RunningSequence {
                     if !done {
                         break;
                     }
+                    agent.finished();
                 }
                 Err(DispatchError::Refused(refused)) => {
                     report.refused = Some(refused);

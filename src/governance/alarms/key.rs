@@ -28,6 +28,8 @@ crate::words! {
         Rejected = "rejected",
         /// People are asked for an approval.
         Approval = "approval",
+        /// One person let a version in by the emergency door, and nobody has reviewed it yet.
+        Unreviewed = "unreviewed",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -57,7 +59,7 @@ impl AlarmKind {
             Self::Escalated | Self::Restricted | Self::Violation | Self::Degraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
-            Self::Approval => AlarmTopic::Approval,
+            Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
             Self::EngineFault => AlarmTopic::Engine,
         }
     }
@@ -87,6 +89,8 @@ pub enum AlarmKey {
     Rejected(CapabilityId),
     /// The candidate that waits for people.
     Approval(CapabilityId),
+    /// The version that was let in by the emergency door.
+    Unreviewed(CapabilityId),
     /// The one engine there is.
     EngineFault,
 }
@@ -110,6 +114,7 @@ impl AlarmKey {
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
             Self::Rejected(_) => AlarmKind::Rejected,
             Self::Approval(_) => AlarmKind::Approval,
+            Self::Unreviewed(_) => AlarmKind::Unreviewed,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -125,7 +130,8 @@ impl fmt::Display for AlarmKey {
             | Self::Violation(version)
             | Self::Degraded(version)
             | Self::Rejected(version)
-            | Self::Approval(version) => write!(f, "{kind}:{version}"),
+            | Self::Approval(version)
+            | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
             Self::EngineFault => write!(f, "{kind}"),
         }
@@ -149,6 +155,7 @@ impl FromStr for AlarmKey {
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
             AlarmKind::Approval => Self::Approval(version()?),
+            AlarmKind::Unreviewed => Self::Unreviewed(version()?),
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::EngineFault => return Err(bad()),
         })
@@ -196,7 +203,8 @@ mod tests {
                 | AlarmKind::Violation
                 | AlarmKind::Degraded
                 | AlarmKind::Rejected
-                | AlarmKind::Approval => ":grasp@1.3.0",
+                | AlarmKind::Approval
+                | AlarmKind::Unreviewed => ":grasp@1.3.0",
             };
             let text = format!("{kind}{about}");
             let key: AlarmKey = text.parse().unwrap();

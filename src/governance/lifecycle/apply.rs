@@ -5,9 +5,10 @@
 
 use super::rules::{All, LifecycleRule, Refusal, Rules};
 use super::{
-    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Stage, Stamp, State, VERSIONS_MAX, Version,
-    VersionRef,
+    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Review, Stage, Stamp, State, VERSIONS_MAX,
+    Version, VersionRef,
 };
+use crate::profile::ProfileName;
 
 /// Applies an event under all rules.
 ///
@@ -60,7 +61,7 @@ fn changes(before: &FamilyState, after: &FamilyState) -> Vec<LifecycleChange> {
             out.push(LifecycleChange::Flags { version, from: old.flags, to: new.flags });
         }
         let standing = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
-        if standing(old) != standing(new) {
+        if standing(old) != standing(new) || old.closed != new.closed {
             out.push(LifecycleChange::Standing { version });
         }
     }
@@ -70,6 +71,9 @@ fn changes(before: &FamilyState, after: &FamilyState) -> Vec<LifecycleChange> {
     }
     if before.safe_stopped != after.safe_stopped {
         out.push(LifecycleChange::SafeStopped { stopped: after.safe_stopped });
+    }
+    if before.review != after.review {
+        out.push(LifecycleChange::Review { open: after.review.map(|review| review.version) });
     }
     out
 }
@@ -155,17 +159,23 @@ impl<R: Rules> ApplyStep<R> {
                 Ok(())
             }
             LifecycleEvent::Activate { version } => self.activate(version),
-            LifecycleEvent::Confirm { version } => {
-                let found = self.ready(version, "confirming", &[State::Active])?;
-                if found.flags.rollback_pending {
-                    return Err(Refusal::RollbackPending);
+            LifecycleEvent::ActivateUnreviewed { version, until_ms } => {
+                self.activate(version)?;
+                if self.rules.demand(LifecycleRule::EmergencyOpensReview) {
+                    self.family.review = Some(Review { version, until_ms });
                 }
-                if !found.flags.provisional || found.flags.restricted {
-                    return Err(Refusal::Condition { why: "it is not provisional, or it is restricted" });
-                }
-                found.flags.provisional = false;
                 Ok(())
             }
+            LifecycleEvent::Reviewed { version } => {
+                if !self.family.is_unreviewed(version) {
+                    return Err(Refusal::Condition { why: "no review of it is open" });
+                }
+                self.family.review = None;
+                Ok(())
+            }
+            LifecycleEvent::Close { version, profile } => self.close(version, profile, true),
+            LifecycleEvent::Open { version, profile } => self.close(version, profile, false),
+            LifecycleEvent::Confirm { version } => self.confirm(version),
             LifecycleEvent::Restrict { version } => {
                 let found = self.within(version, "restricting", &[State::Active])?;
                 if found.flags.rollback_pending || found.flags.restricted {
@@ -278,6 +288,41 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
+    fn confirm(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let rules = self.rules;
+        if self.family.is_unreviewed(version) && rules.demand(LifecycleRule::ReviewBeforeConfirm) {
+            return Err(Refusal::ReviewOpen);
+        }
+        let found = self.ready(version, "confirming", &[State::Active])?;
+        if found.flags.rollback_pending {
+            return Err(Refusal::RollbackPending);
+        }
+        if found.flags.restricted && rules.demand(LifecycleRule::ReleaseBeforeConfirm) {
+            return Err(Refusal::Condition { why: "it is restricted; it is released first" });
+        }
+        if !found.flags.provisional {
+            return Err(Refusal::Condition { why: "it is not provisional" });
+        }
+        found.flags.provisional = false;
+        Ok(())
+    }
+
+    /// Closes a profile to a version, or opens it again; how it stands is not touched by it.
+    fn close(&mut self, version: VersionRef, profile: ProfileName, closed: bool) -> Result<(), Refusal> {
+        let found = self.version(version)?;
+        if found.state.is_terminal() {
+            return Err(Refusal::Condition { why: "it is rejected or rolled back for good" });
+        }
+        let changed = if closed { found.closed.insert(profile) } else { found.closed.remove(&profile) };
+        if changed {
+            Ok(())
+        } else {
+            let why =
+                if closed { "the profile is closed to it already" } else { "the profile is open to it" };
+            Err(Refusal::Condition { why })
+        }
+    }
+
     fn demote(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let mut from = vec![State::Validated, State::Sandboxed, State::Shadowed];
         if !self.rules.demand(LifecycleRule::ActiveLeavesByRollback) {
@@ -320,6 +365,9 @@ impl<R: Rules> ApplyStep<R> {
         };
         if !rules.demand(LifecycleRule::TerminalIsFinal) {
             from.push(State::RolledBack);
+        }
+        if !rules.demand(LifecycleRule::RepeatOffControl) {
+            from.push(State::Active);
         }
         let found = self.ready(version, "repeating this stage", &from)?;
         if found.flags.running.is_some() {
@@ -393,6 +441,7 @@ impl<R: Rules> ApplyStep<R> {
         if self.family.safe_stopped && self.rules.demand(LifecycleRule::StopHolds) {
             return Err(Refusal::SafeStopped);
         }
+        self.promotable()?;
         self.ready(version, "activating", &[State::Shadowed])?;
         self.standing(version)?;
         let old = self.family.active();
@@ -410,6 +459,12 @@ impl<R: Rules> ApplyStep<R> {
         self.enter(version, old)
     }
 
+    /// No review of an emergency activation is open.
+    fn promotable(&self) -> Result<(), Refusal> {
+        let blocked = self.family.review.is_some() && self.rules.demand(LifecycleRule::ReviewBlocks);
+        if blocked { Err(Refusal::ReviewOpen) } else { Ok(()) }
+    }
+
     /// Makes a version active under a predecessor.
     fn enter(&mut self, version: VersionRef, predecessor: Option<VersionRef>) -> Result<(), Refusal> {
         self.void_family(self.rules.demand(LifecycleRule::ActiveChangeVoids));
@@ -424,7 +479,7 @@ impl<R: Rules> ApplyStep<R> {
 
     fn release(&mut self, version: VersionRef) -> Result<(), Refusal> {
         let (stamp, needs_approval) = (self.stamp(version)?, self.family.needs_approval);
-        let bind = self.rules.demand(LifecycleRule::BindApproval);
+        let bind = self.rules.demand(LifecycleRule::BindRelease);
         let found = self.ready(version, "releasing", &[State::Active])?;
         if !found.flags.restricted || found.flags.rollback_pending {
             return Err(Refusal::Condition { why: "it is not restricted, or being rolled back" });
@@ -453,6 +508,7 @@ impl<R: Rules> ApplyStep<R> {
             Leave::Demoted => State::Demoted,
         };
         self.version(version)?.leave(to);
+        self.left(version);
         if rules.demand(LifecycleRule::RestorePredecessor) {
             let before = self.family.restorable_predecessor(target);
             self.enter(target, before)?;
@@ -469,17 +525,36 @@ impl<R: Rules> ApplyStep<R> {
             return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
         }
         found.leave(State::Demoted);
+        self.left(version);
         self.family.safe_stopped = rules.demand(LifecycleRule::StopWithoutTarget);
         self.void_family(rules.demand(LifecycleRule::ActiveChangeVoids));
         Ok(())
+    }
+
+    /// An active version has left; people still have to look at how it came in.
+    fn left(&mut self, version: VersionRef) {
+        if self.family.is_unreviewed(version) && !self.rules.demand(LifecycleRule::ReviewOutlives) {
+            self.family.review = None;
+        }
     }
 
     fn rearm(&mut self, version: VersionRef) -> Result<(), Refusal> {
         if !self.family.safe_stopped {
             return Err(Refusal::Condition { why: "the family is not stopped" });
         }
-        let state = self.ready(version, "re-arming", &[State::Superseded, State::Shadowed])?.state;
+        let from = [State::Superseded, State::Shadowed, State::Demoted];
+        let state = self.ready(version, "re-arming", &from)?.state;
+        if state == State::Demoted {
+            self.promotable()?;
+            let other = self.family.versions.iter().any(|version| version.state == State::Superseded);
+            let acted = self.family.has_acted(version) || !self.rules.demand(LifecycleRule::RearmActedOnly);
+            if other || !acted {
+                let why = "a superseded version comes first, and a demoted one only if it was active before";
+                return Err(Refusal::Condition { why });
+            }
+        }
         if state == State::Shadowed {
+            self.promotable()?;
             self.standing(version)?;
         }
         let before = self.family.restorable_predecessor(version);
@@ -503,35 +578,4 @@ impl<R: Rules> ApplyStep<R> {
 
 fn is_current(stamp: Option<Stamp>, context: u32) -> bool {
     stamp.is_some_and(|stamp| stamp.context == context)
-}
-
-impl Version {
-    /// A version without history.
-    #[must_use]
-    pub fn new(state: State) -> Self {
-        Self {
-            state,
-            flags: Flags::default(),
-            row_version: 1,
-            round: 0,
-            predecessor: None,
-            sandbox: None,
-            shadow: None,
-            gate: None,
-            approval: None,
-        }
-    }
-
-    /// Leaves for a state in which nothing of its standing holds.
-    fn leave(&mut self, to: State) {
-        let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
-        let paused = self.flags.paused && !to.is_terminal();
-        *self = Self {
-            flags: Flags { paused, ..Flags::default() },
-            row_version: self.row_version,
-            round: self.round,
-            sandbox: keep,
-            ..Self::new(to)
-        };
-    }
 }

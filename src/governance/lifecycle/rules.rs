@@ -49,6 +49,9 @@ pub enum Refusal {
     /// The version is the rollback target of another one and has to stay available.
     #[error("the version is the rollback target of another one and has to stay")]
     Pinned,
+    /// An emergency activation of the family is not reviewed yet.
+    #[error("the family's emergency activation is not reviewed yet; nothing of it is promoted before")]
+    ReviewOpen,
     /// A condition of the event does not hold.
     #[error("{why}")]
     Condition {
@@ -62,6 +65,9 @@ impl Hint for Refusal {
         match self {
             Self::Stale { .. } => Some("repeat the stage".into()),
             Self::SafeStopped => Some("re-arm it with a version that was active before".into()),
+            Self::ReviewOpen => {
+                Some("two people review it first: `holdpoint status` shows the question".into())
+            }
             Self::UnknownVersion { .. }
             | Self::State { .. }
             | Self::Paused
@@ -116,6 +122,22 @@ pub(super) enum LifecycleRule {
     StopHolds,
     /// A stage that did not run cannot be passed.
     PassNeedsRun,
+    /// While a review is open nothing of the family is promoted.
+    ReviewBlocks,
+    /// An emergency activation opens a review.
+    EmergencyOpensReview,
+    /// A review stays open when its version leaves.
+    ReviewOutlives,
+    /// An unreviewed version is not confirmed.
+    ReviewBeforeConfirm,
+    /// A restricted version is not confirmed.
+    ReleaseBeforeConfirm,
+    /// A restriction is lifted with present approvals, if the profile asks for them.
+    BindRelease,
+    /// A demoted version is re-armed only if it was in control before.
+    RearmActedOnly,
+    /// A stage is repeated on a candidate, not on a version in control.
+    RepeatOffControl,
     /// Every change is reported, so that it can be written.
     ReportChanges,
 }

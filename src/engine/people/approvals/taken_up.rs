@@ -5,7 +5,7 @@ use holdpoint_governance::approval::{self, ApprovalOutcome, Request, SignatureCh
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::CapabilityId;
 
-use super::{Approvals, PendingQuestion, secs_to_ms};
+use super::{Approvals, PendingQuestion, Purpose, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -55,6 +55,9 @@ impl Approvals {
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
         let secs = |ms: u64| ms as f64 / 1000.0;
         let mut prompt = PendingQuestion {
+            purpose: Purpose::Activation,
+            about: String::new(),
+            overdue: false,
             id: asked.id,
             request: Request {
                 subject,

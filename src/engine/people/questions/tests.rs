@@ -10,7 +10,6 @@ use holdpoint_governance::alarms::{AlarmKey, AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -110,12 +109,12 @@ fn a_refused_command_changes_no_dossier() {
     }
     assert!(pipeline.live().dossiers.of(&unknown).is_none(), "an unknown version has no dossier");
     assert_eq!(pipeline.live().dossiers.of(&active), before.as_ref());
-    // A superseded version is not demoted, and no profile is closed to it in passing either.
+    // A superseded version is not demoted.
     let superseded: CapabilityId = "align@1.0.0".parse().unwrap();
     let (version, by) = (superseded.clone(), "ada".to_owned());
     let operation = Operation { version, by, reason: "looked".to_owned() };
     let before = pipeline.live().dossiers.of(&superseded).cloned();
-    let reply = pipeline.command(Command::Demote { operation, profiles: vec![ProfileName::Real] });
+    let reply = pipeline.command(Command::Demote { operation, profiles: Vec::new() });
     assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
     assert_eq!(pipeline.live().dossiers.of(&superseded), before.as_ref());
 }

@@ -11,6 +11,7 @@ use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::words;
 use holdpoint_registry::AuditFilter;
@@ -137,9 +138,13 @@ fn everything_that_changes_is_told_before_people_decide() {
         store_id: question.store_id.clone(),
         nonce: Nonce::random().unwrap(),
         not_after_ms: question.valid_until_ms,
+        break_glass: false,
     });
     let shown = format!("New permissions: {}\n{}", question.new_permissions.join(", "), lines.join("\n"));
-    pipeline.activation().decide(signed, Some(&shown)).unwrap();
+    let decide =
+        holdpoint_protocol::command::Command::Decide { signed: Box::new(signed), shown: Some(shown) };
+    let reply = pipeline.command(decide);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
     let kept = pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
     for text in new.iter().chain(&differences) {

@@ -87,19 +87,37 @@ impl Bench {
 
     /// Makes a candidate active and watched without its evaluation: what is tested comes after that.
     pub(crate) fn activate(&mut self, name: &str) -> CapabilityId {
-        let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
-        self.activate_package(package, &[])
+        let id = self.pass(name, &Stage::ALL);
+        self.enter(&id, |version| LifecycleEvent::Activate { version });
+        id
     }
 
     /// As [`Bench::activate`], for a version under conditions.
     pub(crate) fn activate_package(&mut self, package: Package, conditions: &[Condition]) -> CapabilityId {
+        let id = self.pass_package(package, &Stage::ALL, conditions);
+        self.enter(&id, |version| LifecycleEvent::Activate { version });
+        id
+    }
+
+    /// Opens its store again, as an engine that comes up does.
+    pub(crate) fn restart(self) -> Self {
+        self.reopened(Profile::builtin(ProfileName::Sim).unwrap())
+    }
+
+    /// Registers a candidate that has passed these stages, without working them.
+    pub(crate) fn pass(&mut self, name: &str, stages: &[Stage]) -> CapabilityId {
+        let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
+        self.pass_package(package, stages, &[])
+    }
+
+    fn pass_package(&mut self, package: Package, stages: &[Stage], conditions: &[Condition]) -> CapabilityId {
         let pipeline = &mut self.pipeline;
         let id = Capability::load("test", package.clone()).unwrap().id();
         let reply = pipeline.command(Command::Register { package, name: "test".to_owned() });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let version = pipeline.record().ledger().version(&id).unwrap().0;
         pipeline.live().dossiers.edit(&id).conditions = conditions.to_vec();
-        for stage in Stage::ALL {
+        for stage in stages.iter().copied() {
             pipeline
                 .live()
                 .record
@@ -112,9 +130,16 @@ impl Bench {
                 .unwrap();
         }
         pipeline.live().dossiers.edit(&id).twins = vec![GOOD; 40];
+        id
+    }
+
+    /// Makes a candidate that has passed every stage active and watched.
+    pub(crate) fn enter(&mut self, id: &CapabilityId, event: impl Fn(VersionRef) -> LifecycleEvent) {
+        let pipeline = &mut self.pipeline;
+        let version = pipeline.record().ledger().version(id).unwrap().0;
         let now_tick = pipeline.record().now_tick();
         let live = pipeline.live();
-        let watched = Watched::new(&id, live.dossiers.of(&id), live.context, now_tick).unwrap();
+        let watched = Watched::new(id, live.dossiers.of(id), live.context, now_tick).unwrap();
         let digest = Digest::of_parts("test", &[b"gate"]);
         let gate = Change::PutEvidence {
             version: id.clone(),
@@ -127,10 +152,9 @@ impl Bench {
             before: vec![gate],
             ..Note::because("test")
         };
-        pipeline.live().record.transition(&id.family, LifecycleEvent::Activate { version }, note).unwrap();
+        pipeline.live().record.transition(&id.family, event(version), note).unwrap();
         pipeline.live().monitors.insert(watched);
         pipeline.drain_events();
-        id
     }
 
     pub(crate) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
@@ -225,6 +249,9 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     assert_eq!(record.trigger.kind, TriggerKind::SafetyEvent);
     assert!(record.trigger.event.is_some());
     assert!(record.in_flight);
+    let swap = record.rungs.iter().find(|rung| rung.rung == Rung::SwapBinding).unwrap();
+    let told = "align in flight is cancelled, 3 tasks are planned anew";
+    assert!(swap.text.ends_with(told), "the agent's dispatch state is repaired: {}", swap.text);
     bench.assert_restored(&record);
     let safe = record.time_to_safe_ticks.unwrap();
     assert!((1..u64::from(RATE_HZ)).contains(&safe), "the arm moved and was stopped: {safe} ticks");

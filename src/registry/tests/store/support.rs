@@ -177,6 +177,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
         store_id: store.store_id().into(),
         nonce: Nonce::from_bytes([nonce; 16]),
         not_after_ms: 1000,
+        break_glass: false,
     }
 }
 

@@ -1,0 +1,255 @@
+//! The emergency door (break-glass): what one person can let in alone, and the review that follows.
+//!
+//! Puts questions and says who may use the door; what a vote comes to is the rules'
+//! ([`holdpoint_governance::approval`]), and what is let in is still the gate's.
+
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::approval::{
+    self, Answer, ApprovalResult, REVIEWERS, Request, SignatureCheck, Subject, Vote,
+};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{Review, Stage, State};
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::snapshot::{PromptView, Purpose};
+use holdpoint_registry::names::RequestState;
+use holdpoint_registry::{ApprovalRequest, Change};
+
+use super::approvals::{Approvals, PendingQuestion, closing_note, secs_to_ms, tier, view};
+use super::signers::{signer, way_back};
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
+use crate::fault::Fault;
+use crate::record::Record;
+
+/// An emergency approval that the rules count, and until when it holds.
+pub(crate) struct Emergency {
+    pub(crate) signed: SignedApproval,
+    pub(crate) result: ApprovalResult,
+    /// Virtual time by which it has to be reviewed, ms.
+    pub(crate) until_ms: u64,
+}
+
+/// Who broke the glass for a version, and why, as the store has it.
+fn broken_by(record: &Record, id: &CapabilityId) -> Result<Option<SignedApproval>, Fault> {
+    let kept = record.ledger().store().views()?.approvals(id)?;
+    Ok(kept.into_iter().rev().map(|entry| entry.signed).find(|signed| signed.approval().break_glass))
+}
+
+/// What an emergency approval of a version has to be signed over now; absent if the door is not for it.
+fn door(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+) -> Option<PendingQuestion> {
+    let settings = context.profile.approval;
+    let entry = record.ledger().family(&id.family).ok()?;
+    let (_, standing, member) = entry.find(id)?;
+    let stands = standing.state == State::Shadowed
+        && !standing.flags.paused
+        && matches!(standing.flags.running, None | Some(Stage::Activation));
+    let dossier = dossiers.of(id)?;
+    let waits = dossier.held || standing.flags.awaiting_approval;
+    if !(settings.break_glass && stands && waits && entry.state.review.is_none()) {
+        return None;
+    }
+    let evidence = dossier.digest().ok()?;
+    let (now_ms, submission) = (record.now_ms(), &member.capability.submission);
+    let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
+    Some(PendingQuestion {
+        purpose: Purpose::Emergency,
+        about: String::new(),
+        overdue: false,
+        id: format!("{}-{}-emergency", id.family, id.version),
+        request: Request {
+            subject: Subject {
+                candidate: member.capability.digest(),
+                row_version: member.row_version,
+                evidence,
+                policy: context.digest,
+                profile: context.profile_digest,
+            },
+            risk: submission.estimated_risk,
+            // One person is never enough in the ordinary way: it counts as an emergency or not at all.
+            quorum: approval::quorum(&settings, context.needs_approval(), submission.estimated_risk, false)
+                .max(2),
+            requester: "engine".to_owned(),
+            author: submission.author.clone(),
+            asked_s: record.now_s(),
+        },
+        votes: Vec::new(),
+        signed: Vec::new(),
+        evidence,
+        row_version: member.row_version,
+        life_row_version: standing.row_version,
+        asked_ms: now_ms,
+        deadline_ms,
+        replaces: record.active_of(&id.family).map(|active| active.id()),
+        review: true,
+    })
+}
+
+/// Versions that one person may let in by the emergency door now.
+pub(crate) fn views(context: &Context, record: &Record, dossiers: &Dossiers) -> Vec<PromptView> {
+    let mut found = Vec::new();
+    if !context.profile.approval.break_glass {
+        return found;
+    }
+    for (_, entry) in record.ledger().families() {
+        for member in &entry.members {
+            let id = member.capability.id();
+            if let Some(question) = door(context, record, dossiers, &id) {
+                let mut shown = view(context, record, dossiers, &id, &question);
+                shown.valid_until_ms = question.deadline_ms;
+                shown.tier = tier(context.profile.name, 2, true);
+                found.push(shown);
+            }
+        }
+    }
+    found
+}
+
+/// Holds an emergency approval against everything it has to be. Changes nothing.
+pub(crate) fn check(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    signed: SignedApproval,
+    shown: Option<&str>,
+) -> Result<Emergency, Reply> {
+    let refuse = |code, text: String, hint: Option<&str>| {
+        Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) })
+    };
+    let identity = signer(record, &signed, shown)?;
+    let said = signed.approval().clone();
+    let (id, settings) = (&said.version, context.profile.approval);
+    if !settings.break_glass {
+        let text = format!("the profile {} has no emergency door", context.profile.name.name());
+        return refuse(Refusal::NotAllowed, text, Some("people approve it, or it waits"));
+    }
+    if said.decision != Answer::Approve || said.reason.trim().is_empty() {
+        let text = "the emergency door takes an approval with a reason".to_owned();
+        return refuse(Refusal::BadInput, text, None);
+    }
+    let Some(question) = door(context, record, dossiers, id) else {
+        let text = format!("{id} is nothing that people or the calendar hold back after shadow");
+        return refuse(
+            Refusal::NotNow,
+            text,
+            Some("the emergency door replaces no stage and no measurement"),
+        );
+    };
+    let profile = if said.profile == context.profile.name { context.profile_digest } else { context.digest };
+    let subject = Subject {
+        candidate: said.candidate_digest,
+        row_version: said.row_version,
+        evidence: said.evidence_digest,
+        policy: said.policy_digest,
+        profile,
+    };
+    #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+    let expires_s = said.not_after_ms as f64 / 1000.0;
+    let vote = Vote {
+        person: said.who.clone(),
+        role: identity.role,
+        answer: said.decision,
+        reason: said.reason,
+        subject,
+        expires_s,
+        break_glass: said.break_glass,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    let result = approval::evaluate(&question.request, &[vote], record.now_s(), &settings);
+    if !result.is_emergency() {
+        let why = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
+        return refuse(Refusal::NotAllowed, format!("{id} is not let in: {why}"), None);
+    }
+    let until_ms = said.not_after_ms.min(question.deadline_ms);
+    Ok(Emergency { signed, result, until_ms })
+}
+
+impl Approvals {
+    /// Asks two people to review an emergency activation, in place of what was asked about the version before.
+    ///
+    /// # Errors
+    /// If the question cannot be written.
+    pub(crate) fn ask_review(
+        &mut self,
+        context: &Context,
+        record: &mut Record,
+        dossiers: &Dossiers,
+        id: &CapabilityId,
+        review: Review,
+    ) -> Result<(), Fault> {
+        let mut changes = Vec::new();
+        if let Some(old) = self.close(id) {
+            changes = closing_note(context, id, &old, RequestState::Void, "").before;
+        }
+        let candidate = record.capability(id)?;
+        let (_, standing, member) = record.ledger().version(id)?;
+        let (row_version, life_row_version) = (member.row_version, standing.row_version);
+        let (now_ms, overdue) = (record.now_ms(), review.until_ms <= record.now_ms());
+        let broken = broken_by(record, id)?;
+        let (by, reason) = broken.as_ref().map_or_else(
+            || ("engine".to_owned(), "its approval is not in the store".to_owned()),
+            |signed| (signed.approval().who.clone(), signed.approval().reason.clone()),
+        );
+        let claim = broken.map_or_else(|| candidate.digest(), |signed| signed.approval().claim_digest());
+        let evidence = Digest::of_parts("holdpoint.review.v1", &[claim.bytes(), candidate.digest().bytes()]);
+        let about = if overdue {
+            format!("{by} let it in alone ({reason}); nobody reviewed it in time, and it was taken off")
+        } else {
+            format!("{by} let it in alone ({reason}); unreviewed by its deadline, it is taken off")
+        };
+        let prompt_id = format!("{}-{}-{row_version}-review-{now_ms}", id.family, id.version);
+        // A profile's times are seconds; the question's own deadline is the review's.
+        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
+        let asked_s = review.until_ms as f64 / 1000.0 - context.profile.approval.timeout_s;
+        let question = PendingQuestion {
+            purpose: Purpose::Review,
+            about,
+            overdue,
+            id: prompt_id.clone(),
+            request: Request {
+                subject: Subject {
+                    candidate: candidate.digest(),
+                    row_version,
+                    evidence,
+                    policy: context.digest,
+                    profile: context.profile_digest,
+                },
+                risk: candidate.submission.estimated_risk,
+                quorum: REVIEWERS,
+                requester: by,
+                author: candidate.submission.author.clone(),
+                asked_s,
+            },
+            votes: Vec::new(),
+            signed: Vec::new(),
+            evidence,
+            row_version,
+            life_row_version,
+            asked_ms: now_ms,
+            deadline_ms: review.until_ms,
+            replaces: way_back(record, id),
+            review: true,
+        };
+        let empty = Dossier::default();
+        changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
+            id: prompt_id,
+            version: id.clone(),
+            row_version,
+            evidence_digest: evidence,
+            policy_digest: context.digest,
+            profile: context.profile.name,
+            needed: u32::from(REVIEWERS),
+            deadline_ms: review.until_ms,
+            state: RequestState::Open,
+            json: serde_json::to_string(dossiers.of(id).unwrap_or(&empty))?,
+        })));
+        record.write(changes, Vec::new())?;
+        self.open(context, record, dossiers, id, question);
+        Ok(())
+    }
+}

@@ -1,0 +1,445 @@
+//! Every standing of a version times every verb: what happens, held against the guide's table, and no dead end.
+//!
+//! With `HOLDPOINT_WRITE_STANDINGS=1` the guide's table is written anew.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Flags, LifecycleEvent, Stage, State};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_registry::AuditFilter;
+
+use crate::binding::terms_of;
+use crate::ledger::Note;
+use crate::stages::rollback::tests::Bench;
+use crate::world::live::LiveFault;
+
+const GUIDE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../guide/lifecycle.md");
+const BEGIN: &str = "<!-- standings -->\n";
+const END: &str = "<!-- end of standings -->\n";
+
+fn operation(version: &CapabilityId) -> Operation {
+    Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
+}
+
+type Verb = (&'static str, fn(Operation) -> Command);
+
+const VERBS: [Verb; 14] = [
+    ("reject", Command::Reject),
+    ("demote", |operation| Command::Demote { operation, profiles: Vec::new() }),
+    ("demote --profile human", |operation| Command::Demote { operation, profiles: vec![ProfileName::Human] }),
+    ("release --profile human", |operation| Command::Release {
+        operation,
+        profiles: vec![ProfileName::Human],
+    }),
+    ("rollback", Command::Rollback),
+    ("rollback --stop-family", Command::Vacate),
+    ("restrict", Command::Restrict),
+    ("release", |operation| Command::Release { operation, profiles: Vec::new() }),
+    ("continue", Command::Continue),
+    ("pause", Command::Pause),
+    ("resume", Command::Resume),
+    ("repeat", |operation| Command::Repeat { operation, stage: Stage::Sandbox }),
+    ("repeat --stage shadow", |operation| Command::Repeat { operation, stage: Stage::Shadow }),
+    ("rearm", Command::Rearm),
+];
+
+type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
+
+const CANDIDATE: &str = "align-improved";
+
+fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
+    bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+}
+
+fn done(bench: &mut Bench, command: Command) {
+    let reply = bench.pipeline.command(command.clone());
+    assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
+}
+
+fn number(bench: &Bench, id: &CapabilityId) -> holdpoint_governance::lifecycle::VersionRef {
+    bench.pipeline.record().ledger().version(id).unwrap().0
+}
+
+fn baseline() -> CapabilityId {
+    "align@1.0.0".parse().unwrap()
+}
+
+const SETTINGS: [Setting; 21] = [
+    ("registered", |bench| bench.pass(CANDIDATE, &[])),
+    ("validated", |bench| bench.pass(CANDIDATE, &Stage::ALL[..1])),
+    ("sandboxed", |bench| bench.pass(CANDIDATE, &Stage::ALL[..2])),
+    ("shadowed", |bench| bench.pass(CANDIDATE, &Stage::ALL[..3])),
+    ("shadowed, held by the gate or after an unanswered question", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+        bench.pipeline.live().dossiers.edit(&id).held = true;
+        id
+    }),
+    ("shadowed, people are asked", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::Start { version, stage: Stage::Activation });
+        apply(bench, &id, LifecycleEvent::RequestApproval { version });
+        id
+    }),
+    ("sandbox running", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::Start { version, stage: Stage::Sandbox });
+        id
+    }),
+    ("a candidate, paused", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..2]);
+        done(bench, Command::Pause(operation(&id)));
+        id
+    }),
+    ("active, provisional", |bench| bench.activate(CANDIDATE)),
+    ("active, restricted", |bench| {
+        let id = bench.activate(CANDIDATE);
+        done(bench, Command::Restrict(operation(&id)));
+        id
+    }),
+    ("active, its monitor asks", |bench| {
+        let id = bench.activate(CANDIDATE);
+        bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+        let due_ms = bench.pipeline.next_deadline_ms().unwrap();
+        bench.pipeline.jump_to(due_ms);
+        assert!(bench.pipeline.live().look_at_monitors().unwrap());
+        id
+    }),
+    ("active by the emergency door, unreviewed", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL);
+        bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until_ms: 1_000_000 });
+        id
+    }),
+    ("active, confirmed", |bench| {
+        let id = bench.activate(CANDIDATE);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::Confirm { version });
+        id
+    }),
+    ("active, the last of its family", |_| baseline()),
+    ("demoted", |bench| {
+        let id = bench.activate(CANDIDATE);
+        done(bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
+        id
+    }),
+    ("demoted, the family is stopped", |bench| {
+        let id = bench.activate(CANDIDATE);
+        done(bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
+        done(bench, Command::Vacate(operation(&baseline())));
+        id
+    }),
+    ("demoted, the last version of a stopped family", |bench| {
+        done(bench, Command::Vacate(operation(&baseline())));
+        baseline()
+    }),
+    ("superseded, the way back of the active one", |bench| {
+        bench.activate(CANDIDATE);
+        baseline()
+    }),
+    ("superseded, the family is stopped", |bench| {
+        let id = bench.activate(CANDIDATE);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::BeginRollback { version });
+        let cause = Some(holdpoint_registry::ActiveCause::Vacate);
+        let note = Note { cause, ..Note::because("test") };
+        let event = LifecycleEvent::FailRollback { version };
+        bench.pipeline.live().record.transition(&id.family, event, note).unwrap();
+        baseline()
+    }),
+    ("rejected", |bench| {
+        let id = bench.pass(CANDIDATE, &[]);
+        done(bench, Command::Reject(operation(&id)));
+        id
+    }),
+    ("rolled back", |bench| {
+        let id = bench.activate(CANDIDATE);
+        bench.by_operator(&id);
+        id
+    }),
+];
+
+/// Where a version stands, as far as a verb can move it.
+#[derive(Clone, PartialEq)]
+struct Standing {
+    state: State,
+    flags: Flags,
+    closed: usize,
+    held: bool,
+    asks: bool,
+    stopped: bool,
+}
+
+fn standing(bench: &mut Bench, id: &CapabilityId) -> Standing {
+    let live = bench.pipeline.live();
+    let held = live.dossiers.is_held(id);
+    let asks = live.monitors.has_question(id);
+    let entry = live.record.ledger().family(&id.family).unwrap();
+    let (_, version, _) = entry.find(id).unwrap();
+    Standing {
+        state: version.state,
+        flags: version.flags,
+        closed: version.closed.len(),
+        held,
+        asks,
+        stopped: entry.state.safe_stopped,
+    }
+}
+
+fn change(before: &Standing, after: &Standing) -> String {
+    let mut words = Vec::new();
+    if before.state != after.state {
+        words.push(format!("is {} then", after.state));
+    }
+    if after.stopped && !before.stopped {
+        words.push("the family stops".to_owned());
+    }
+    let (was, is) = (before.flags, after.flags);
+    for (was, is, on, off) in [
+        (was.paused, is.paused, "is paused", "is paused no more"),
+        (was.restricted, is.restricted, "is restricted", "works at its full envelope"),
+        (before.held, after.held, "is held", "goes on"),
+        (before.asks, after.asks, "is asked about", "the question is closed"),
+    ] {
+        if was != is && after.state == before.state {
+            words.push(if is { on.to_owned() } else { off.to_owned() });
+        }
+    }
+    if let Some(stage) = is.running.filter(|_| was.running != is.running) {
+        words.push(format!("{stage} runs again"));
+    }
+    match after.closed.cmp(&before.closed) {
+        std::cmp::Ordering::Less => words.push("the profile is open".to_owned()),
+        std::cmp::Ordering::Equal => {}
+        std::cmp::Ordering::Greater => words.push("the profile is closed".to_owned()),
+    }
+    words.join(", ")
+}
+
+struct Row {
+    standing: &'static str,
+    done: Vec<(&'static str, String)>,
+    asks: Vec<&'static str>,
+    refused: Vec<&'static str>,
+}
+
+fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> Row {
+    let mut row = Row { standing: name, done: Vec::new(), asks: Vec::new(), refused: Vec::new() };
+    let mut bench = Bench::new();
+    let mut id = set(&mut bench);
+    for (verb, command) in VERBS {
+        let before = standing(&mut bench, &id);
+        match bench.pipeline.command(command(operation(&id))) {
+            Reply::Accepted { .. } => {
+                let moved = change(&before, &standing(&mut bench, &id));
+                assert!(!moved.is_empty(), "{verb} on {name} says it is done and nothing has changed");
+                row.done.push((verb, moved));
+                bench = Bench::new();
+                id = set(&mut bench);
+            }
+            Reply::Refused { text, hint, .. } => {
+                assert!(!text.is_empty());
+                assert!(standing(&mut bench, &id) == before, "{verb} on {name} is refused and moved it");
+                let asks = hint.is_some_and(|hint| hint.contains("--stop-family"));
+                if asks { row.asks.push(verb) } else { row.refused.push(verb) }
+            }
+            other => panic!("{verb} on {name}: {other:?}"),
+        }
+        assert_eq!(bench.pipeline.record().holding(), None, "{verb} on {name}");
+    }
+    let doors = bench.pipeline.snapshot().emergencies;
+    if doors.iter().any(|door| door.version == id) {
+        row.done.push(("break-glass", "active, if the gate finds nothing else against it".to_owned()));
+    } else {
+        row.refused.push("break-glass");
+    }
+    row
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "| a version that is | verbs, and what becomes of it | refused |\n| --- | --- | --- |\n",
+    );
+    for row in rows {
+        let done = row.done.iter().map(|(verb, moved)| format!("`{verb}`: {moved}"));
+        let asks = row.asks.iter().map(|verb| format!("`{verb}`: asks for `--stop-family` first"));
+        let done: Vec<String> = done.chain(asks).collect();
+        let refused: Vec<String> = row.refused.iter().map(|verb| format!("`{verb}`")).collect();
+        let done = if done.is_empty() { "none: it is over".to_owned() } else { done.join("; ") };
+        let _ = writeln!(text, "| {} | {done} | {} |", row.standing, refused.join(", "));
+    }
+    text
+}
+
+#[test]
+#[allow(clippy::disallowed_methods, reason = "whether the guide is written anew is asked for from outside")]
+fn the_guide_says_what_every_verb_does_in_every_standing() {
+    let rows: Vec<Row> = SETTINGS.iter().map(|(name, set)| row(name, *set)).collect();
+    for row in &rows {
+        let over = matches!(row.standing, "rejected" | "rolled back");
+        let onward = row.done.iter().any(|(verb, _)| {
+            !matches!(*verb, "reject" | "demote --profile human" | "release --profile human" | "pause")
+        });
+        // In a stopped family a stage has nobody to compare with: somebody has to act first.
+        let last = row.standing == "demoted, the last version of a stopped family";
+        assert!(!last || row.done.iter().any(|(verb, _)| *verb == "rearm"), "nobody can act any more");
+        // A registered version goes on by itself; the way back acts again when its successor leaves.
+        let by_itself = ["registered", "superseded, the way back of the active one"];
+        let onward = onward || by_itself.contains(&row.standing);
+        assert_eq!(onward, !over, "{} is a dead end, or is not over", row.standing);
+    }
+    let table = table(&rows);
+    let guide = std::fs::read_to_string(Path::new(GUIDE)).unwrap();
+    let (head, rest) = guide.split_once(BEGIN).unwrap();
+    let (found, tail) = rest.split_once(END).unwrap();
+    if std::env::var("HOLDPOINT_WRITE_STANDINGS").is_ok() {
+        std::fs::write(GUIDE, format!("{head}{BEGIN}\n{table}\n{END}{tail}")).unwrap();
+        return;
+    }
+    assert_eq!(found.trim(), table.trim(), "HOLDPOINT_WRITE_STANDINGS=1 writes the guide's table anew");
+}
+
+fn records(bench: &Bench, kind: RecordKind) -> usize {
+    let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
+    bench.pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().len()
+}
+
+/// A restricted version had no way back to its full envelope, and so could never be confirmed.
+#[test]
+fn a_released_version_is_confirmed_after_a_window_of_its_own() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    done(&mut bench, Command::Restrict(operation(&id)));
+    assert!(bench.pipeline.live().monitors.of(&id).unwrap().restricted);
+    done(&mut bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
+    let needed = bench.pipeline.snapshot().families[0].provisional.map(|(_, needed)| needed).unwrap();
+    let watched = bench.pipeline.live().monitors.of(&id).unwrap().clone();
+    assert!(!watched.restricted && !watched.monitor.is_restricted());
+    assert_eq!((watched.monitor.provisional_left(), watched.monitor.escalation()), (needed, None));
+    assert_eq!(records(&bench, RecordKind::MonitorAnswer), 1);
+    for _ in 0..200 {
+        bench.pipeline.advance();
+        if !bench.pipeline.record().ledger().version(&id).unwrap().1.flags.provisional {
+            break;
+        }
+    }
+    let (_, version, _) = bench.pipeline.record().ledger().version(&id).unwrap();
+    assert!(version.state == State::Active && !version.flags.provisional, "{version:?}");
+}
+
+/// A profile demotion was in memory alone: an engine that came up again knew nothing of it.
+#[test]
+fn a_closed_profile_is_on_record_and_closed_after_a_restart() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+    let close = |profiles| Command::Demote { operation: operation(&id), profiles };
+    done(&mut bench, close(vec![ProfileName::Real, ProfileName::Human]));
+    assert_eq!(bench.pipeline.record().ledger().version(&id).unwrap().1.state, State::Shadowed);
+    assert_eq!(records(&bench, RecordKind::ProfilesSet), 1);
+    let reply = bench.pipeline.command(close(vec![ProfileName::Human]));
+    assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
+    let mut bench = bench.restart();
+    let closed = |bench: &Bench| {
+        let candidates = bench.pipeline.snapshot().candidates;
+        candidates.into_iter().find(|view| view.version == id).unwrap().closed
+    };
+    assert_eq!(closed(&bench), [ProfileName::Real, ProfileName::Human]);
+    done(&mut bench, Command::Release { operation: operation(&id), profiles: vec![ProfileName::Human] });
+    assert_eq!(closed(&bench.restart()), [ProfileName::Real]);
+}
+
+/// The last version of a family came off with one word.
+#[test]
+fn the_last_version_comes_off_by_its_own_verb_alone() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    done(&mut bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
+    for command in [
+        Command::Rollback(operation(&baseline())),
+        Command::Demote { operation: operation(&baseline()), profiles: Vec::new() },
+        Command::Demote { operation: operation(&baseline()), profiles: vec![ProfileName::Sim] },
+    ] {
+        let reply = bench.pipeline.command(command.clone());
+        assert!(matches!(reply, Reply::Refused { .. }), "{command:?}: {reply:?}");
+        assert_eq!(bench.pipeline.record().active_of(&id.family).unwrap().id(), baseline(), "{command:?}");
+    }
+    done(&mut bench, Command::Vacate(operation(&baseline())));
+    assert!(bench.pipeline.record().active_of(&id.family).is_none());
+    // What cannot be compared with anybody waits, and does not turn in a circle.
+    let other = bench.pass("align-low-transit", &Stage::ALL[..1]);
+    for _ in 0..50 {
+        bench.pipeline.advance();
+    }
+    let (_, version, _) = bench.pipeline.record().ledger().version(&other).unwrap();
+    assert_eq!((version.state, version.flags.running), (State::Validated, None));
+}
+
+/// Nobody answered, the version was held, and the verb that lets it go on was refused.
+#[test]
+fn what_is_held_without_a_pause_can_be_resumed() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+    bench.pipeline.live().dossiers.edit(&id).held = true;
+    done(&mut bench, Command::Resume(operation(&id)));
+    assert!(!bench.pipeline.live().dossiers.is_held(&id));
+    assert_eq!(records(&bench, RecordKind::Resumed), 1);
+    let reply = bench.pipeline.command(Command::Resume(operation(&id)));
+    assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
+}
+
+/// A restriction was said to be done where nobody watched the version.
+#[test]
+fn a_version_that_nobody_watches_is_restricted_all_the_same() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    bench.pipeline.live().monitors.remove(&id.family);
+    let speed = |bench: &mut Bench| {
+        let live = bench.pipeline.live();
+        let version = live.record.capability(&id).unwrap();
+        let ledger = live.record.ledger();
+        let terms = terms_of(live.context, ledger, live.dossiers, live.monitors, &version);
+        terms.envelope().tool_speed_max_m_s
+    };
+    let full = speed(&mut bench);
+    done(&mut bench, Command::Restrict(operation(&id)));
+    assert!(speed(&mut bench) < full);
+    let again = bench.pipeline.command(Command::Restrict(operation(&id)));
+    assert!(matches!(again, Reply::Refused { .. }), "{again:?}");
+}
+
+/// Unreviewed by its deadline a version is taken off; the review stays open, over a restart too, and blocks.
+#[test]
+fn a_review_that_is_late_takes_the_version_off_and_stays_open() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL);
+    let until_ms = bench.pipeline.record().now_ms() + 5_000;
+    bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until_ms });
+    assert!(bench.pipeline.look_at_deadlines().unwrap(), "people are asked");
+    let asked = bench.pipeline.snapshot();
+    assert_eq!((asked.prompts.len(), asked.prompts[0].needed), (1, 2));
+    assert_eq!(asked.families[0].review.as_ref().map(|review| review.overdue), Some(false));
+    bench.pipeline.jump_to(until_ms);
+    while bench.pipeline.look_at_deadlines().unwrap() {}
+    let stands = |bench: &Bench| {
+        let state = bench.pipeline.record().ledger().version(&id).unwrap().1.state;
+        let snapshot = bench.pipeline.snapshot();
+        let review = snapshot.families[0].review.clone().unwrap();
+        (state, review.overdue, snapshot.prompts.len())
+    };
+    assert_eq!(stands(&bench), (State::Demoted, true, 1));
+    let mut bench = bench.restart();
+    while bench.pipeline.look_at_deadlines().unwrap() {}
+    assert_eq!(stands(&bench), (State::Demoted, true, 1));
+    let views = bench.pipeline.record().ledger().store().views().unwrap();
+    assert_eq!(views.open_reviews().unwrap(), [(id.clone(), until_ms)]);
+    drop(views);
+    let other = bench.pass("align-low-transit", &Stage::ALL);
+    let version = number(&bench, &other);
+    let event = LifecycleEvent::Activate { version };
+    let refused = bench.pipeline.live().record.transition(&id.family, event, Note::because("test"));
+    assert!(refused.is_err(), "a promotion while a review is open");
+}
