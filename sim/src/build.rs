@@ -40,9 +40,6 @@ pub fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
     let p = &mut world.integration_parameters;
     p.dt = TICK_SECS as f32;
-    p.num_solver_iterations = SolverEffort::FULL.substeps;
-    p.num_internal_pgs_iterations = SolverEffort::FULL.sweeps;
-    p.num_internal_stabilization_iterations = 1;
     p.contact_softness = SpringCoefficients::new(120.0, 5.0);
     p.static_contact_softness = SpringCoefficients::new(240.0, 5.0);
     // With recycled contacts a gripped cube walks out of the hand (12 of 20 placed, against 20).
@@ -50,6 +47,7 @@ pub fn empty_world() -> PhysicsWorld {
     p.normalized_allowed_linear_error = 0.0005;
     p.normalized_prediction_distance = 0.004;
     p.max_ccd_substeps = 0;
+    SolverEffort::REFERENCE.apply(&mut world);
     world
 }
 

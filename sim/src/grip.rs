@@ -35,11 +35,12 @@ impl Softness {
     /// Joint limits and couplings: as good as rigid.
     const RIGID: Self = Self { frequency_hz: 1e6, ratio: 1.0 };
 
-    /// Share of an error taken back per second, and the compliance relative to the row's own.
-    fn gains(self) -> (f64, f64) {
+    /// Share of an error taken back per second, and the compliance relative to the row's own, in steps
+    /// of `secs`.
+    fn gains(self, secs: f64) -> (f64, f64) {
         let speed = core::f64::consts::TAU * self.frequency_hz;
-        let rate = speed / (TICK_SECS * speed + 2.0 * self.ratio);
-        let rest = 1.0 / (TICK_SECS * rate) - 1.0;
+        let rate = speed / (secs * speed + 2.0 * self.ratio);
+        let rest = 1.0 / (secs * rate) - 1.0;
         (rate, rest * rest / ((1.0 + rest) * 4.0 * self.ratio * self.ratio))
     }
 }
@@ -139,8 +140,14 @@ struct JointRow {
     row: Coordinates,
     inverse: f64,
     gain: f64,
+    /// Distance from where it is to be, m; what of it is taken back per second; the speed wanted there.
+    error: f64,
+    rate: f64,
+    speed: f64,
+    /// What the row's speed is short of in this step.
     bias: f64,
-    bias_relaxed: f64,
+    /// A motor goes on pulling while the positions stand.
+    motor: bool,
     least: f64,
     most: f64,
     impulse: f64,
@@ -151,9 +158,13 @@ struct ContactRow {
     side: usize,
     rows: [Coordinates; 3],
     inverse: [f64; 3],
+    gap: f64,
+    /// Speed with which a gap may close, and a penetration is to open, m/s.
     bias: f64,
     bias_relaxed: f64,
     impulse: [f64; 3],
+    /// Normal impulse of the steps before, N s.
+    pressed: f64,
     tangents: [Vector3<f64>; 2],
     friction: f64,
 }
@@ -162,6 +173,9 @@ struct ContactRow {
 pub struct Rows {
     joints: ArrayVec<JointRow, 5>,
     contacts: ArrayVec<ContactRow, CONTACTS_MAX>,
+    secs: f64,
+    steps: usize,
+    rate: f64,
     cfm: f64,
 }
 
@@ -191,7 +205,7 @@ fn on_arm(factor: &Factor, row: &Dofs) -> Coordinates {
 
 impl JointRow {
     fn solve(&mut self, u: &mut Coordinates, relaxed: bool) {
-        let bias = if relaxed { self.bias_relaxed } else { self.bias };
+        let bias = if relaxed && !self.motor { 0.0 } else { self.bias };
         let speed = bias + dot(&self.row, u);
         let total =
             (self.impulse + self.inverse * (speed - self.gain * self.impulse)).clamp(self.least, self.most);
@@ -202,6 +216,14 @@ impl JointRow {
 }
 
 impl ContactRow {
+    /// Works towards the gap as it is now.
+    fn aim(&mut self, rate: f64, secs: f64) {
+        /// Most speed with which a penetration is pushed out, m/s.
+        const CORRECTION_M_S: f64 = 3.0;
+        let slack = self.gap.max(0.0) / secs;
+        (self.bias, self.bias_relaxed) = (slack + (rate * self.gap).clamp(-CORRECTION_M_S, 0.0), slack);
+    }
+
     fn press(&mut self, u: &mut Coordinates, cfm: f64, relaxed: bool) {
         let bias = if relaxed { self.bias_relaxed } else { self.bias };
         let speed = dot(&self.rows[0], u) + bias;
@@ -224,14 +246,16 @@ impl ContactRow {
 }
 
 impl Rows {
-    /// The fingers' rows: motor and violated end of each, and their coupling.
-    pub fn fingers(factor: &Factor, joints: usize, q: &Dofs, motors: &FingerMotors) -> Self {
-        let mut rows = Self { joints: ArrayVec::new(), contacts: ArrayVec::new(), cfm: 1.0 };
-        let (rigid_rate, rigid_cfm) = Softness::RIGID.gains();
+    /// The fingers' rows: motor and violated end of each, and their coupling. A tick has `steps` steps.
+    pub fn fingers(factor: &Factor, joints: usize, q: &Dofs, motors: &FingerMotors, steps: usize) -> Self {
+        let secs = TICK_SECS / steps as f64;
+        let mut rows =
+            Self { joints: ArrayVec::new(), contacts: ArrayVec::new(), secs, steps, rate: 0.0, cfm: 1.0 };
+        let (rigid_rate, rigid_cfm) = Softness::RIGID.gains(secs);
         let (k, d) = (motors.stiffness_n_m, motors.damping_n_s_m);
-        let rate = k / (TICK_SECS * k + d);
-        let compliance = 1.0 / (TICK_SECS * (TICK_SECS * k + d));
-        let most = motors.force_n * TICK_SECS;
+        let rate = k / (secs * k + d);
+        let compliance = 1.0 / (secs * (secs * k + d));
+        let most = motors.force_n * secs;
         for side in 0..2 {
             let (dof, stroke) = (joints + side, motors.stroke_m[side]);
             let at = q[dof];
@@ -242,15 +266,17 @@ impl Rows {
             let near = !(at > motors.near_end_m && at < stroke - motors.near_end_m);
             let mut speed = motors.reference.speed;
             if near {
-                speed = speed.max(-at / TICK_SECS).min((stroke - at) / TICK_SECS);
+                speed = speed.max(-at / secs).min((stroke - at) / secs);
             }
-            let bias = (at - motors.reference.position) * rate - speed;
             rows.joints.push(JointRow {
                 row,
                 inverse: 1.0 / (own + compliance),
                 gain: compliance,
-                bias,
-                bias_relaxed: bias,
+                error: at - motors.reference.position,
+                rate,
+                speed,
+                bias: 0.0,
+                motor: true,
                 least: -most,
                 most,
                 impulse: 0.0,
@@ -261,8 +287,11 @@ impl Rows {
                     row,
                     inverse: 1.0 / (own * (1.0 + rigid_cfm)),
                     gain: own * rigid_cfm,
-                    bias: past * rigid_rate,
-                    bias_relaxed: 0.0,
+                    error: past,
+                    rate: rigid_rate,
+                    speed: 0.0,
+                    bias: 0.0,
+                    motor: false,
                     least: if past < 0.0 { f64::NEG_INFINITY } else { 0.0 },
                     most: if past > 0.0 { f64::INFINITY } else { 0.0 },
                     impulse: 0.0,
@@ -276,8 +305,11 @@ impl Rows {
                     row,
                     inverse: 1.0 / dot(&row, &row),
                     gain: 0.0,
-                    bias: (q[joints + 1] - q[joints]) * rigid_rate,
-                    bias_relaxed: 0.0,
+                    error: q[joints + 1] - q[joints],
+                    rate: rigid_rate,
+                    speed: 0.0,
+                    bias: 0.0,
+                    motor: false,
                     least: f64::NEG_INFINITY,
                     most: f64::INFINITY,
                     impulse: 0.0,
@@ -287,7 +319,7 @@ impl Rows {
         rows
     }
 
-    /// Adds the pads on the object, and starts them from the last tick's impulses.
+    /// Adds the pads on the object.
     pub fn grip(
         &mut self,
         factor: &Factor,
@@ -295,13 +327,11 @@ impl Rows {
         place: &Placement,
         (object, softness): (&FreeBody, Softness),
         contacts: &[GripContact],
-        u: &mut Coordinates,
     ) {
-        /// Most speed with which a penetration is pushed out, m/s.
-        const CORRECTION_M_S: f64 = 3.0;
-        let (rate, compliance) = softness.gains();
-        self.cfm = 1.0 / (1.0 + compliance);
-        let shares = (1.0 / libm::sqrt(object.mass_kg), 1.0 / libm::sqrt(object.inertia_kg_m2));
+        let (rate, compliance) = softness.gains(self.secs);
+        (self.rate, self.cfm) = (rate, 1.0 / (1.0 + compliance));
+        let share = 1.0 / self.steps as f64;
+        let masses = (1.0 / libm::sqrt(object.mass_kg), 1.0 / libm::sqrt(object.inertia_kg_m2));
         for contact in contacts.iter().take(CONTACTS_MAX) {
             let finger = joints + contact.side;
             let frame = &place.frames[finger];
@@ -319,29 +349,48 @@ impl Rows {
                 }
                 row[finger] = place.axes[finger].dot(&wrench);
                 let mut row = on_arm(factor, &row);
-                let (force, moment) = (along * -shares.0, lever.cross(&along) * -shares.1);
+                let (force, moment) = (along * -masses.0, lever.cross(&along) * -masses.1);
                 row[DOFS_MAX..DOFS_MAX + 3].copy_from_slice(force.as_slice());
                 row[DOFS_MAX + 3..].copy_from_slice(moment.as_slice());
                 row
             });
-            let gap = (on_finger - on_object).dot(&direction);
-            let slack = gap.max(0.0) / TICK_SECS;
-            let impulse =
-                [contact.impulse, contact.tangent.dot(&tangents[0]), contact.tangent.dot(&tangents[1])];
-            for (row, impulse) in rows.iter().zip(impulse) {
-                push(u, row, impulse);
-            }
-            let inverse = [0, 1, 2].map(|i| 1.0 / dot(&rows[i], &rows[i]));
+            let rub = contact.tangent * share;
             self.contacts.push(ContactRow {
                 side: contact.side,
+                inverse: [0, 1, 2].map(|i| 1.0 / dot(&rows[i], &rows[i])),
                 rows,
-                inverse,
-                bias: slack + (rate * gap).clamp(-CORRECTION_M_S, 0.0),
-                bias_relaxed: slack,
-                impulse,
+                gap: (on_finger - on_object).dot(&direction),
+                bias: 0.0,
+                bias_relaxed: 0.0,
+                impulse: [contact.impulse * share, rub.dot(&tangents[0]), rub.dot(&tangents[1])],
+                pressed: 0.0,
                 tangents,
                 friction: contact.friction,
             });
+        }
+    }
+
+    /// Begins a step: the pads start from the last one's impulses, motors from none.
+    pub fn begin(&mut self, u: &mut Coordinates) {
+        for row in &mut self.joints {
+            row.impulse = 0.0;
+            row.bias = row.error * row.rate - row.speed;
+        }
+        for contact in &mut self.contacts {
+            contact.aim(self.rate, self.secs);
+            for (row, impulse) in contact.rows.iter().zip(contact.impulse) {
+                push(u, row, impulse);
+            }
+        }
+    }
+
+    /// Ends a step: everything has moved by its speed since the last.
+    pub fn moved(&mut self, u: &Coordinates) {
+        for row in &mut self.joints {
+            row.error += self.secs * dot(&row.row, u);
+        }
+        for contact in &mut self.contacts {
+            contact.gap += self.secs * dot(&contact.rows[0], u);
         }
     }
 
@@ -352,9 +401,14 @@ impl Rows {
         }
     }
 
-    /// The sweep after the positions have moved: without what pulled errors back, with friction.
-    pub fn relax(&mut self, u: &mut Coordinates) {
-        self.sweep(u, true);
+    /// Sweeps after the positions have moved: without what pulled errors back, with friction.
+    pub fn relax(&mut self, u: &mut Coordinates, sweeps: usize) {
+        for _ in 0..sweeps {
+            self.sweep(u, true);
+        }
+        for contact in &mut self.contacts {
+            contact.pressed += contact.impulse[0];
+        }
     }
 
     fn sweep(&mut self, u: &mut Coordinates, relaxed: bool) {
@@ -378,10 +432,11 @@ impl Rows {
     /// Writes the impulses back for the next tick; normal force on each finger, N.
     pub fn store(&self, contacts: &mut [GripContact]) -> [f64; 2] {
         let mut force = [0.0; 2];
+        let steps = self.steps as f64;
         for (contact, row) in contacts.iter_mut().zip(&self.contacts) {
-            contact.impulse = row.impulse[0];
-            contact.tangent = row.tangents[0] * row.impulse[1] + row.tangents[1] * row.impulse[2];
-            force[contact.side] += row.impulse[0] / TICK_SECS;
+            contact.impulse = row.impulse[0] * steps;
+            contact.tangent = (row.tangents[0] * row.impulse[1] + row.tangents[1] * row.impulse[2]) * steps;
+            force[contact.side] += row.pressed / TICK_SECS;
         }
         force
     }
@@ -429,10 +484,10 @@ impl FreeBody {
         self.angular = Vector3::new(u[DOFS_MAX + 3], u[DOFS_MAX + 4], u[DOFS_MAX + 5]) * angular;
     }
 
-    /// Moves for one tick.
-    pub fn advance(&mut self) {
-        self.position += self.linear * TICK_SECS;
-        let turn = nalgebra::Quaternion::from_parts(0.0, self.angular * (0.5 * TICK_SECS));
+    /// Moves for a while.
+    pub fn advance(&mut self, secs: f64) {
+        self.position += self.linear * secs;
+        let turn = nalgebra::Quaternion::from_parts(0.0, self.angular * (0.5 * secs));
         let next = self.rotation.into_inner() + turn * self.rotation.into_inner();
         self.rotation = UnitQuaternion::new_normalize(next);
     }

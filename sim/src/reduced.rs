@@ -21,7 +21,7 @@ use crate::effort::{Situation, SolverEffort};
 use crate::grip::{self, CONTACTS_MAX, FingerMotors, FreeBody, GripContact, Rows, Softness};
 use crate::handles::{ColliderKind, Handles, from_rapier};
 use crate::motors::{self, Drives, Reference};
-use crate::readout::{self, ContactForces, JointState};
+use crate::readout::{self, ContactForces, ContactPoint, JointState};
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
 use crate::warm::{WarmPoint, WarmStart};
@@ -245,57 +245,61 @@ impl ReducedCell {
         if !self.clear(state, &place) {
             return false;
         }
+        let held = state.grip.is_some();
+        let effort = if held { SolverEffort::HELD } else { SolverEffort::FREE };
+        let secs = TICK_SECS / effort.substeps as f64;
         let mut matrix = self.dynamics.mass_matrix(&place);
         for (i, row) in matrix.iter_mut().enumerate().take(n + 2) {
-            row[i] += TICK_SECS * (self.damping[i] + TICK_SECS * self.stiffness[i]);
+            row[i] += secs * (self.damping[i] + secs * self.stiffness[i]);
         }
         let Some(factor) = Factor::new(&matrix, n + 2) else { return false };
         let bias = self.dynamics.bias(&place, &state.dq);
-        let mut force = [0.0; DOFS_MAX];
-        for i in 0..n + 2 {
-            force[i] = -bias[i] - self.damping[i] * state.dq[i];
-        }
+        // Where each motor's spring rests in this tick.
+        let mut rest = state.q;
         for (i, wanted) in drives.arm.iter().enumerate().take(n) {
-            let (at, speed) = (state.q[i], state.dq[i]);
             let law = motors::Law {
                 stiffness: self.stiffness[i],
                 damping: self.motor_damping[i],
                 torque_max: self.torque_max[i],
             };
-            let rest = law.rest(*wanted, state.arm[i].speed, at, speed);
-            force[i] -= self.stiffness[i] * (at - rest + TICK_SECS * speed);
+            rest[i] = law.rest(*wanted, state.arm[i].speed, state.q[i], state.dq[i]);
         }
         let fingers =
             FingerMotors { reference: drives.finger, force_n: drives.finger_force_n, ..self.fingers };
-        let held = state.grip.is_some();
-        let mut u = grip::coordinates(&factor, &state.dq, held.then_some(&state.object));
-        for (value, share) in u.iter_mut().zip(factor.forward(&force)) {
-            *value += TICK_SECS * share;
-        }
-        let mut rows = Rows::fingers(&factor, n, &state.q, &fingers);
-        let sweeps = if let Some(grip) = &state.grip {
+        let mut rows = Rows::fingers(&factor, n, &state.q, &fingers, effort.substeps);
+        let mut fall = Vector3::zeros();
+        if let Some(grip) = &state.grip {
             let mass = libm::sqrt(state.object.mass_kg);
-            let fall = Vector3::from(GRAVITY_M_S2) * (object_weight * TICK_SECS * mass);
+            fall = Vector3::from(GRAVITY_M_S2) * (object_weight * secs * mass);
+            rows.grip(&factor, n, &place, (&state.object, self.softness), &grip.contacts);
+        }
+        let mut u = grip::coordinates(&factor, &state.dq, held.then_some(&state.object));
+        for _ in 0..effort.substeps {
+            let mut force = [0.0; DOFS_MAX];
+            for i in 0..n + 2 {
+                let spring = self.stiffness[i] * (state.q[i] - rest[i] + secs * state.dq[i]);
+                force[i] = -bias[i] - self.damping[i] * state.dq[i] - spring;
+            }
+            for (value, share) in u.iter_mut().zip(factor.forward(&force)) {
+                *value += secs * share;
+            }
             for (value, part) in u[DOFS_MAX..].iter_mut().zip(&fall) {
                 *value += part;
             }
-            let body = (&state.object, self.softness);
-            rows.grip(&factor, n, &place, body, &grip.contacts, &mut u);
-            SolverEffort::HELD.sweeps
-        } else {
-            SolverEffort::FREE.sweeps
-        };
-        rows.solve(&mut u, sweeps);
-        let moving = grip::arm_speeds(&factor, &u);
-        for (at, speed) in state.q.iter_mut().zip(&moving).take(n + 2) {
-            *at += TICK_SECS * speed;
+            rows.begin(&mut u);
+            rows.solve(&mut u, effort.sweeps);
+            let moving = grip::arm_speeds(&factor, &u);
+            for (at, speed) in state.q.iter_mut().zip(&moving).take(n + 2) {
+                *at += secs * speed;
+            }
+            if held {
+                state.object.take_speeds(&u);
+                state.object.advance(secs);
+            }
+            rows.moved(&u);
+            rows.relax(&mut u, effort.relaxations);
+            state.dq = grip::arm_speeds(&factor, &u);
         }
-        if held {
-            state.object.take_speeds(&u);
-            state.object.advance();
-        }
-        rows.relax(&mut u);
-        state.dq = grip::arm_speeds(&factor, &u);
         if let Some(grip) = &mut state.grip {
             state.object.take_speeds(&u);
             grip.force_n = rows.store(&mut grip.contacts);
@@ -384,6 +388,31 @@ impl ReducedCell {
             points: points.unwrap_or_default(),
             object_half: self.surveyor.object_half(),
         }
+    }
+
+    /// Where the pads touch what is held, as [`readout::contact_points`] says it of the engine; None where
+    /// nothing is held, and what the engine knows still holds.
+    pub fn contact_points(&self, state: &Reduced) -> Option<Vec<ContactPoint>> {
+        let grip = state.grip.as_ref()?;
+        let place = self.dynamics.place(&state.q);
+        let mut points = Vec::with_capacity(2);
+        for side in 0..2 {
+            let frame = &place.frames[self.dynamics.joints() + side];
+            let (mut at, mut impulse, mut count) = (Vector3::zeros(), Vector3::zeros(), 0.0_f64);
+            for contact in grip.contacts.iter().filter(|contact| contact.side == side) {
+                let on_object = state.object.position + state.object.rotation * contact.on_object;
+                at += (frame.point(&contact.on_finger) + on_object) * 0.5;
+                impulse += frame.rotation * contact.direction * contact.impulse;
+                count += 1.0;
+            }
+            if count > 0.0 && grip.force_n[side] > 0.0 {
+                points
+                    .push(ContactPoint { at_m: (at / count).into(), force_n: (impulse / TICK_SECS).into() });
+            }
+        }
+        let strength = |point: &ContactPoint| Vector3::from(point.force_n).norm_squared();
+        points.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+        Some(points)
     }
 
     /// True joint state, as [`readout::joint_state`] says it of the engine.

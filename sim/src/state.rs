@@ -28,7 +28,7 @@ use crate::servo::Servo;
 use crate::stepper::Stepper;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
-use holdpoint_body::{BodyError, Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
+use holdpoint_body::{BodyError, Command, FailureSignal, GuardVerdict, JointVec, Pose, TICK_SECS, TaskKind};
 
 /// The grip as the slip sensor follows it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -52,6 +52,29 @@ const JOINT_SPEED_DIVERGED_RAD_S: f64 = 100.0;
 const OBJECT_SPEED_DIVERGED_M_S: f64 = 50.0;
 const DISTANCE_DIVERGED_M: f64 = 20.0;
 
+/// A command under way to the servo.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct UnderWay {
+    /// World tick at which it arrives.
+    pub due: u64,
+    #[serde(with = "PlainCommand")]
+    pub command: Command,
+}
+
+/// A command as a snapshot has it: by the number of its variant, because the format of snapshots
+/// describes nothing of itself and so cannot be asked for a tag.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Command")]
+enum PlainCommand {
+    Hold,
+    ToolPose { pose: Pose, max_speed_m_s: f64 },
+    Joints { q: JointVec, max_speed_rad_s: f64 },
+    Gripper { width_m: f64, speed_m_s: f64, force_n: f64 },
+    Stop,
+    Done,
+    Fail { signal: FailureSignal },
+}
+
 /// Everything that changes.
 #[derive(Serialize, Deserialize)]
 pub struct WorldState {
@@ -64,7 +87,7 @@ pub struct WorldState {
     pub tick: u64,
     pub task_start: u64,
     pub servo: Servo,
-    pub queue: VecDeque<(u64, Command)>,
+    pub queue: VecDeque<UnderWay>,
     pub last_due: u64,
     pub camera: Camera,
     pub guard: GuardVerdict,

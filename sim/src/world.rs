@@ -22,7 +22,7 @@ use crate::readout::{self, ContactForces, JointState};
 use crate::reduced::Reduced;
 use crate::robot::RobotModel;
 use crate::scene::Scene;
-use crate::state::{WorldState, check_command};
+use crate::state::{UnderWay, WorldState, check_command};
 use crate::stepper::Stepper;
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
@@ -219,7 +219,7 @@ impl World {
         let delay = libm::round(s.setup.action.latency_ticks + jitter) as u64;
         s.last_due = s.last_due.max(s.tick + delay);
         if !matches!(command, Command::Hold) && s.queue.len() < QUEUE_MAX {
-            s.queue.push_back((s.last_due, command.clone()));
+            s.queue.push_back(UnderWay { due: s.last_due, command: command.clone() });
         }
         if matches!(command, Command::Fail { .. }) {
             // From here on the robot is expected to stand still, until released.
@@ -227,9 +227,9 @@ impl World {
         }
         let available = s.tool_available();
         let width = s.joints.width_m();
-        while s.queue.front().is_some_and(|(due, _)| *due <= s.tick) {
-            if let Some((_, command)) = s.queue.pop_front() {
-                s.servo.accept(&command, &self.robot, width, available);
+        while s.queue.front().is_some_and(|first| first.due <= s.tick) {
+            if let Some(arrived) = s.queue.pop_front() {
+                s.servo.accept(&arrived.command, &self.robot, width, available);
             }
         }
         s.servo.advance(&self.robot, available);
@@ -325,7 +325,12 @@ impl World {
     /// Where robot and object touch what they touch, the strongest contact first.
     #[must_use]
     pub fn contact_points(&self) -> Vec<readout::ContactPoint> {
-        readout::contact_points(&self.state.physics, &self.state.handles)
+        let s = &self.state;
+        let held = match (&s.hands.own, self.stepper.cell()) {
+            (Some(own), Some(cell)) => cell.contact_points(own),
+            _ => None,
+        };
+        held.unwrap_or_else(|| readout::contact_points(&s.physics, &s.handles))
     }
 
     /// True joint positions and speeds.

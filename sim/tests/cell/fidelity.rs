@@ -1,4 +1,4 @@
-//! The cheaper solver modes come to the same outcomes as the full effort.
+//! The cheaper solver modes come to the same outcomes as the reference.
 
 use holdpoint_body::TaskKind;
 use holdpoint_sim::bench_episode::{PeerBench, PeerOutcome};
@@ -33,14 +33,14 @@ fn sequence(world: &mut World, seed: u64) -> Outcome {
 }
 
 #[test]
-fn outcomes_are_those_of_the_full_effort() {
+fn outcomes_are_those_of_the_reference() {
     let world = |fidelity| {
         let robot = RobotModel::builtin("arm7").expect("the robot parses");
         World::with_config(&robot, &scene(), WorldConfig { fidelity }).expect("the world builds")
     };
-    let mut reference = world(Fidelity::Full);
-    let mut cheaper =
-        [Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced].map(|fidelity| (fidelity, world(fidelity)));
+    let mut reference = world(Fidelity::Reference);
+    let mut cheaper = [Fidelity::Full, Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced]
+        .map(|fidelity| (fidelity, world(fidelity)));
     for seed in 100..106 {
         let a = sequence(&mut reference, seed);
         for (fidelity, world) in &mut cheaper {
@@ -57,12 +57,45 @@ fn outcomes_are_those_of_the_full_effort() {
 
 #[test]
 fn the_comparison_episode_is_solved_in_every_mode() {
-    for fidelity in [Fidelity::Full, Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced] {
+    for fidelity in
+        [Fidelity::Reference, Fidelity::Full, Fidelity::Adaptive, Fidelity::Single, Fidelity::Reduced]
+    {
         let bench = PeerBench::new(fidelity).expect("the robot parses");
         for seed in 0..8 {
             let PeerOutcome { lifted, placed, place_error_m, .. } =
                 bench.run(seed).expect("the episode runs");
             assert!(lifted && placed, "{fidelity:?}, seed {seed}: {place_error_m} m");
         }
+    }
+}
+
+#[test]
+fn where_the_pads_touch_is_known_while_the_engine_rests() {
+    let held = [Fidelity::Adaptive, Fidelity::Reduced].map(|fidelity| {
+        let robot = RobotModel::builtin("arm7").expect("the robot parses");
+        let mut world =
+            World::with_config(&robot, &scene(), WorldConfig { fidelity }).expect("the world builds");
+        world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene(), &canonical(), 3)).expect("reset");
+        grasp(&mut world);
+        assert_eq!(world.engine_rests(), fidelity == Fidelity::Reduced);
+        (world.contact_points(), world.truth())
+    });
+    for (points, truth) in &held {
+        assert_eq!(points.len(), 2, "{points:?}");
+        for point in points {
+            let force = point.force_n.iter().map(|part| part * part).sum::<f64>().sqrt();
+            assert!((force - truth.forces.grip_n()).abs() < 1.0, "{force} of {:?}", truth.forces);
+            for (at, centre) in point.at_m.iter().zip(truth.object.position) {
+                assert!((at - centre).abs() < 0.03, "{points:?} {:?}", truth.object);
+            }
+        }
+    }
+    let lever = |(points, truth): &(Vec<_>, holdpoint_sim::Truth), axis: usize| {
+        let one: &holdpoint_sim::readout::ContactPoint = &points[0];
+        one.force_n[axis].signum() * (one.at_m[axis] - truth.object.position[axis])
+    };
+    // The pads press the object away from themselves, so it presses each pad outwards.
+    for axis in 0..2 {
+        assert!(held.iter().all(|of| lever(of, axis) > -1e-3), "{held:?}");
     }
 }
