@@ -5,6 +5,7 @@
 //! does nothing twice: each call to [`Pipeline::advance`] is one slice, between two slices commands are taken. A
 //! fault of its own makes it hold: nothing is approved or activated by it.
 
+mod beginning;
 mod commands;
 pub(crate) mod concurrent;
 mod halted;
@@ -24,7 +25,6 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
 
 use crate::bound;
@@ -34,9 +34,8 @@ use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::halt;
 use crate::health::CellHealth;
-use crate::ledger::{FamilyEntry, Ledger, Note};
+use crate::ledger::{FamilyEntry, Ledger};
 use crate::monitors::Monitors;
-use crate::operations::registered_event;
 use crate::people::approvals::Approvals;
 use crate::record::Record;
 use crate::restart;
@@ -170,45 +169,6 @@ impl Pipeline {
         restart::recover(&mut pipeline.live(), &mut approvals)?;
         pipeline.approvals = approvals;
         Ok(pipeline)
-    }
-
-    /// Whether the agent that dispatches is the one the store is for.
-    fn is_same_agent(&self) -> bool {
-        self.world.cell.agent_hash() == self.agent
-    }
-
-    fn announce(&mut self) {
-        let active = self
-            .record
-            .ledger()
-            .families()
-            .filter_map(|(_, entry)| entry.active().map(|member| member.capability.id()))
-            .collect();
-        self.record.tell(EventKind::EngineStarted {
-            profile: self.context.profile.name,
-            site: self.context.profile.site.clone(),
-            robot: self.context.cell.model.name.clone(),
-            seed: self.trials.seed(),
-            policy: self.context.digest,
-            agent: self.world.cell.agent_hash(),
-            active,
-        });
-    }
-
-    fn bootstrap(&mut self, baseline: Capability) -> Result<(), Fault> {
-        const WHY: &str = "the version the cell was commissioned with";
-        let id = baseline.id();
-        let event = registered_event(&baseline);
-        let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because(WHY) };
-        self.record.register(baseline, true, self.context.needs_approval(), note)?;
-        self.record.tell(event);
-        self.record.tell(EventKind::StateChanged {
-            version: id,
-            from: State::Registered,
-            to: State::Active,
-            reason: WHY.to_owned(),
-        });
-        Ok(())
     }
 
     /// What stages 6 and 7 work on.

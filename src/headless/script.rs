@@ -328,6 +328,7 @@ mod tests {
             go = { as = "ana", reason = "the cell is empty" }
             [[step]]
             work = { sequences = 10, until = "rolled-back" }
+            [[step]]
             wait = { question = "any", timeout_s = 600 }
             [[step]]
             continue = { as = "alice", reason = "the link is known" }

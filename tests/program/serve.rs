@@ -59,14 +59,7 @@ impl Running {
 
     /// The code it ends with.
     fn code(&mut self) -> Option<i32> {
-        let begun = Instant::now();
-        while begun.elapsed() < PATIENCE {
-            if let Some(status) = self.0.try_wait().unwrap() {
-                return status.code();
-            }
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        panic!("it did not end");
+        self.0.wait().unwrap().code()
     }
 }
 
@@ -153,7 +146,7 @@ fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
     let socket = socket_path(&Layout::new(&store));
     let begun = Instant::now();
     while !socket.exists() && begun.elapsed() < PATIENCE {
-        std::thread::sleep(Duration::from_millis(10));
+        std::thread::yield_now();
     }
     let registered = on(&store, &["candidate", "register", REJECTED]);
     assert!(registered.status.success(), "{registered:?}");

@@ -48,8 +48,9 @@ impl Front {
 
     /// Lets the live world work for a moment, so that the arm is somewhere on its way.
     fn works_for(&mut self, moment: Duration) {
-        self.picture(|picture| !picture.stopped);
-        std::thread::sleep(moment);
+        let begun = self.picture(|picture| !picture.stopped).at_ms;
+        let until_ms = begun + u64::try_from(moment.as_millis()).unwrap();
+        self.picture(|picture| picture.at_ms >= until_ms);
     }
 
     /// Stops and lets go, so many times; the ticks to the standstill in order.
@@ -113,8 +114,8 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     let mut front = Front::start(folder.path(), None);
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     front.submit("grasp-tool-frame");
-    std::thread::sleep(Duration::from_millis(300));
-    let still = front.snapshot();
+    // Each answer comes between two slices of work, of which there are none.
+    let still = (0..50).map(|_| front.snapshot()).last().unwrap();
     assert_eq!((still.live.sequences, still.candidates[0].state.name()), (0, "registered"), "after {worked}");
     let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned() };
     assert_eq!(refusal(&front.carry_out(blank)), Refusal::BadInput);
@@ -131,7 +132,7 @@ fn a_version_can_be_taken_off_while_the_arm_stands() {
     let mut front = Front::start(folder.path(), None);
     front.works_for(Duration::from_millis(20));
     front.stands();
-    let off = front.carry_out(Command::Rollback(operation("grasp@1.0.0")));
+    let off = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
     accepted(&off);
     // The baseline has no predecessor: the family is stopped, and nothing moved the arm on the way.
     let up = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));

@@ -117,6 +117,10 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, &prompt, RequestState::Granted, &reason);
                 self.record.transition(&id.family, event, note)?;
                 clear_alarm(self.record, id, prompt.last_voter());
+                // A question that an earlier engine asked: what ran then is not running now.
+                if self.record.ledger().version(id)?.1.flags.running.is_none() {
+                    self.record.start_stage(id, Stage::Activation, 1)?;
+                }
                 let gate = gate(self.context, self.record, self.dossiers, id, Some(result))?;
                 self.conclude(id, gate, prompt.into_approvals())?;
                 Ok(format!("{id} is approved"))
@@ -138,8 +142,10 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, &prompt, RequestState::Expired, &reason);
                 self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 clear_alarm(self.record, id, None);
-                let why = "nobody answered in time; the version is held";
-                abort_stage(self.record, self.dossiers, id, why)?;
+                if self.record.ledger().version(id)?.1.flags.running.is_some() {
+                    let why = "nobody answered in time; the version is held";
+                    abort_stage(self.record, self.dossiers, id, why)?;
+                }
                 Ok(format!("{id} is held: nobody answered in time"))
             }
         }

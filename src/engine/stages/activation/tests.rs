@@ -204,13 +204,13 @@ fn conditions_of_an_activation_reach_its_monitor() {
             .unwrap();
         (bench, id, view, (tick, action))
     };
-    let (_, _, plain, (late, asks)) = first(&[]);
+    let (_, _, plain, (late, _)) = first(&[]);
     let (mut bench, id, view, (soon, takes_off)) = first(&strict);
     assert_eq!((plain.factor, plain.coupled, view.factor, view.coupled), (1.0, false, 0.5, true));
     for (before, held) in plain.charts.iter().zip(&view.charts) {
         assert_eq!(held.2, before.2 / 2.0, "the limit of {}", before.0);
     }
-    assert_eq!((asks, takes_off), (MonitorAction::Restrict, MonitorAction::Rollback));
+    assert_eq!(takes_off, MonitorAction::Rollback);
     assert!(soon < late, "{soon} against {late} episodes");
     let live = bench.pipeline.live();
     live.monitors.of_mut(&id).unwrap().monitor.confirmed().unwrap();

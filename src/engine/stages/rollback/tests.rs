@@ -129,7 +129,16 @@ impl Bench {
                 .transition(&id.family, LifecycleEvent::Pass { version, stage }, Note::because("test"))
                 .unwrap();
         }
-        pipeline.live().dossiers.edit(&id).twins = vec![GOOD; 40];
+        let live = pipeline.live();
+        live.dossiers.edit(&id).twins = vec![GOOD; 40];
+        let dossier = live.dossiers.of(&id).unwrap();
+        let evidence = Change::PutEvidence {
+            version: id.clone(),
+            kind: EvidenceKind::Shadow,
+            json: serde_json::to_string(dossier).unwrap(),
+            digest: dossier.digest().unwrap(),
+        };
+        live.record.write(vec![evidence], Vec::new()).unwrap();
         id
     }
 
@@ -159,7 +168,11 @@ impl Bench {
 
     pub(crate) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
         let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
-        let reply = self.pipeline.command(Command::Rollback(operation));
+        self.taken_off(Command::Rollback(operation))
+    }
+
+    fn taken_off(&mut self, command: Command) -> RollbackRecord {
+        let reply = self.pipeline.command(command);
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let record = self.record();
         assert_eq!(record.trigger.kind, TriggerKind::Operator);
@@ -329,7 +342,9 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
 #[test]
 fn a_family_without_predecessor_is_stopped() {
     let mut bench = Bench::new();
-    let record = bench.by_operator(&"place@1.0.0".parse().unwrap());
+    let version = "place@1.0.0".parse().unwrap();
+    let operation = Operation { version, by: "ann".to_owned(), reason: "drill".to_owned() };
+    let record = bench.taken_off(Command::Vacate(operation));
     bench.assert_stopped(&record, RungFailure::PredecessorMissing);
     assert!(record.time_to_safe_ticks.is_some());
 }
