@@ -159,8 +159,8 @@ fn say_recovered(record: &mut Record, version: &CapabilityId, text: &str) {
 
 /// What is still said of a version that is history; what was measured of it stays in the store.
 fn what_is_said_of(dossier: Dossier) -> Dossier {
-    let Dossier { kappas, reasons, conditions, .. } = dossier;
-    Dossier { kappas, reasons, conditions, ..Dossier::default() }
+    let Dossier { kappas, conditions, reasons, .. } = dossier;
+    Dossier { kappas, conditions, reasons, ..Dossier::default() }
 }
 
 /// Reads the newest evidence of every version.

@@ -189,6 +189,10 @@ async fn ending(endings: Option<&mut Endings>) {
 mod tests {
     use super::*;
 
+    #[allow(
+        clippy::option_option,
+        reason = "no word, no period, or a period: what the function itself answers"
+    )]
     fn from(variables: &[(&str, &str)]) -> Result<Option<Option<Duration>>, String> {
         let variable = |name: &str| {
             variables.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value))

@@ -135,6 +135,23 @@ fn without_new_fields(now: &mut Value, then: &Value) {
     }
 }
 
+/// Both answers, line by line, as far as the older one said anything: without fields that came in since, and without
+/// the words of decisions and questions, whose conditions were data before and are sentences now.
+fn as_far_as_it_said(then: &str, now: &str) -> (String, String) {
+    let parsed = |line: &str| serde_json::from_str::<Value>(line).ok();
+    let reworded = |line: &str| [" decide ", " ask "].iter().any(|word| line.contains(word));
+    let same_number = then.lines().count() == now.lines().count();
+    let pairs = then.lines().zip(now.lines()).map(|(then, now)| match (parsed(then), parsed(now)) {
+        (Some(before), Some(mut shown)) => {
+            without_new_fields(&mut shown, &before);
+            (before.to_string(), shown.to_string())
+        }
+        _ if reworded(then) && reworded(now) => (String::new(), String::new()),
+        _ => (then.to_owned(), now.to_owned()),
+    });
+    if same_number { pairs.unzip() } else { (then.to_owned(), now.to_owned()) }
+}
+
 #[test]
 fn every_verb_that_reads_answers_as_it_did() {
     let folder = copied(OPEN_ROLES);
@@ -165,11 +182,7 @@ fn every_verb_that_reads_answers_as_it_did() {
             then.printed = serde_json::from_str::<Value>(&then.printed).unwrap().to_string();
             now.printed = without_bodies(&now.printed);
         }
-        let parsed = |printed: &str| serde_json::from_str::<Value>(printed).ok();
-        if let (Some(before), Some(mut shown)) = (parsed(&then.printed), parsed(&now.printed)) {
-            without_new_fields(&mut shown, &before);
-            (then.printed, now.printed) = (before.to_string(), shown.to_string());
-        }
+        (then.printed, now.printed) = as_far_as_it_said(&then.printed, &now.printed);
         assert_eq!(now, then, "{call}");
     }
 }

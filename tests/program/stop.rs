@@ -48,9 +48,9 @@ impl Front {
 
     /// Lets the live world work for a moment, so that the arm is somewhere on its way.
     fn works_for(&mut self, moment: Duration) {
-        let begun = self.picture(|picture| !picture.stopped).at_ms;
-        let until_ms = begun + u64::try_from(moment.as_millis()).unwrap();
-        self.picture(|picture| picture.at_ms >= until_ms);
+        // Some way into a sequence, another one each time.
+        let at_secs = 0.3 + 10.0 * moment.as_secs_f64();
+        self.picture(|picture| !picture.stopped && picture.task.is_some() && picture.at_secs >= at_secs);
     }
 
     /// Stops and lets go, so many times; the ticks to the standstill in order.

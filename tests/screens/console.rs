@@ -158,8 +158,14 @@ fn every_occasion_at_two_sizes() {
 #[test]
 fn the_whole_decision_is_readable() {
     for tier in 0..=2 {
-        let whole = shown(&prompted(tier), (80, 24));
+        let whole = shown(&prompted(tier), (100, 30));
         assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
+        // What does not fit is said, with the key that leads there.
+        let small = shown(&prompted(tier), (80, 24));
+        assert!(
+            small.contains("all of it") || small.contains("more below: pagedown"),
+            "tier {tier}:\n{small}"
+        );
         let mut model = prompted(tier);
         let mut seen = String::new();
         for page in 0..20 {

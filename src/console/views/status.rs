@@ -75,7 +75,7 @@ pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
 }
 
 fn head(snapshot: &Snapshot, look: &Look) -> Row {
-    let mut row = stopped(snapshot).unwrap_or_else(Row::new);
+    let mut row = stopped(snapshot).unwrap_or_default();
     if let Some(alarm) = highest(snapshot) {
         row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
         row.push(ThemeRole::Text, " ");

@@ -55,7 +55,7 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             Row::of(ThemeRole::Muted, if model.told.snapshot.is_some() { "no alarm " } else { "no engine " })
         }
     };
-    stopped.unwrap_or_else(Row::new).and(row).and(waits)
+    stopped.unwrap_or_default().and(row).and(waits)
 }
 
 fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {

@@ -198,7 +198,7 @@ fn conditions_of_an_activation_reach_its_monitor() {
         let id = bench.activate_package(package("align-improved", &[]), conditions);
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         let mut watched = bench.pipeline.live().monitors.of(&id).unwrap().clone();
-        let (tick, action) = (1_u32..)
+        let (tick, action) = (1_u32..1_000)
             .map(|tick| (tick, watched.monitor.observe(&BAD, u64::from(tick)).action))
             .find(|(_, action)| *action != MonitorAction::Continue)
             .unwrap();
