@@ -133,6 +133,7 @@ fn main() {
     let ended = service.wait().unwrap();
     assert!(ended.success(), "the service ended with {ended}");
     assert!(done >= wanted, "the service ended after {done} sequences");
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
     let warm = samples.len() - (samples.len() as f64 * WARM_SHARE) as usize;
     let late = &samples[samples.len() - warm..];
     let sequence_secs = simulated / f64::from(u32::try_from(counted).unwrap());

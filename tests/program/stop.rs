@@ -160,7 +160,7 @@ fn inside_a_hold() {
     }
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
-    front.works_for(Duration::from_millis(300));
+    front.works_for(Duration::from_millis(20));
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::Fault { .. }));
     // The sequence that ran when the engine failed is still on its way, at the pace of the clock.

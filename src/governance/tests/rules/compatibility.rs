@@ -495,7 +495,7 @@ fn a_stronger_precondition_on_an_input_is_a_condition() {
         (InterfaceOutcome::Conditional, InterfaceConditionAdaptable)
     );
     let checked = Condition::CheckedCall { fields: vec!["gripper_width".to_owned()] };
-    assert_eq!(found.conditions, [checked.clone()]);
+    assert_eq!(found.conditions, std::slice::from_ref(&checked));
     // A record of an older build reads as the same condition.
     let older = serde_json::json!({ "kind": "interface-adapter", "fields": ["gripper_width"] });
     assert_eq!(serde_json::from_value::<Condition>(older).unwrap(), checked);

@@ -143,7 +143,7 @@ fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
     let words = Strictness::of(&conditions).limits(&profile(ProfileName::Sim).monitor);
     assert_eq!(words, "a chart warns at 2.75 (plain 5.5) and trips at 1000 (plain 2000)");
     let until = |mut monitor: Monitor, action: MonitorAction| {
-        (1..).find(|tick| monitor.observe(one_in(2, *tick), *tick).action >= action).unwrap()
+        (1..10_000).find(|tick| monitor.observe(one_in(2, *tick), *tick).action >= action).unwrap()
     };
     for action in [MonitorAction::Restrict, MonitorAction::Rollback] {
         let (strict, plain) = (until(strict.clone(), action), until(plain.clone(), action));
@@ -167,7 +167,7 @@ fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
 fn a_coupled_version_is_rolled_back_on_the_first_warning() {
     // Where a chart warns before another trips, the two monitors part.
     let first = |mut monitor: Monitor, every: u64| {
-        (1..)
+        (1..10_000)
             .map(|tick| monitor.observe(one_in(every, tick), tick))
             .find(|said| said.action != MonitorAction::Continue)
             .unwrap()
