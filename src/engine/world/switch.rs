@@ -2,7 +2,7 @@
 //!
 //! Two kinds of stop. [`Switch::stop`] ends the sequence that runs, for an operation that follows at once.
 //! [`Switch::halt`] is a person's stop of the cell: it latches, the body itself brakes and takes no command while it
-//! lasts, and only [`Switch::release`] ends it. Decides nothing, and waits for nobody.
+//! lasts, and only `Switch::release` ends it. Decides nothing, and waits for nobody.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
