@@ -81,7 +81,7 @@ fn code_of(state: &str) -> Option<u8> {
     match state {
         "confirmed" => Some(Exit::Confirmed.code()),
         "rejected" => Some(Exit::Rejected.code()),
-        "registered" | "validated" | "sandboxed" | "shadowed" => Some(Exit::Held.code()),
+        "registered" | "validated" | "sandboxed" | "shadowed" | "active" => Some(Exit::Held.code()),
         "rolled-back" | "demoted" => Some(Exit::RolledBack.code()),
         _ => None,
     }
