@@ -10,7 +10,7 @@ mod told;
 use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
-pub use entry::{Entry, Overlay, Typing};
+pub use entry::{Overlay, Typed, Typing};
 pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
 pub use told::{EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
@@ -46,7 +46,7 @@ pub struct ConsoleSettings {
 
 /// Who acts at this console.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seat {
+pub struct Present {
     pub operator: Option<Operator>,
     /// Everybody who could act from here.
     pub identities: Vec<Operator>,
@@ -60,8 +60,8 @@ pub struct Model {
     pub told: Told,
     pub place: ViewState,
     pub asking: Asking,
-    pub entry: Entry,
-    pub seat: Seat,
+    pub entry: Typed,
+    pub seat: Present,
     pub notice: Option<Notice>,
     pub settings: ConsoleSettings,
     pub keymap: Arc<Keymap>,
@@ -79,8 +79,8 @@ impl Model {
             told: Told::default(),
             place: ViewState::default(),
             asking: Asking::default(),
-            entry: Entry::default(),
-            seat: Seat::default(),
+            entry: Typed::default(),
+            seat: Present::default(),
             notice: None,
             settings,
             keymap,

@@ -19,7 +19,7 @@ use crate::world::switch::AskedStop;
 
 /// A stop or its end, as the chain keeps it.
 #[derive(Serialize, Deserialize)]
-struct Kept {
+struct StopOnRecord {
     by: String,
     caller: Caller,
     reason: String,
@@ -127,7 +127,7 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
         AuditFilter { from_seq, kind: Some(RecordKind::CellStopped), limit: 1, ..AuditFilter::default() };
     let Some(found) = views.audit(&first)?.into_iter().next() else { return Ok(None) };
     // What cannot be read is a stop by somebody: uncertain means stopped.
-    let kept = serde_json::from_str(&found.body).unwrap_or(Kept {
+    let kept = serde_json::from_str(&found.body).unwrap_or(StopOnRecord {
         by: String::new(),
         caller: Caller::Script,
         reason: String::new(),

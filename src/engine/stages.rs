@@ -17,4 +17,4 @@ pub mod shadow;
 pub mod validation;
 
 #[cfg(test)]
-mod standings;
+mod tests;

@@ -6,6 +6,7 @@ use holdpoint_approvals::Identity;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Kappa;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -151,8 +152,9 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
     Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
 }
 
-/// A candidate for which people are asked, without its evaluation: what is tested comes after that.
-fn asked(pipeline: &mut Pipeline) -> CapabilityId {
+/// A candidate for which people are asked under these conditions, without its evaluation: what is tested comes after
+/// that.
+fn asked(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Condition>) -> CapabilityId {
     const NAME: &str = "align-improved";
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
     let id = Capability::load(NAME, package.clone()).unwrap().id();
@@ -161,8 +163,7 @@ fn asked(pipeline: &mut Pipeline) -> CapabilityId {
     let dossier = live.dossiers.edit(&id);
     dossier.kappas = Some(Kappas {
         interface: compatible(InterfaceOutcome::Compatible),
-        // A review takes two people.
-        policy: compatible(PolicyOutcome::Review),
+        policy: Assessment { conditions, ..compatible(policy) },
         behavior: compatible(BehaviorOutcome::Compatible),
         recovery: compatible(RecoveryOutcome::Compatible),
     });
@@ -186,7 +187,8 @@ fn asked(pipeline: &mut Pipeline) -> CapabilityId {
 fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Human);
-    asked(&mut first);
+    // A review takes two people.
+    asked(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
     let identities = first.record().ledger().store().layout().identities();
     let ana = Identity::create(&identities, "ana", Role::Engineer).unwrap();
@@ -208,4 +210,19 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     // Under another profile it is another question.
     let third = pipeline(folder.path(), ProfileName::Real);
     assert!(third.snapshot().prompts.is_empty());
+}
+
+#[test]
+fn a_question_that_a_condition_asks_is_open_after_a_restart() {
+    for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = pipeline(folder.path(), profile);
+        asked(&mut first, PolicyOutcome::Conditional, vec![Condition::ApprovalRequired { quorum }]);
+        let mut before = first.snapshot().prompts;
+        assert_eq!(before[0].needed, u32::from(quorum));
+        drop(first);
+        let after = pipeline(folder.path(), profile).snapshot().prompts;
+        before[0].valid_until_ms = after.first().map_or(0, |prompt| prompt.valid_until_ms);
+        assert_eq!(after, before, "{profile:?}");
+    }
 }

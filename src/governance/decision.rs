@@ -5,8 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
+use super::deployability::Deployability;
 use super::ids::Digest;
-use super::vocabulary::Deployability;
 
 pub use super::kappa::{Kappa, KappaError};
 

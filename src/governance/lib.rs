@@ -204,6 +204,7 @@ pub mod behavior;
 pub mod composition;
 pub mod condition;
 pub mod decision;
+mod deployability;
 pub mod ended;
 pub mod evidence;
 pub mod exports;

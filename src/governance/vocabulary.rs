@@ -6,8 +6,9 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::gate::GateOutcome;
-use super::outcome::{ActivationMode, Check, PolicyOutcome, Recommendation};
+use super::outcome::{ActivationMode, Check, GateOutcome, PolicyOutcome, Recommendation};
+
+pub use super::deployability::Deployability;
 
 /// Stage 2's routes (paper section 5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -35,20 +36,6 @@ pub enum PolicyWord {
     Approval,
     /// The policies forbid it, or there is nothing to judge by.
     Reject,
-}
-
-crate::words! {
-    /// Deployment outcomes (paper section 4.5).
-    Deployability, "deployment outcome", {
-        /// May proceed to gated activation.
-        Fully = "fully-compatible",
-        /// Admissible under bounded conditions: simulation only, stricter thresholds, shadow first, approval.
-        Conditionally = "conditionally-compatible",
-        /// Not for activation; what was evaluated in sandbox and shadow stays to be learnt from.
-        EvaluationOnly = "evaluation-only",
-        /// Rejected, or to be revised.
-        Incompatible = "incompatible",
-    }
 }
 
 /// Activation rules (paper appendix D).

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::outcome::{Followed, outcome_of};
 use super::printer::Printer;
-use super::script::{DriftStep, Expect, Profiles, Say, Step, Wait, Work};
+use super::script::{DriftStep, Expect, LiveWork, Profiles, Say, Step, Wait};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
@@ -243,7 +243,7 @@ impl<'a> Driver<'a> {
     }
 
     /// Lets the live cell work, until an alarm is raised if one is awaited; that it is not is an error.
-    fn work(&mut self, work: &Work, index: usize) -> Result<StepEnd, CliError> {
+    fn work(&mut self, work: &LiveWork, index: usize) -> Result<StepEnd, CliError> {
         let raised = |driver: &Self| {
             let alarms = driver.pump.engine().snapshot().alarms;
             work.until.is_some_and(|kind| {

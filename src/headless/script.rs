@@ -94,7 +94,7 @@ pub struct Step {
     /// Let time pass.
     pub pass: Option<Pass>,
     /// Let the live cell work so many sequences, whether or not anything is evaluated.
-    pub work: Option<Work>,
+    pub work: Option<LiveWork>,
     /// Check what has come of it.
     pub expect: Option<Expect>,
 }
@@ -128,7 +128,7 @@ pub struct Say {
 /// Sequences that the live cell works.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Work {
+pub struct LiveWork {
     pub sequences: u32,
     /// An alarm of this kind that has to be raised meanwhile; the step ends with it.
     #[serde(default)]

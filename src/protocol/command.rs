@@ -15,6 +15,8 @@ use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::submission::Package;
 use holdpoint_text::Hint;
 
+pub use super::caller::Caller;
+
 /// Something asked of the engine. A command grants nothing: the engine checks every one of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "command", deny_unknown_fields)]
@@ -189,39 +191,6 @@ pub struct Operation {
     pub by: String,
     /// Why, in the person's own words; kept on record.
     pub reason: String,
-}
-
-/// Whose process asked for something, as the system has it: nobody can claim it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
-pub enum Caller {
-    /// A script, which is no person's process.
-    Script,
-    /// A process of this machine.
-    Process {
-        /// Number of the user it runs as.
-        uid: u32,
-        /// Name of that user; absent if the system has none.
-        user: Option<String>,
-        /// Its process id; absent if the system does not say.
-        process: Option<u32>,
-    },
-}
-
-impl std::fmt::Display for Caller {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Script => write!(f, "a script"),
-            Self::Process { uid, user, process } => {
-                match user {
-                    Some(user) => write!(f, "{user} (uid {uid}")?,
-                    None => write!(f, "uid {uid} (without a name")?,
-                }
-                process.map_or(Ok(()), |process| write!(f, ", process {process}"))?;
-                write!(f, ")")
-            }
-        }
-    }
 }
 
 /// A command with the id that makes a retry harmless.

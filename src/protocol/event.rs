@@ -5,10 +5,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::command::Caller;
+use super::caller::Caller;
 use super::detail::Changes;
 use super::explained::blank;
-use super::snapshot::Purpose;
+use super::purpose::Purpose;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;

@@ -14,6 +14,7 @@
 #![warn(missing_docs)]
 
 mod answer;
+mod caller;
 mod changes;
 pub mod clock;
 pub mod command;
@@ -21,6 +22,7 @@ pub mod detail;
 pub mod event;
 pub mod explained;
 pub mod picture;
+mod purpose;
 pub mod schema;
 pub mod sink;
 pub mod snapshot;

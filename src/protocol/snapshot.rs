@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::command::Caller;
+use super::caller::Caller;
 use super::detail::Changes;
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
@@ -19,6 +19,8 @@ use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
+
+pub use super::purpose::Purpose;
 
 /// How everything stands at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -234,22 +236,6 @@ pub struct Disagreement {
     pub text: String,
     /// Distance of the candidate's commands from the active version's in this sequence, 0 to 1 of range.
     pub output: f32,
-}
-
-holdpoint_governance::words! {
-    /// What people are asked to decide.
-    #[derive(Default)]
-    Purpose, "purpose of a question", {
-        /// Whether a candidate may become active.
-        #[default]
-        Activation = "activation",
-        /// Whether a restriction of an active version is lifted.
-        Release = "release",
-        /// Whether an emergency activation was right.
-        Review = "review",
-        /// Whether one person lets a version in alone.
-        Emergency = "emergency",
-    }
 }
 
 /// A question that waits for people.

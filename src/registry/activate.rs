@@ -10,7 +10,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
 
 /// A family as it is in the store.
-struct FamilyRow {
+struct FamilyPointers {
     active: Option<String>,
     pinned: Option<String>,
     bootstrapped: bool,
@@ -18,13 +18,13 @@ struct FamilyRow {
 }
 
 impl Applier<'_> {
-    fn family(&self, family: &Family) -> Result<FamilyRow, StoreError> {
+    fn family(&self, family: &Family) -> Result<FamilyPointers, StoreError> {
         self.find(
             "find a family",
             "SELECT active, pinned, bootstrapped, void_seq FROM family WHERE name = ?1",
             [family.as_str()],
             |row| {
-                Ok(FamilyRow {
+                Ok(FamilyPointers {
                     active: row.get(0)?,
                     pinned: row.get(1)?,
                     bootstrapped: row.get(2)?,

@@ -13,7 +13,7 @@ use ratatui::layout::Rect;
 
 use crate::frame;
 use crate::look::{Look, LookOptions};
-use crate::model::{Entry, Model, View};
+use crate::model::{Model, Typed, View};
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
@@ -75,7 +75,7 @@ fn text(view: View, model: &Model) -> Result<String, String> {
     let look = Look::detect(&options).map_err(|error| error.sentence())?;
     let mut shown = model.clone();
     shown.place.view = view;
-    shown.entry = Entry::default();
+    shown.entry = Typed::default();
     let area = Rect::new(0, 0, TEXT_SIZE.0, TEXT_SIZE.1);
     let mut buffer = Buffer::empty(area);
     frame::draw(&shown, &look, area, &mut buffer);

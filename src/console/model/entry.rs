@@ -28,7 +28,7 @@ pub enum Typing {
 
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Entry {
+pub struct Typed {
     /// What lies over the view.
     pub overlay: Option<Overlay>,
     /// What is typed at the foot.

@@ -2,6 +2,7 @@
 //!
 //! Asks and takes votes; what a vote comes to is the rules' ([`holdpoint_governance::approval`]) and the gate's.
 
+mod question;
 mod taken_up;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
-    self, Answer, ApprovalOutcome, ApprovalResult, Request, SignatureCheck, Subject, Vote,
+    self, Answer, ApprovalOutcome, ApprovalResult, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::condition::Condition;
@@ -20,6 +21,7 @@ use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::strictness::Strictness;
+use holdpoint_governance::submission::Submission;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
@@ -32,68 +34,11 @@ use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
 use crate::record::Record;
 
+pub(super) use question::Asked;
+pub use question::PendingQuestion;
+
 pub use super::signers::SHOWN_BYTES_MAX;
-use super::signers::{shown_record, signer, way_back};
-
-/// Something that waits for people.
-pub struct PendingQuestion {
-    pub(super) purpose: Purpose,
-    /// What a release or a review is about.
-    pub(super) about: String,
-    /// Its time is over and it stays open all the same: a review.
-    pub(super) overdue: bool,
-    pub(super) id: String,
-    pub(super) request: Request,
-    pub(super) votes: Vec<Vote>,
-    pub(super) signed: Vec<SignedApproval>,
-    pub(super) evidence: Digest,
-    pub(super) row_version: u64,
-    pub(super) life_row_version: u64,
-    pub(super) asked_ms: u64,
-    pub(super) deadline_ms: u64,
-    pub(super) replaces: Option<CapabilityId>,
-    /// It takes people to override what a rule would not pass.
-    pub(super) review: bool,
-}
-
-impl PendingQuestion {
-    /// The version's row as the question names it: an answer over another one is void.
-    #[must_use]
-    pub const fn life_row_version(&self) -> u64 {
-        self.life_row_version
-    }
-
-    /// What is asked.
-    #[must_use]
-    pub const fn purpose(&self) -> Purpose {
-        self.purpose
-    }
-
-    /// Whether it is asked about the version as its row stands in the store, and its time stands likewise.
-    #[must_use]
-    pub const fn is_about(&self, row_version: u64, overdue: bool) -> bool {
-        self.row_version == row_version && self.overdue == overdue
-    }
-
-    #[must_use]
-    pub fn last_voter(&self) -> Option<String> {
-        self.signed.last().map(|signed| signed.approval().who.clone())
-    }
-
-    /// The signed approvals, refusals left out.
-    #[must_use]
-    pub fn into_approvals(self) -> Vec<SignedApproval> {
-        let mut signed = self.signed;
-        signed.retain(|signed| signed.approval().decision == Answer::Approve);
-        signed
-    }
-
-    /// What asking came to so far.
-    #[must_use]
-    pub fn result(&self, context: &Context, now_s: f64) -> ApprovalResult {
-        approval::evaluate(&self.request, &self.votes, now_s, &context.profile.approval)
-    }
-}
+use super::signers::{shown_record, signer};
 
 #[derive(Default)]
 pub struct Approvals {
@@ -158,14 +103,10 @@ impl Approvals {
         id: &CapabilityId,
     ) -> Result<(), Fault> {
         let dossier = dossiers.edit(id);
-        let Some(kappas) = &dossier.kappas else {
+        let submission = &record.capability(id)?.submission;
+        let Some((quorum, review)) = activation_terms(context, dossier, submission) else {
             return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
         };
-        let submission = record.capability(id)?.submission.clone();
-        let of = (submission.estimated_risk, submission.provenance);
-        let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
-        // Where the profile asks nobody by itself, people decide on what it would not have let pass.
-        let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
         let evidence = dossier.digest()?;
         self.put(
             context,
@@ -206,17 +147,13 @@ impl Approvals {
         (purpose, about): (Purpose, String),
         (evidence, quorum, review): (Digest, u8, bool),
     ) -> Result<(), Fault> {
-        let candidate = record.capability(id)?;
         let settings = context.profile.approval;
-        let risk = candidate.submission.estimated_risk;
         let (version, _, member) = record.ledger().version(id)?;
         let row_version = member.row_version;
         let now_ms = record.now_ms();
         let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
         // An engine that comes up again asks the same question anew, with another deadline: another request.
         let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
-        let active = record.active_of(&id.family).map(|active| active.id());
-        let replaces = if purpose == Purpose::Activation { active } else { way_back(record, id) };
         let dossier = dossiers.edit(id);
         let question = ApprovalRequest {
             id: prompt_id.clone(),
@@ -235,36 +172,18 @@ impl Approvals {
             ..Note::because("people are asked")
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
-        let life_row_version = record.ledger().version(id)?.1.row_version;
-        let prompt = PendingQuestion {
+        let asked = Asked {
+            id: prompt_id,
             purpose,
             about,
-            overdue: false,
-            id: prompt_id,
-            request: Request {
-                subject: Subject {
-                    candidate: candidate.digest(),
-                    row_version,
-                    evidence,
-                    policy: context.digest,
-                    profile: context.profile_digest,
-                },
-                risk,
-                quorum,
-                requester: "engine".to_owned(),
-                author: candidate.submission.author.clone(),
-                asked_s: record.now_s(),
-            },
-            votes: Vec::new(),
-            signed: Vec::new(),
+            requester: "engine".to_owned(),
             evidence,
-            row_version,
-            life_row_version,
-            asked_ms: now_ms,
-            deadline_ms,
-            replaces: replaces.clone(),
+            quorum,
             review,
+            time_ms: [now_ms, deadline_ms],
+            counted_from_s: record.now_s(),
         };
+        let prompt = PendingQuestion::new(context, record, id, asked)?;
         self.open(context, record, dossiers, id, prompt);
         let priority = context.profile.alarms.approval_waiting;
         let text = format!("{id} waits for approval");
@@ -374,6 +293,17 @@ impl Approvals {
         });
         Ok(Ok(result))
     }
+}
+
+/// How many people an activation takes, and whether they override what a rule would not pass; absent before the
+/// version was assessed.
+fn activation_terms(context: &Context, dossier: &Dossier, submission: &Submission) -> Option<(u8, bool)> {
+    let kappas = dossier.kappas.as_ref()?;
+    let of = (submission.estimated_risk, submission.provenance);
+    let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
+    // If the profile asks nobody by itself, people decide on what it would not have let pass.
+    let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
+    Some((quorum, review))
 }
 
 /// The note by which a request is closed.

@@ -5,7 +5,7 @@
 
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{
-    self, Answer, ApprovalResult, REVIEWERS, Request, SignatureCheck, Subject, Vote,
+    self, Answer, ApprovalResult, REVIEWERS, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Review, Stage, State};
@@ -14,8 +14,8 @@ use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 
-use super::approvals::{Approvals, PendingQuestion, closing_note, secs_to_ms, tier, view};
-use super::signers::{signer, way_back};
+use super::approvals::{Approvals, Asked, PendingQuestion, closing_note, secs_to_ms, tier, view};
+use super::signers::signer;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
@@ -56,37 +56,20 @@ fn door(
     let evidence = dossier.digest().ok()?;
     let (now_ms, submission) = (record.now_ms(), &member.capability.submission);
     let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
-    Some(PendingQuestion {
+    let risk = submission.estimated_risk;
+    let asked = Asked {
+        id: format!("{}-{}-emergency", id.family, id.version),
         purpose: Purpose::Emergency,
         about: String::new(),
-        overdue: false,
-        id: format!("{}-{}-emergency", id.family, id.version),
-        request: Request {
-            subject: Subject {
-                candidate: member.capability.digest(),
-                row_version: member.row_version,
-                evidence,
-                policy: context.digest,
-                profile: context.profile_digest,
-            },
-            risk: submission.estimated_risk,
-            // One person is never enough in the ordinary way: it counts as an emergency or not at all.
-            quorum: approval::quorum(&settings, context.needs_approval(), submission.estimated_risk, false)
-                .max(2),
-            requester: "engine".to_owned(),
-            author: submission.author.clone(),
-            asked_s: record.now_s(),
-        },
-        votes: Vec::new(),
-        signed: Vec::new(),
+        requester: "engine".to_owned(),
         evidence,
-        row_version: member.row_version,
-        life_row_version: standing.row_version,
-        asked_ms: now_ms,
-        deadline_ms,
-        replaces: record.active_of(&id.family).map(|active| active.id()),
+        // One person is never enough in the ordinary way: it counts as an emergency or not at all.
+        quorum: approval::quorum(&settings, context.needs_approval(), risk, false).max(2),
         review: true,
-    })
+        time_ms: [now_ms, deadline_ms],
+        counted_from_s: record.now_s(),
+    };
+    PendingQuestion::new(context, record, id, asked).ok()
 }
 
 /// Versions that one person may let in by the emergency door now.
@@ -187,8 +170,7 @@ impl Approvals {
             changes = closing_note(context, id, &old, RequestState::Void, "").before;
         }
         let candidate = record.capability(id)?;
-        let (_, standing, member) = record.ledger().version(id)?;
-        let (row_version, life_row_version) = (member.row_version, standing.row_version);
+        let row_version = record.ledger().version(id)?.2.row_version;
         let (now_ms, overdue) = (record.now_ms(), review.until_ms <= record.now_ms());
         let broken = broken_by(record, id)?;
         let (by, reason) = broken.as_ref().map_or_else(
@@ -205,36 +187,19 @@ impl Approvals {
         let prompt_id = format!("{}-{}-{row_version}-review-{now_ms}", id.family, id.version);
         // A profile's times are seconds; the question's own deadline is the review's.
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-        let asked_s = review.until_ms as f64 / 1000.0 - context.profile.approval.timeout_s;
-        let question = PendingQuestion {
+        let counted_from_s = review.until_ms as f64 / 1000.0 - context.profile.approval.timeout_s;
+        let asked = Asked {
+            id: prompt_id.clone(),
             purpose: Purpose::Review,
             about,
-            overdue,
-            id: prompt_id.clone(),
-            request: Request {
-                subject: Subject {
-                    candidate: candidate.digest(),
-                    row_version,
-                    evidence,
-                    policy: context.digest,
-                    profile: context.profile_digest,
-                },
-                risk: candidate.submission.estimated_risk,
-                quorum: REVIEWERS,
-                requester: by,
-                author: candidate.submission.author.clone(),
-                asked_s,
-            },
-            votes: Vec::new(),
-            signed: Vec::new(),
+            requester: by,
             evidence,
-            row_version,
-            life_row_version,
-            asked_ms: now_ms,
-            deadline_ms: review.until_ms,
-            replaces: way_back(record, id),
+            quorum: REVIEWERS,
             review: true,
+            time_ms: [now_ms, review.until_ms],
+            counted_from_s,
         };
+        let question = PendingQuestion { overdue, ..PendingQuestion::new(context, record, id, asked)? };
         let empty = Dossier::default();
         changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
             id: prompt_id,

@@ -70,7 +70,7 @@ impl Activation<'_> {
             }
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
-                let entry = Entry { passed: &passed, decision: body, emergency_until_ms: None };
+                let entry = Admission { passed: &passed, decision: body, emergency_until_ms: None };
                 activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
@@ -227,7 +227,7 @@ pub(super) fn gate(
 }
 
 /// What a version becomes active by.
-pub(super) struct Entry<'a> {
+pub(super) struct Admission<'a> {
     pub(super) passed: &'a GatePassed,
     /// The gate's decision, JSON text.
     pub(super) decision: String,
@@ -242,7 +242,7 @@ pub(super) fn activate(
     monitors: &mut Monitors,
     dossier: &Dossier,
     id: &CapabilityId,
-    Entry { passed, decision, emergency_until_ms }: Entry<'_>,
+    Admission { passed, decision, emergency_until_ms }: Admission<'_>,
     approvals: &[SignedApproval],
 ) -> Result<(), Fault> {
     let (version, _, _) = record.ledger().version(id)?;

@@ -17,7 +17,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{AuditBody, Change};
 
-use super::activation::{Activation, Entry, activate, gate};
+use super::activation::{Activation, Admission, activate, gate};
 use super::closing::{decided, first_reason};
 use super::monitoring::{Live, maybe_confirm};
 use super::rollback::trigger;
@@ -92,7 +92,7 @@ impl Activation<'_> {
         dossier.conditions.clone_from(&passed.terms().conditions);
         decided(self.context, self.record, dossier, &id, Stage::Activation, &judged.decision);
         let decision = serde_json::to_string(&judged.decision)?;
-        let entry = Entry { passed, decision, emergency_until_ms: Some(until_ms) };
+        let entry = Admission { passed, decision, emergency_until_ms: Some(until_ms) };
         activate(self.context, self.record, self.monitors, dossier, &id, entry, &[emergency.signed])?;
         // Like an engine's own fault it has one priority in every profile.
         let text = format!("{id} was let in by {} alone and is not reviewed", said.who);

@@ -13,7 +13,7 @@ use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use super::episodes::Worker;
-use super::undisturbed::{Subject, Undisturbed};
+use super::undisturbed::{TrialCase, Undisturbed};
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::dispatcher::admit;
@@ -70,13 +70,13 @@ pub fn drill(
     kind: DrillKind,
     seed: u64,
 ) -> DrillResult {
-    let rehearsal = Rehearsal { cell, terms, cast, kind, seed };
-    rehearsal.run(worker, &mut None, &[kind])
+    let case = DrillCase { cell, terms, cast, kind, seed };
+    case.run(worker, &mut None, &[kind])
 }
 
 /// One drill of a version, and where it takes place.
 #[derive(Clone, Copy)]
-pub struct Rehearsal<'a> {
+pub struct DrillCase<'a> {
     pub cell: &'a Cell,
     pub terms: &'a SkillTerms,
     pub cast: &'a Cast<'a>,
@@ -84,7 +84,7 @@ pub struct Rehearsal<'a> {
     pub seed: u64,
 }
 
-impl Rehearsal<'_> {
+impl DrillCase<'_> {
     /// Works it. What is undisturbed of it is gone on from if it is given, and left behind for the other kinds of
     /// drill among `kinds`, which begin with the same work. The result is the same either way.
     #[must_use]
@@ -94,18 +94,18 @@ impl Rehearsal<'_> {
         shared: &mut Option<Undisturbed>,
         kinds: &[DrillKind],
     ) -> DrillResult {
-        let subject = self.subject();
+        let trial = self.trial();
         let begun = match shared.take() {
             Some(begun) => Ok(begun),
             None => {
                 let points = kinds.iter().map(|kind| first_point(*kind, self.seed).1).collect();
-                Undisturbed::begin(worker, &subject, points)
+                Undisturbed::begin(worker, &trial, points)
             }
         };
         let Ok(mut work) = begun else { return DrillResult::Infeasible };
         let (stream, mut point) = first_point(self.kind, self.seed);
         for _ in 0..POINT_TRIES {
-            match work.reach(worker, &subject, point) {
+            match work.reach(worker, &trial, point) {
                 Ok(Some(run)) => {
                     let passed = self.at_point(worker, run, stream);
                     *shared = Some(work);
@@ -125,9 +125,9 @@ impl Rehearsal<'_> {
 
     /// The work it begins with.
     #[must_use]
-    pub fn subject(&self) -> Subject<'_> {
+    pub fn trial(&self) -> TrialCase<'_> {
         let Self { cell, terms, cast, seed, .. } = *self;
-        Subject { cell, terms, version: cast.version, conditions: Conditions::Canonical, seed }
+        TrialCase { cell, terms, version: cast.version, conditions: Conditions::Canonical, seed }
     }
 
     /// The drill itself, from where the worker's arm stands.

@@ -12,7 +12,7 @@ use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::pool::run_ordered;
 use holdpoint_sim::world::{World, WorldCopy};
 
-use super::undisturbed::{Shelf, Subject};
+use super::undisturbed::{Shelf, TrialCase};
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::arm::Arm;
@@ -72,9 +72,9 @@ impl Worker {
     }
 
     /// The record of an episode in which the world failed. A world that diverged is not used again.
-    fn failed(&mut self, subject: &Subject<'_>) -> TaskRecord {
+    fn failed(&mut self, trial: &TrialCase<'_>) -> TaskRecord {
         self.built = None;
-        TaskRecord::invalid(subject.version.bundle.task(), subject.seed)
+        TaskRecord::invalid(trial.version.bundle.task(), trial.seed)
     }
 }
 
@@ -142,26 +142,26 @@ pub fn episode(
     conditions: Conditions,
     seed: u64,
 ) -> TaskRecord {
-    alone(worker, Subject { cell, terms, version, conditions, seed })
+    alone(worker, TrialCase { cell, terms, version, conditions, seed })
 }
 
 /// As [`episode`].
 #[must_use]
-pub fn alone(worker: &mut Worker, subject: Subject<'_>) -> TaskRecord {
+pub fn alone(worker: &mut Worker, trial: TrialCase<'_>) -> TaskRecord {
     let mut run = || -> Result<TaskRecord, SimError> {
-        let arm = worker.arm(subject.cell, &subject.setup())?;
-        Ok(subject.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
+        let arm = worker.arm(trial.cell, &trial.setup())?;
+        Ok(trial.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
-    run().unwrap_or_else(|_| worker.failed(&subject))
+    run().unwrap_or_else(|_| worker.failed(&trial))
 }
 
 /// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own.
 /// The records are those of two episodes by themselves.
 #[must_use]
-pub fn pair(worker: &mut Worker, [first, second]: [Subject<'_>; 2]) -> [TaskRecord; 2] {
+pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
     let setup = first.setup();
     if setup != second.setup() {
-        return [first, second].map(|subject| alone(worker, subject));
+        return [first, second].map(|trial| alone(worker, trial));
     }
     let (mut one, mut other) = (first.start(), second.start());
     let mut begin = || -> Result<WorldCopy, SimError> {
@@ -170,17 +170,17 @@ pub fn pair(worker: &mut Worker, [first, second]: [Subject<'_>; 2]) -> [TaskReco
         Ok(arm.body().copy())
     };
     let Ok(parted) = begin() else {
-        return [first, second].map(|subject| worker.failed(&subject));
+        return [first, second].map(|trial| worker.failed(&trial));
     };
-    let mut go_on = |run: TaskRun, subject: &Subject<'_>, from: Option<&WorldCopy>| {
+    let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&WorldCopy>| {
         let work = || -> Result<TaskRecord, SimError> {
             let arm = match from {
-                Some(copy) => worker.arm_from(subject.cell, copy)?,
+                Some(copy) => worker.arm_from(trial.cell, copy)?,
                 None => worker.built_arm()?,
             };
             Ok(run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
         };
-        work().unwrap_or_else(|_| worker.failed(subject))
+        work().unwrap_or_else(|_| worker.failed(trial))
     };
     [go_on(one, &first, None), go_on(other, &second, Some(&parted))]
 }

@@ -9,10 +9,10 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_sim::pool::run_ordered;
 
 use super::cache::EpisodeCache;
-use super::drills::{Cast, DrillResult, Rehearsal};
+use super::drills::{Cast, DrillCase, DrillResult};
 use super::episodes::{EpisodeJob, Worker, Workers, alone, batch, cache_key, pair};
 use super::seeds::{Purpose, episode_seed};
-use super::undisturbed::Subject;
+use super::undisturbed::TrialCase;
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
@@ -92,9 +92,9 @@ impl Lab<'_> {
                 let index = usize::try_from(index).ok()?;
                 let (seed, known) = (*seeds.get(index)?, known.get(index)?);
                 Some(worker.run(|worker| match known {
-                    Some(_) => (alone(worker, self.subject(candidate, seed)), None),
+                    Some(_) => (alone(worker, self.trial(candidate, seed)), None),
                     None => {
-                        let both = [candidate, active].map(|party| self.subject(party, seed));
+                        let both = [candidate, active].map(|party| self.trial(party, seed));
                         let [new, old] = pair(worker, both);
                         (new, Some(old))
                     }
@@ -158,14 +158,14 @@ impl Lab<'_> {
             |worker, index| {
                 // The pool hands out indices below the list's length.
                 let (party, seed) = usize::try_from(index).ok().and_then(|index| list.get(index))?;
-                let rehearsal = Rehearsal {
+                let case = DrillCase {
                     cell: self.cell,
                     terms: terms[*party],
                     cast: &casts[*party],
                     kind,
                     seed: *seed,
                 };
-                Some(worker.run(|worker| self.drill(worker, &rehearsal)))
+                Some(worker.run(|worker| self.drill(worker, &case)))
             },
             |_, result| {
                 of_candidate.extend(result);
@@ -185,17 +185,17 @@ impl Lab<'_> {
     }
 
     /// A party's episode of the sandbox.
-    fn subject<'b>(&'b self, party: &'b Party, seed: u64) -> Subject<'b> {
+    fn trial<'b>(&'b self, party: &'b Party, seed: u64) -> TrialCase<'b> {
         let (terms, version, conditions) = (&party.terms, &party.version, Conditions::Sandbox);
-        Subject { cell: self.cell, terms, version, conditions, seed }
+        TrialCase { cell: self.cell, terms, version, conditions, seed }
     }
 
     /// One drill, beginning with what other kinds of drill have worked of the same.
-    fn drill(&self, worker: &mut Worker, rehearsal: &Rehearsal<'_>) -> DrillResult {
-        let Rehearsal { cell, terms, cast, kind, seed } = *rehearsal;
+    fn drill(&self, worker: &mut Worker, case: &DrillCase<'_>) -> DrillResult {
+        let DrillCase { cell, terms, cast, kind, seed } = *case;
         let key = cache_key(cell, terms, cast.version, Conditions::Canonical, seed);
         let mut shared = self.workers.undisturbed.take(&key);
-        let result = rehearsal.run(worker, &mut shared, &DrillKind::ALL);
+        let result = case.run(worker, &mut shared, &DrillKind::ALL);
         if let Some(mut work) = shared
             && work.note_drilled(kind)
         {

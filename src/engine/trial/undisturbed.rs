@@ -21,7 +21,7 @@ use crate::cell::{Cell, Conditions};
 
 /// Whose work it is, and where.
 #[derive(Clone, Copy)]
-pub struct Subject<'a> {
+pub struct TrialCase<'a> {
     pub cell: &'a Cell,
     pub terms: &'a SkillTerms,
     pub version: &'a Capability,
@@ -29,7 +29,7 @@ pub struct Subject<'a> {
     pub seed: u64,
 }
 
-impl Subject<'_> {
+impl TrialCase<'_> {
     /// The task before its first tick.
     #[must_use]
     pub fn start(&self) -> TaskRun {
@@ -71,11 +71,11 @@ impl Undisturbed {
     ///
     /// # Errors
     /// If the episode has no valid start.
-    pub fn begin(worker: &mut Worker, subject: &Subject<'_>, mut points: Vec<u64>) -> Result<Self, SimError> {
+    pub fn begin(worker: &mut Worker, trial: &TrialCase<'_>, mut points: Vec<u64>) -> Result<Self, SimError> {
         points.sort_unstable();
         // Nothing goes on from the last one but what begins there.
         points.pop();
-        let start = worker.arm(subject.cell, &subject.setup())?.body().copy();
+        let start = worker.arm(trial.cell, &trial.setup())?.body().copy();
         Ok(Self { start, points, forks: Vec::new(), worked: None, drilled: Vec::new() })
     }
 
@@ -86,7 +86,7 @@ impl Undisturbed {
     pub fn reach(
         &mut self,
         worker: &mut Worker,
-        subject: &Subject<'_>,
+        trial: &TrialCase<'_>,
         point: u64,
     ) -> Result<Option<TaskRun>, SimError> {
         if self.worked.is_some_and(|worked| point > worked) {
@@ -94,8 +94,8 @@ impl Undisturbed {
         }
         let fork = self.forks.iter().rev().find(|fork| fork.tick <= point);
         let forked = fork.and_then(|fork| Some((fork.tick, &fork.world, fork.run.fork()?)));
-        let (mut at, world, mut run) = forked.unwrap_or_else(|| (0, &self.start, subject.start()));
-        let arm = worker.arm_from(subject.cell, world)?;
+        let (mut at, world, mut run) = forked.unwrap_or_else(|| (0, &self.start, trial.start()));
+        let arm = worker.arm_from(trial.cell, world)?;
         while at < point {
             let next = self.points.iter().copied().find(|next| (at + 1..point).contains(next));
             let stop = next.unwrap_or(point);

@@ -10,7 +10,7 @@ use super::{Profile, ProfileName};
 use crate::mode::ZoneName;
 
 /// A field, its value, and what is allowed.
-pub(super) type Problem = (String, String, String);
+pub(super) type FieldProblem = (String, String, String);
 
 /// A number in which a class is stricter, and in whose words.
 struct Stricter {
@@ -70,12 +70,12 @@ const fn looser(class: ProfileName) -> Option<ProfileName> {
 }
 
 /// What cannot be meant by a profile, or by one of its class.
-pub(super) fn problem(profile: &Profile) -> Option<Problem> {
+pub(super) fn problem(profile: &Profile) -> Option<FieldProblem> {
     contradiction(profile).or_else(|| demand(profile))
 }
 
 /// Numbers that contradict each other, in any class.
-fn contradiction(profile: &Profile) -> Option<Problem> {
+fn contradiction(profile: &Profile) -> Option<FieldProblem> {
     let wrong = |field: &str, value: f64, allowed: &str| {
         Some((field.to_owned(), value.to_string(), allowed.to_owned()))
     };
@@ -112,7 +112,7 @@ fn contradiction(profile: &Profile) -> Option<Problem> {
 }
 
 /// What a class demands as such.
-fn demand(profile: &Profile) -> Option<Problem> {
+fn demand(profile: &Profile) -> Option<FieldProblem> {
     let wrong = |field: &str, value: &str, allowed: &str| {
         Some((
             field.to_owned(),
@@ -146,7 +146,7 @@ fn demand(profile: &Profile) -> Option<Problem> {
 
 /// Where a profile is looser than the shipped one of the class before its own, though the paper says that it is
 /// stricter.
-pub(crate) fn looser_than_allowed(profile: &Profile) -> Option<Problem> {
+pub(crate) fn looser_than_allowed(profile: &Profile) -> Option<FieldProblem> {
     let before = Profile::builtin(looser(profile.name)?).ok()?;
     let (own, bounds) = (numbers(profile), numbers(&before));
     let value = |numbers: &[(String, f64)], path: &str| {

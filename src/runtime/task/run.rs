@@ -42,7 +42,7 @@ enum Stage {
 
 /// What the skill asked for and what the guard made of it, before it reaches the robot.
 #[derive(Clone, Debug)]
-struct Decision {
+struct NextMove {
     observation: Observation,
     asked: Command,
     checked: Checked,
@@ -71,7 +71,7 @@ struct TaskProgress {
     /// Ticks the skill has commanded.
     tick: u64,
     /// What was asked for in this tick and has not reached the body yet.
-    decision: Option<Decision>,
+    decision: Option<NextMove>,
     /// What was observed when it began to settle.
     settling_from: Option<Observation>,
     stage: Stage,
@@ -251,10 +251,10 @@ impl TaskRun {
     fn worked<B: Body>(
         &mut self,
         handle: &mut ActuatorHandle<'_, B>,
-        decision: Decision,
+        decision: NextMove,
         supervise: &mut Supervisor<'_, B>,
     ) {
-        let Decision { observation, asked, checked, exhausted } = decision;
+        let NextMove { observation, asked, checked, exhausted } = decision;
         let Self { terms, guard, progress: p, .. } = self;
         let seen = handle.telemetry();
         p.tick += 1;
@@ -286,7 +286,7 @@ impl TaskRun {
     }
 
     /// What the skill wants in this tick, as the guard lets it pass.
-    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Decision {
+    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> NextMove {
         let Self { skill, guard, progress: p, .. } = self;
         let seen = p.seen.take().unwrap_or_else(|| handle.telemetry());
         let observation = handle.observe(p.verdict);
@@ -315,7 +315,7 @@ impl TaskRun {
             note_hit(&mut p.record, p.tick, PolicyHit::RetriesExceeded);
         }
         p.watcher.note_command(&checked.command, &seen);
-        Decision { observation, asked, checked, exhausted }
+        NextMove { observation, asked, checked, exhausted }
     }
 
     /// The skill has had its last word.

@@ -1,11 +1,10 @@
 //! A question that was open when the engine ended, taken up as it was.
 
 use holdpoint_approvals::Identity;
-use holdpoint_governance::approval::{self, ApprovalOutcome, Request, SignatureCheck, Subject, Vote};
-use holdpoint_governance::gate;
+use holdpoint_governance::approval::{ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::ids::CapabilityId;
 
-use super::{Approvals, PendingQuestion, Purpose, secs_to_ms};
+use super::{Approvals, Asked, PendingQuestion, Purpose, activation_terms, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -29,12 +28,9 @@ impl Approvals {
         // The newest of those that an interrupted engine may have left.
         let asked = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
         let (Some(asked), Some(dossier)) = (asked, dossiers.of(id)) else { return Ok(None) };
-        let Some(kappas) = dossier.kappas.as_ref() else { return Ok(None) };
-        let candidate = record.capability(id)?;
-        let (_, standing, member) = record.ledger().version(id)?;
-        let risk = candidate.submission.estimated_risk;
-        let review = gate::needs_review(kappas, &context.profile);
-        let quorum = approval::quorum(&context.profile.approval, context.needs_approval(), risk, review);
+        let (_, _, member) = record.ledger().version(id)?;
+        let submission = &record.capability(id)?.submission;
+        let Some((quorum, review)) = activation_terms(context, dossier, submission) else { return Ok(None) };
         let evidence = dossier.digest()?;
         let unchanged = asked.policy_digest == context.digest
             && asked.profile == context.profile.name
@@ -45,38 +41,25 @@ impl Approvals {
             return Ok(None);
         }
         let asked_ms = asked.deadline_ms.saturating_sub(secs_to_ms(context.profile.approval.timeout_s));
-        let subject = Subject {
-            candidate: candidate.digest(),
-            row_version: asked.row_version,
-            evidence,
-            policy: context.digest,
-            profile: context.profile_digest,
-        };
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
         let secs = |ms: u64| ms as f64 / 1000.0;
-        let mut prompt = PendingQuestion {
-            purpose: Purpose::Activation,
-            about: String::new(),
-            overdue: false,
-            id: asked.id,
-            request: Request {
-                subject,
-                risk,
-                quorum,
+        let mut prompt = PendingQuestion::new(
+            context,
+            record,
+            id,
+            Asked {
+                id: asked.id,
+                purpose: Purpose::Activation,
+                about: String::new(),
                 requester: "engine".to_owned(),
-                author: candidate.submission.author.clone(),
-                asked_s: secs(asked_ms),
+                evidence,
+                quorum,
+                review,
+                time_ms: [asked_ms, asked.deadline_ms],
+                counted_from_s: secs(asked_ms),
             },
-            votes: Vec::new(),
-            signed: Vec::new(),
-            evidence,
-            row_version: asked.row_version,
-            life_row_version: standing.row_version,
-            asked_ms,
-            deadline_ms: asked.deadline_ms,
-            replaces: record.active_of(&id.family).map(|active| active.id()),
-            review,
-        };
+        )?;
+        let subject = prompt.request.subject;
         let identities = record.ledger().store().layout().identities();
         for entry in views.approvals(id)? {
             let said = entry.signed.approval().clone();

@@ -40,8 +40,8 @@ impl Bench {
         Cast { version, predecessor: version, fallback: Some(self.version("park")) }
     }
 
-    fn rehearsal<'a>(&'a self, cast: &'a Cast<'a>, kind: DrillKind, seed: u64) -> Rehearsal<'a> {
-        Rehearsal { cell: &self.cell, terms: &self.terms, cast, kind, seed }
+    fn case<'a>(&'a self, cast: &'a Cast<'a>, kind: DrillKind, seed: u64) -> DrillCase<'a> {
+        DrillCase { cell: &self.cell, terms: &self.terms, cast, kind, seed }
     }
 }
 
@@ -53,20 +53,20 @@ fn end(worker: &mut Worker, result: DrillResult, over: u32) -> Ended {
 }
 
 /// The drill with every point tried from a reset, as if nothing were known of the work and nothing kept.
-fn from_the_start(worker: &mut Worker, rehearsal: &Rehearsal<'_>) -> Ended {
-    let subject = rehearsal.subject();
-    let (stream, mut point) = first_point(rehearsal.kind, rehearsal.seed);
+fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> Ended {
+    let trial = case.trial();
+    let (stream, mut point) = first_point(case.kind, case.seed);
     for over in 0..POINT_TRIES {
-        let Ok(arm) = worker.arm(&rehearsal.cell.clone(), &subject.setup()) else {
+        let Ok(arm) = worker.arm(&case.cell.clone(), &trial.setup()) else {
             return (DrillResult::Infeasible, 0, over);
         };
-        let mut run = subject.start();
+        let mut run = trial.start();
         let mut handle = arm.handle();
         let reached = run.work_until(&mut handle, &mut |passed| {
             passed.tick >= point && !matches!(passed.command, Command::Done | Command::Fail { .. })
         });
         if reached.unwrap() {
-            let passed = rehearsal.at_point(worker, run, stream).unwrap();
+            let passed = case.at_point(worker, run, stream).unwrap();
             let result = if passed { DrillResult::Passed } else { DrillResult::Failed };
             return end(worker, result, over);
         }
@@ -88,9 +88,9 @@ fn every_drill_begun_with_shared_work_is_the_drill_worked_from_its_start() {
             // Every kind comes first once: later points are then reached before earlier ones and after.
             for step in 0..4 {
                 let kind = DrillKind::ALL[(step + usize::try_from(index).unwrap()) % 4];
-                let rehearsal = bench.rehearsal(&cast, kind, seed(index));
-                let expected = from_the_start(&mut other, &rehearsal);
-                let result = rehearsal.run(&mut worker, &mut shared, &DrillKind::ALL);
+                let case = bench.case(&cast, kind, seed(index));
+                let expected = from_the_start(&mut other, &case);
+                let result = case.run(&mut worker, &mut shared, &DrillKind::ALL);
                 assert_eq!(result, expected.0, "{family} {kind:?} {index}");
                 if result != DrillResult::Infeasible {
                     assert_eq!(
@@ -149,9 +149,9 @@ fn a_skill_that_cannot_be_copied_is_worked_again_and_comes_to_the_same() {
     let (mut worker, mut other) = (Worker::new(), Worker::new());
     let (mut shared, mut never) = (None, None);
     for kind in DrillKind::ALL {
-        let expected = bench.rehearsal(&cast, kind, seed(2)).run(&mut worker, &mut shared, &DrillKind::ALL);
-        let rehearsal = bench.rehearsal(&cast_single, kind, seed(2));
-        let result = rehearsal.run(&mut other, &mut never, &DrillKind::ALL);
+        let expected = bench.case(&cast, kind, seed(2)).run(&mut worker, &mut shared, &DrillKind::ALL);
+        let case = bench.case(&cast_single, kind, seed(2));
+        let result = case.run(&mut other, &mut never, &DrillKind::ALL);
         assert_eq!(end(&mut other, result, 0), end(&mut worker, expected, 0), "{kind:?}");
     }
     assert!(shared.is_some_and(|work| work.forks() > 0));
@@ -168,9 +168,9 @@ fn a_drill_that_ends_early_fails_as_it_would_have_at_its_end() {
     let cast = bench.cast(&version);
     for index in 0..6 {
         for kind in [DrillKind::Abort, DrillKind::Fallback] {
-            let rehearsal = bench.rehearsal(&cast, kind, seed(index));
-            let result = rehearsal.run(&mut worker, &mut None, &[kind]);
-            let Some(expected) = to_the_end(&mut worker, &rehearsal) else { continue };
+            let case = bench.case(&cast, kind, seed(index));
+            let result = case.run(&mut worker, &mut None, &[kind]);
+            let Some(expected) = to_the_end(&mut worker, &case) else { continue };
             assert_eq!(result, expected, "{kind:?} {index}");
             lost += u32::from(result == DrillResult::Failed);
         }
@@ -179,24 +179,24 @@ fn a_drill_that_ends_early_fails_as_it_would_have_at_its_end() {
 }
 
 /// Abort and fallback drills, worked to the end whatever happens on the way.
-fn to_the_end(worker: &mut Worker, rehearsal: &Rehearsal<'_>) -> Option<DrillResult> {
-    let (cell, cast) = (rehearsal.cell.clone(), rehearsal.cast);
-    let subject = rehearsal.subject();
-    let arm = worker.arm(&cell, &subject.setup()).ok()?;
-    let (_, point) = first_point(rehearsal.kind, rehearsal.seed);
-    let mut run = subject.start();
+fn to_the_end(worker: &mut Worker, case: &DrillCase<'_>) -> Option<DrillResult> {
+    let (cell, cast) = (case.cell.clone(), case.cast);
+    let trial = case.trial();
+    let arm = worker.arm(&cell, &trial.setup()).ok()?;
+    let (_, point) = first_point(case.kind, case.seed);
+    let mut run = trial.start();
     if !run.work_until(&mut arm.handle(), &mut |passed| passed.tick >= point).ok()? {
         return None;
     }
     let held = holds_object(&arm.body().telemetry());
     let (mut skill, mut guard) = run.into_skill_and_guard();
     let task = cast.version.bundle.task();
-    let mut watcher = Watcher::new(task, *rehearsal.terms.watch());
+    let mut watcher = Watcher::new(task, *case.terms.watch());
     let (secs, mut handle) = (cast.version.abort_secs(), arm.handle());
     let report =
         holdpoint_runtime::recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, secs);
     let report = report.ok()?;
-    let passed = match rehearsal.kind {
+    let passed = match case.kind {
         DrillKind::Abort => {
             report.stopped_by == StoppedBy::Hook
                 && report.violation.is_none()
@@ -208,9 +208,9 @@ fn to_the_end(worker: &mut Worker, rehearsal: &Rehearsal<'_>) -> Option<DrillRes
             let next = cast.fallback?;
             arm.body_mut().begin_task(task);
             let admitted = admit(&next.manifest, &arm.body().telemetry()).is_ok();
-            let guard = rehearsal.terms.guard(next.manifest.permissions.authority);
-            let terms = rehearsal.terms.task(task, rehearsal.seed, next.abort_secs());
-            let run = TaskRun::new(next.bundle.start(rehearsal.seed), guard, terms);
+            let guard = case.terms.guard(next.manifest.permissions.authority);
+            let terms = case.terms.task(task, case.seed, next.abort_secs());
+            let run = TaskRun::new(next.bundle.start(case.seed), guard, terms);
             let record = run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue).ok()?;
             let stopped = report.stopped_by != StoppedBy::Nothing && report.violation.is_none();
             let safe = !record.violation && record.hard_stop.is_none() && !record.recovery;

@@ -1,0 +1,139 @@
+//! One question that waits for people, and what they said so far.
+
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::approval::{self, Answer, ApprovalResult, Request, Subject, Vote};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_protocol::snapshot::Purpose;
+
+use crate::context::Context;
+use crate::fault::Fault;
+use crate::people::signers::way_back;
+use crate::record::Record;
+
+/// Something that waits for people.
+pub struct PendingQuestion {
+    pub(in crate::people) purpose: Purpose,
+    /// What a release or a review is about.
+    pub(in crate::people) about: String,
+    /// Its time is over and it stays open all the same: a review.
+    pub(in crate::people) overdue: bool,
+    pub(in crate::people) id: String,
+    pub(in crate::people) request: Request,
+    pub(in crate::people) votes: Vec<Vote>,
+    pub(in crate::people) signed: Vec<SignedApproval>,
+    pub(in crate::people) evidence: Digest,
+    pub(in crate::people) row_version: u64,
+    pub(in crate::people) life_row_version: u64,
+    pub(in crate::people) asked_ms: u64,
+    pub(in crate::people) deadline_ms: u64,
+    pub(in crate::people) replaces: Option<CapabilityId>,
+    /// It takes people to override what a rule would not pass.
+    pub(in crate::people) review: bool,
+}
+
+/// What is asked about a version, of how many, and until when.
+pub(in crate::people) struct Asked {
+    pub(in crate::people) id: String,
+    pub(in crate::people) purpose: Purpose,
+    pub(in crate::people) about: String,
+    pub(in crate::people) requester: String,
+    pub(in crate::people) evidence: Digest,
+    pub(in crate::people) quorum: u8,
+    pub(in crate::people) review: bool,
+    /// When it was asked, and when it ends: virtual ms.
+    pub(in crate::people) time_ms: [u64; 2],
+    /// When it was asked, as the rules count the profile's time from, virtual s.
+    pub(in crate::people) counted_from_s: f64,
+}
+
+impl PendingQuestion {
+    /// A question about a version as its row stands now, without answers.
+    ///
+    /// # Errors
+    /// If there is no such version.
+    pub(in crate::people) fn new(
+        context: &Context,
+        record: &Record,
+        id: &CapabilityId,
+        asked: Asked,
+    ) -> Result<Self, Fault> {
+        let candidate = record.capability(id)?;
+        let (_, standing, member) = record.ledger().version(id)?;
+        let Asked { id: question, purpose, about, requester, evidence, quorum, review, .. } = asked;
+        let [asked_ms, deadline_ms] = asked.time_ms;
+        let row_version = member.row_version;
+        let subject = Subject {
+            candidate: candidate.digest(),
+            row_version,
+            evidence,
+            policy: context.digest,
+            profile: context.profile_digest,
+        };
+        let request = Request {
+            subject,
+            risk: candidate.submission.estimated_risk,
+            quorum,
+            requester,
+            author: candidate.submission.author.clone(),
+            asked_s: asked.counted_from_s,
+        };
+        let active = record.active_of(&id.family).map(|active| active.id());
+        let replaces = match purpose {
+            Purpose::Activation | Purpose::Emergency => active,
+            Purpose::Release | Purpose::Review => way_back(record, id),
+        };
+        Ok(Self {
+            purpose,
+            about,
+            overdue: false,
+            id: question,
+            request,
+            votes: Vec::new(),
+            signed: Vec::new(),
+            evidence,
+            row_version,
+            life_row_version: standing.row_version,
+            asked_ms,
+            deadline_ms,
+            replaces,
+            review,
+        })
+    }
+
+    /// The version's row as the question names it: an answer over another one is void.
+    #[must_use]
+    pub const fn life_row_version(&self) -> u64 {
+        self.life_row_version
+    }
+
+    /// What is asked.
+    #[must_use]
+    pub const fn purpose(&self) -> Purpose {
+        self.purpose
+    }
+
+    /// Whether it is asked about the version as its row stands in the store, and its time stands likewise.
+    #[must_use]
+    pub const fn is_about(&self, row_version: u64, overdue: bool) -> bool {
+        self.row_version == row_version && self.overdue == overdue
+    }
+
+    #[must_use]
+    pub fn last_voter(&self) -> Option<String> {
+        self.signed.last().map(|signed| signed.approval().who.clone())
+    }
+
+    /// The signed approvals, refusals left out.
+    #[must_use]
+    pub fn into_approvals(self) -> Vec<SignedApproval> {
+        let mut signed = self.signed;
+        signed.retain(|signed| signed.approval().decision == Answer::Approve);
+        signed
+    }
+
+    /// What asking came to so far.
+    #[must_use]
+    pub fn result(&self, context: &Context, now_s: f64) -> ApprovalResult {
+        approval::evaluate(&self.request, &self.votes, now_s, &context.profile.approval)
+    }
+}

@@ -1,0 +1,3 @@
+//! The stages together: every verb in every standing of a version.
+
+mod standings;
