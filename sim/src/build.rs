@@ -47,7 +47,7 @@ pub fn empty_world() -> PhysicsWorld {
     p.normalized_allowed_linear_error = 0.0005;
     p.normalized_prediction_distance = 0.004;
     p.max_ccd_substeps = 0;
-    SolverEffort::REFERENCE.apply(&mut world);
+    SolverEffort::FULL.apply(&mut world);
     world
 }
 

@@ -17,19 +17,17 @@ pub enum Fidelity {
     Reference,
     /// The least effort that comes to the same as the reference, in every tick.
     Full,
-    /// One step per tick in free motion and with the object hanging in the hand, the reference's effort
-    /// where the robot, or what it grips, meets anything else. Same outcomes as the reference, but for an
-    /// object that is carried: it creeps by .6 mm more in two and a half seconds. What decides, and the live
-    /// cell, work in this mode.
-    #[default]
+    /// One step per tick in free motion; the full effort where the robot, or what it grips, meets
+    /// anything else. Same outcomes as the reference.
     Adaptive,
     /// One step per tick everywhere. Grips and places as well, but forces between a gripped object
     /// and what it stands on come out lower than the reference's.
     Single,
     /// The physics engine rests where the arm is near nothing, and where all it is near is the
     /// object that it holds: the arm's own dynamics in joint coordinates, and the pads' contacts,
-    /// take these ticks. Where anything else is near, the engine works as in `Full`. Same
-    /// outcomes as the reference.
+    /// take these ticks. Where anything else is near, the engine works as in `Adaptive`. Same
+    /// outcomes as the reference. What decides, and the live cell, work in this mode.
+    #[default]
     Reduced,
 }
 
@@ -62,10 +60,10 @@ impl SolverEffort {
     /// The effort of a tick that begins in the given situation.
     pub fn of(fidelity: Fidelity, situation: Situation) -> Self {
         match (fidelity, situation) {
-            (Fidelity::Reference, _) | (Fidelity::Adaptive, Situation::Contact) => Self::REFERENCE,
-            (Fidelity::Full, _) | (Fidelity::Reduced, Situation::Contact) => Self::FULL,
-            (Fidelity::Single, _) | (Fidelity::Adaptive, Situation::Held) => Self::SINGLE,
-            (Fidelity::Reduced, Situation::Held) => Self::HELD,
+            (Fidelity::Reference, _) => Self::REFERENCE,
+            (Fidelity::Full, _) | (Fidelity::Adaptive | Fidelity::Reduced, Situation::Contact) => Self::FULL,
+            (Fidelity::Single, _) => Self::SINGLE,
+            (Fidelity::Adaptive | Fidelity::Reduced, Situation::Held) => Self::HELD,
             (Fidelity::Adaptive | Fidelity::Reduced, Situation::Free) => Self::FREE,
         }
     }

@@ -127,7 +127,7 @@ pub fn run(quick: bool) -> Result<BenchReport, BenchError> {
     Ok(BenchReport {
         version: env!("CARGO_PKG_VERSION"),
         build: if cfg!(debug_assertions) { "dev" } else { "release" },
-        physics: "f32",
+        physics: simulation::PHYSICS_NUMBERS,
         quick,
         entries,
         peer,

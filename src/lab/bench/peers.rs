@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::BenchError;
 use super::measure::median;
-use super::simulation::peer;
+use super::simulation::{PHYSICS_NUMBERS, peer};
 
 /// Rounds that are worked unless told otherwise.
 pub const ROUNDS: u32 = 5;
@@ -242,7 +242,7 @@ pub fn run(
         return Err(PeerError::Alone(why.join("; ")));
     }
     let rows = rows(&taken)?;
-    Ok(PeerReport { rounds: settings.rounds, physics: "f32", rows, absent })
+    Ok(PeerReport { rounds: settings.rounds, physics: PHYSICS_NUMBERS, rows, absent })
 }
 
 /// One engine's share of a round; the inner error says why a peer cannot take part.

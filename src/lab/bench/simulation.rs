@@ -21,6 +21,9 @@ use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::task::{self, Supervision};
 
+/// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's contacts.
+pub(super) const PHYSICS_NUMBERS: &str = "f64, in contact f32";
+
 /// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and
 /// retreat with inverse kinematics in every tick, the cell built anew each time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -171,9 +174,17 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
     })
 }
 
-/// The engine comparison's episode, in the product's mode and in the reference's.
+/// The engine comparison's episode, in the product's mode and with the physics engine in every tick.
 pub(super) fn measure_peer(effort: &FigureEffort) -> Result<Vec<PeerEntry>, BenchError> {
-    [Fidelity::Adaptive, Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
+    [Fidelity::default(), Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
+}
+
+/// Number format of a mode's physics.
+const fn numbers(mode: Fidelity) -> &'static str {
+    match mode {
+        Fidelity::Reduced => PHYSICS_NUMBERS,
+        Fidelity::Reference | Fidelity::Full | Fidelity::Adaptive | Fidelity::Single => "f32",
+    }
 }
 
 pub(super) fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
@@ -202,7 +213,7 @@ pub(super) fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
         median: 1.0e3 * median,
         p90: 1.0e3 * p90,
         unit: FigureUnit::Millis,
-        precision: "f32",
+        precision: numbers(mode),
         ticks: STEPS,
     })
 }
