@@ -124,6 +124,7 @@ fn error(error: RefineError) -> CliError {
         | RefineError::Profile(_)
         | RefineError::Policy(_)
         | RefineError::Sim(_)
+        | RefineError::Work(_)
         | RefineError::Optimiser(_) => CliError::internal(error.sentence()),
     }
 }

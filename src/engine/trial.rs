@@ -1,8 +1,9 @@
-//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached if they can be.
+//! Where versions are tried out: episodes, pairs and drills by a crew of workers, cached if they can be.
 //!
 //! Runs what it is told and judges nothing; the stages ask and the rules in governance judge.
 
 pub mod cache;
+pub mod crew;
 pub mod drills;
 pub mod episodes;
 pub mod evaluation;
@@ -11,6 +12,7 @@ pub mod measures;
 pub mod seeds;
 pub mod trace;
 pub mod undisturbed;
+pub mod worker;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,8 +20,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use holdpoint_registry::Store;
 
 use self::cache::EpisodeCache;
-use self::episodes::Workers;
-use self::lab::Lab;
+use self::crew::Crew;
+use self::lab::{Lab, Outcome};
+use self::undisturbed::Shelf;
 use crate::cell::Cell;
 
 /// How evaluations of one engine are run.
@@ -29,7 +32,8 @@ pub struct Trials {
     part: usize,
     cancel: Arc<AtomicBool>,
     cache: EpisodeCache,
-    workers: Workers,
+    crew: Crew<Outcome>,
+    undisturbed: Arc<Shelf>,
 }
 
 impl Trials {
@@ -41,7 +45,8 @@ impl Trials {
             part: usize::MAX,
             cancel: Arc::new(AtomicBool::new(false)),
             cache,
-            workers: Workers::new(jobs),
+            crew: Crew::new(jobs),
+            undisturbed: Arc::new(Shelf::new()),
         }
     }
 
@@ -59,7 +64,7 @@ impl Trials {
 
     /// From now on a slice is small, so that who asks is answered soon.
     pub fn work_in_small_parts(&mut self) {
-        self.part = self.workers.jobs().max(1);
+        self.part = self.crew.jobs();
     }
 
     /// Set to interrupt running evaluations between episodes.
@@ -79,7 +84,8 @@ impl Trials {
     pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> Lab<'a> {
         Lab {
             seed: self.seed,
-            workers: &self.workers,
+            crew: &self.crew,
+            undisturbed: &self.undisturbed,
             part: self.part,
             cancel: &self.cancel,
             cell,

@@ -17,8 +17,10 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
 use holdpoint::engine::cell::{Cell, Conditions};
+use holdpoint::engine::trial::crew::Crew;
 use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
-use holdpoint::engine::trial::episodes::{EpisodeJob, Worker, Workers, batch};
+use holdpoint::engine::trial::episodes::batch;
+use holdpoint::engine::trial::worker::Worker;
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
@@ -62,12 +64,12 @@ fn main() -> Result<()> {
         .iter()
         .map(|folder| Ok(Capability::load(folder, capability::read(Path::new(folder))?)?))
         .collect::<Result<Vec<_>>>()?;
-    let versions: Vec<(&Capability, &SkillTerms)> = capabilities.iter().map(|c| (c, &terms)).collect();
+    let crew = Crew::new(2);
     let mut first: Option<Vec<TaskRecord>> = None;
     for (version, capability) in capabilities.iter().enumerate() {
-        let jobs: Vec<EpisodeJob> = (0..n).map(|i| EpisodeJob { version, seed: from + i }).collect();
         let start = std::time::Instant::now();
-        let records = batch(&Workers::new(2), &AtomicBool::new(false), &cell, &versions, conditions, &jobs)?;
+        let records =
+            batch(&crew, &AtomicBool::new(false), &cell, (capability, &terms), conditions, from..from + n)?;
         println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
         match &first {
             None => first = Some(records),

@@ -27,6 +27,7 @@ mod refine;
 mod scenarios;
 mod second_arm;
 mod serve;
+mod stages;
 mod stop;
 
 #[cfg(feature = "rerun")]

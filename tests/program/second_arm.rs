@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::episodes::{EpisodeJob, Workers, batch};
+use holdpoint::engine::trial::crew::Crew;
+use holdpoint::engine::trial::episodes::batch;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
@@ -23,11 +24,10 @@ fn a_six_axis_arm_grasps_through_the_same_code() {
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let grasp =
         Capability::load("grasp", capability::read(Path::new("manifests/grasp/1.0.0")).unwrap()).unwrap();
-    let jobs: Vec<EpisodeJob> =
-        (0..12).map(|index| EpisodeJob { version: 0, seed: 1_000_000 + index }).collect();
     let cancel = AtomicBool::new(false);
     let records =
-        batch(&Workers::new(2), &cancel, &cell, &[(&grasp, &terms)], Conditions::Canonical, &jobs).unwrap();
+        batch(&Crew::new(2), &cancel, &cell, (&grasp, &terms), Conditions::Canonical, 1_000_000..1_000_012)
+            .unwrap();
     let done = records.iter().filter(|record| record.success).count();
     assert!(done >= 11, "{done} of 12 grasps: {records:?}");
 }

@@ -12,8 +12,8 @@ use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
-use super::episodes::Worker;
 use super::undisturbed::{TrialCase, Undisturbed};
+use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::dispatcher::admit;

@@ -6,7 +6,7 @@
 
 use crate::fault::Fault;
 use crate::trial::drills::DrillResult;
-use crate::trial::lab::{Lab, Party};
+use crate::trial::lab::{Lab, Outlook, Party};
 use crate::trial::seeds::{Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::composition::recovery_is_reviewable;
@@ -76,6 +76,83 @@ impl Plan {
 enum NextSlice {
     Pairs,
     Drills(DrillKind),
+}
+
+/// Slices that are worked ahead of what is asked for.
+const SLICES_AHEAD: usize = 2;
+
+/// How far an evaluation has come: whose turn it is follows from this and the plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Standing {
+    pairs: u64,
+    pairs_tried: u64,
+    drills: (Drills, Drills),
+    drills_tried: [u64; DrillKind::ALL.len()],
+    turns: usize,
+}
+
+impl Standing {
+    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
+    /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
+    /// rules hold, and a candidate that cannot recover is known sooner.
+    fn next(&self, plan: &Plan) -> Option<NextSlice> {
+        let left = |kind: &DrillKind| {
+            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
+            feasible < plan.drills
+                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(plan.drills)
+        };
+        let kinds = DrillKind::ALL;
+        let drill =
+            (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
+        let suspect = kinds.into_iter().filter(left).find(|kind| {
+            let tally = self.drills.0.of(*kind);
+            2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
+        });
+        if let Some(kind) = suspect {
+            return Some(NextSlice::Drills(kind));
+        }
+        let budget = u64::from(plan.pairs);
+        let pairs = self.pairs < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
+        match (pairs, drill) {
+            (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
+            (true, _) => Some(NextSlice::Pairs),
+            (false, Some(kind)) => Some(NextSlice::Drills(kind)),
+            (false, None) => None,
+        }
+    }
+
+    /// The seeds of a slice, as places among its purpose's.
+    fn range(&self, plan: &Plan, slice: NextSlice) -> std::ops::Range<u64> {
+        match slice {
+            NextSlice::Pairs => {
+                let missing = u64::from(plan.pairs).saturating_sub(self.pairs);
+                self.pairs_tried..self.pairs_tried + PAIRS_A_SLICE.min(missing)
+            }
+            NextSlice::Drills(kind) => {
+                let tried = self.drills_tried[kind as usize];
+                tried..tried + DRILLS_A_SLICE
+            }
+        }
+    }
+
+    /// Takes a slice for worked, and everything in it for feasible and passed.
+    fn suppose(&mut self, plan: &Plan, slice: NextSlice) {
+        let range = self.range(plan, slice);
+        self.turns += 1;
+        match slice {
+            NextSlice::Pairs => {
+                self.pairs += range.end - range.start;
+                self.pairs_tried = range.end;
+            }
+            NextSlice::Drills(kind) => {
+                self.drills_tried[kind as usize] = range.end;
+                for _ in range {
+                    tally(self.drills.0.of_mut(kind), &[DrillResult::Passed]);
+                    tally(self.drills.1.of_mut(kind), &[DrillResult::Passed]);
+                }
+            }
+        }
+    }
 }
 
 /// What one slice did.
@@ -173,7 +250,11 @@ impl Evaluation {
     ) -> Result<Option<Slice>, Fault> {
         let mut records = Vec::new();
         let before = self.done();
-        let what = match self.next_turn() {
+        let turn = self.next_turn();
+        if let Some(slice) = turn {
+            lab.expect(candidate, active, &self.outlook(lab, slice))?;
+        }
+        let what = match turn {
             Some(NextSlice::Pairs) => {
                 let Some(worked) = self.pair_slice(lab, candidate, active)? else { return Ok(None) };
                 records = worked;
@@ -189,6 +270,9 @@ impl Evaluation {
         };
         self.turns += 1;
         self.look(profile);
+        if self.ended.is_some() {
+            lab.expect(candidate, active, &[])?;
+        }
         Ok(Some(Slice { what, worked: self.done() - before, done: self.done(), records }))
     }
 
@@ -198,11 +282,7 @@ impl Evaluation {
         candidate: &Party,
         active: &Party,
     ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, Fault> {
-        let missing = u64::from(self.plan.pairs).saturating_sub(self.pairs.len() as u64);
-        let wanted = PAIRS_A_SLICE.min(missing);
-        let range = self.pairs_tried..self.pairs_tried + wanted;
-        let seeds: Vec<u64> =
-            range.map(|index| episode_seed(lab.seed, self.plan.pair_seeds, index)).collect();
+        let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.pairs(candidate, active, next)?;
@@ -211,7 +291,7 @@ impl Evaluation {
             return Ok(None);
         }
         let records = std::mem::take(&mut self.part.pairs);
-        self.pairs_tried += wanted;
+        self.pairs_tried += seeds.len() as u64;
         for (new, old) in &records {
             self.hard_stops.extend(new.hard_stop);
             if let (Some(candidate), Some(active)) = (new.values(), old.values()) {
@@ -229,10 +309,7 @@ impl Evaluation {
         active: &Party,
         kind: DrillKind,
     ) -> Result<bool, Fault> {
-        let tried = &mut self.drills_tried[kind as usize];
-        let range = *tried..*tried + DRILLS_A_SLICE;
-        let seeds: Vec<u64> =
-            range.map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
+        let seeds = self.seeds(lab, &self.standing(), NextSlice::Drills(kind));
         let open = seeds.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.drills(candidate, active, kind, next)?;
@@ -242,39 +319,54 @@ impl Evaluation {
             return Ok(false);
         }
         let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
-        *tried += DRILLS_A_SLICE;
+        self.drills_tried[kind as usize] += DRILLS_A_SLICE;
         tally(self.drills.0.of_mut(kind), &of_candidate);
         tally(self.drills.1.of_mut(kind), &of_active);
         Ok(true)
     }
 
-    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
-    /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
-    /// rules hold, and a candidate that cannot recover is known sooner.
+    const fn standing(&self) -> Standing {
+        Standing {
+            pairs: self.pairs.len() as u64,
+            pairs_tried: self.pairs_tried,
+            drills: self.drills,
+            drills_tried: self.drills_tried,
+            turns: self.turns,
+        }
+    }
+
     fn next_turn(&self) -> Option<NextSlice> {
-        let left = |kind: &DrillKind| {
-            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
-            feasible < self.plan.drills
-                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(self.plan.drills)
+        self.standing().next(&self.plan)
+    }
+
+    fn seeds(&self, lab: &Lab<'_>, standing: &Standing, slice: NextSlice) -> Vec<u64> {
+        let purpose = match slice {
+            NextSlice::Pairs => self.plan.pair_seeds,
+            NextSlice::Drills(_) => self.plan.drill_seeds,
         };
-        let kinds = DrillKind::ALL;
-        let drill =
-            (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
-        let suspect = kinds.into_iter().filter(left).find(|kind| {
-            let tally = self.drills.0.of(*kind);
-            2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
-        });
-        if let Some(kind) = suspect {
-            return Some(NextSlice::Drills(kind));
+        let range = standing.range(&self.plan, slice);
+        range.map(|index| episode_seed(lab.seed, purpose, index)).collect()
+    }
+
+    /// What will be asked for after the slice at hand, the rest of it included, if nothing ends the evaluation and no
+    /// drill fails; in the parts in which the lab is asked.
+    fn outlook(&self, lab: &Lab<'_>, slice: NextSlice) -> Vec<Outlook> {
+        let mut standing = self.standing();
+        let mut worked = self.part.pairs.len().max(self.part.drills.0.len());
+        let (mut next, mut slices) = (Some(slice), Vec::new());
+        for _ in 0..=SLICES_AHEAD {
+            let Some(slice) = next else { break };
+            let seeds = self.seeds(lab, &standing, slice);
+            let open = seeds.get(worked..).unwrap_or_default();
+            slices.extend(open.chunks(lab.part.max(1)).map(|part| match slice {
+                NextSlice::Pairs => Outlook::Pairs(part.to_vec()),
+                NextSlice::Drills(kind) => Outlook::Drills(kind, part.to_vec()),
+            }));
+            worked = 0;
+            standing.suppose(&self.plan, slice);
+            next = standing.next(&self.plan);
         }
-        let budget = u64::from(self.plan.pairs);
-        let pairs = (self.pairs.len() as u64) < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
-        match (pairs, drill) {
-            (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
-            (true, _) => Some(NextSlice::Pairs),
-            (false, Some(kind)) => Some(NextSlice::Drills(kind)),
-            (false, None) => None,
-        }
+        slices
     }
 
     fn look(&mut self, profile: &Profile) {
@@ -323,8 +415,9 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::trial::cache::EpisodeCache;
-    use crate::trial::episodes::Workers;
+    use crate::trial::crew::Crew;
     use crate::trial::seeds::CALIBRATION_FROM_RUN;
+    use crate::trial::undisturbed::Shelf;
     use holdpoint_governance::ids::Digest;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::ProfileName;
@@ -373,7 +466,8 @@ mod tests {
         let cancel = AtomicBool::new(false);
         let lab = Lab {
             seed: CALIBRATION_FROM_RUN + 1,
-            workers: &Workers::new(2),
+            crew: &Crew::new(2),
+            undisturbed: &Arc::new(Shelf::new()),
             part,
             cancel: &cancel,
             cell: &cell,

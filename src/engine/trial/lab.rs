@@ -1,18 +1,18 @@
-//! Where versions are tried out: episodes, pairs and drills on a pool of worlds, cached if they can be.
+//! Where versions are tried out: episodes, pairs and drills by a crew of workers, cached if they can be.
 //!
 //! What an active version did under a seed is kept, so that a second candidate does not pay for it again.
 //! Runs what it is told and judges nothing.
 
-use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_sim::pool::run_ordered;
-
 use super::cache::EpisodeCache;
+use super::crew::{Chore, Crew, Errand};
 use super::drills::{Cast, DrillCase, DrillResult};
-use super::episodes::{EpisodeJob, Worker, Workers, alone, batch, cache_key, pair};
+use super::episodes::{alone, cache_key, pair};
 use super::seeds::{Purpose, episode_seed};
-use super::undisturbed::TrialCase;
+use super::undisturbed::{Shelf, TrialCase};
+use super::worker::Worker;
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
@@ -22,11 +22,29 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
+/// What an errand of a lab comes to.
+pub enum Outcome {
+    /// An episode of one version.
+    Alone(Box<TaskRecord>),
+    /// The same episode of both: the candidate's, the active version's.
+    Pair(Box<[TaskRecord; 2]>),
+    Drill(DrillResult),
+}
+
+/// What a lab may be asked for next.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outlook {
+    Pairs(Vec<u64>),
+    Drills(DrillKind, Vec<u64>),
+}
+
 /// The cell, the workers and the cache that evaluations share.
 pub struct Lab<'a> {
     /// Seed of the run.
     pub seed: u64,
-    pub workers: &'a Workers,
+    pub crew: &'a Crew<Outcome>,
+    /// What several drills begin with.
+    pub undisturbed: &'a Arc<Shelf>,
     /// The most pairs or drills worked before whoever asked is heard again.
     pub part: usize,
     /// Set to interrupt between episodes.
@@ -49,6 +67,25 @@ pub struct Party {
     pub fallback: Option<Capability>,
 }
 
+/// Both parties and the cell, for work on another thread.
+struct Table {
+    cell: Cell,
+    candidate: Party,
+    active: Party,
+    undisturbed: Arc<Shelf>,
+}
+
+impl Party {
+    fn trial<'a>(&'a self, cell: &'a Cell, conditions: Conditions, seed: u64) -> TrialCase<'a> {
+        TrialCase { cell, terms: &self.terms, version: &self.version, conditions, seed }
+    }
+
+    /// What determines its episode.
+    fn key(&self, cell: &Cell, conditions: Conditions, seed: u64) -> Digest {
+        cache_key(cell, &self.terms, &self.version, conditions, seed)
+    }
+}
+
 impl Lab<'_> {
     /// Episodes of one version, by their place among a purpose's seeds.
     ///
@@ -62,12 +99,20 @@ impl Lab<'_> {
         purpose: Purpose,
         range: std::ops::Range<u64>,
     ) -> Result<Vec<TaskRecord>, Fault> {
-        let list: Vec<EpisodeJob> = range
-            .map(|index| EpisodeJob { version: 0, seed: episode_seed(self.seed, purpose, index) })
-            .collect();
-        let records = batch(self.workers, self.cancel, self.cell, &[(version, terms)], conditions, &list)?;
-        complete(&records, list.len())?;
-        Ok(records)
+        let party = Party { version: version.clone(), terms: terms.clone(), fallback: None };
+        let shared = Arc::new((self.cell.clone(), party));
+        let errand = |index| {
+            let (seed, shared) = (episode_seed(self.seed, purpose, index), Arc::clone(&shared));
+            Errand {
+                key: errand_key("episode", &[shared.1.key(&shared.0, conditions, seed)]),
+                work: Box::new(move |worker: &mut Worker| {
+                    let (cell, party) = &*shared;
+                    Outcome::Alone(Box::new(alone(worker, party.trial(cell, conditions, seed))))
+                }),
+            }
+        };
+        let outcomes = self.crew.work(range.map(errand).collect(), self.cancel)?;
+        outcomes.into_iter().map(|outcome| Ok(outcome.pair()?.0)).collect()
     }
 
     /// The sandbox's episodes of the given seeds with both versions: candidate first.
@@ -81,39 +126,19 @@ impl Lab<'_> {
         seeds: &[u64],
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
         let known: Vec<Option<TaskRecord>> = seeds.iter().map(|seed| self.cached(active, *seed)).collect();
-        let mut worked = Vec::with_capacity(seeds.len());
-        run_ordered(
-            self.workers.jobs(),
-            seeds.len() as u64,
-            self.cancel,
-            || Ok(self.workers.hire()),
-            |worker, index| {
-                // The pool hands out indices below the list's length.
-                let index = usize::try_from(index).ok()?;
-                let (seed, known) = (*seeds.get(index)?, known.get(index)?);
-                Some(worker.run(|worker| match known {
-                    Some(_) => (alone(worker, self.trial(candidate, seed)), None),
-                    None => {
-                        let both = [candidate, active].map(|party| self.trial(party, seed));
-                        let [new, old] = pair(worker, both);
-                        (new, Some(old))
-                    }
-                }))
-            },
-            |_, records| {
-                worked.extend(records);
-                ControlFlow::Continue(())
-            },
-        )?;
-        complete(&worked, seeds.len())?;
+        let table = self.table(candidate, active);
+        let errands = seeds.iter().zip(&known).map(|(seed, known)| table.pair(*seed, known.is_some()));
+        let outcomes = self.crew.work(errands.collect(), self.cancel)?;
         let mut pairs = Vec::with_capacity(seeds.len());
-        for ((new, fresh), known) in worked.into_iter().zip(known) {
+        for (outcome, known) in outcomes.into_iter().zip(known) {
+            let (new, fresh) = outcome.pair()?;
             if let Some(old) = &fresh {
                 self.keep(active, old)?;
             }
             let Some(old) = fresh.or(known) else { break };
             pairs.push((new, old));
         }
+        complete(&pairs, seeds.len())?;
         Ok(pairs)
     }
 
@@ -128,80 +153,57 @@ impl Lab<'_> {
         kind: DrillKind,
         seeds: &[u64],
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), Fault> {
-        let key = self.drill_key(active, kind, seeds);
-        let known: Option<Vec<DrillResult>> =
-            self.cache.get(self.store, &key).and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        let known = known.filter(|results| results.len() == seeds.len());
-        let casts = [
-            Cast {
-                version: &candidate.version,
-                predecessor: &active.version,
-                fallback: candidate.fallback.as_ref(),
-            },
-            // A version without predecessor reloads itself by digest.
-            Cast {
-                version: &active.version,
-                predecessor: &active.version,
-                fallback: active.fallback.as_ref(),
-            },
-        ];
-        let parties = if known.is_some() { 1 } else { 2 };
-        let list: Vec<(usize, u64)> =
-            (0..parties).flat_map(|party| seeds.iter().map(move |seed| (party, *seed))).collect();
-        let terms = [&candidate.terms, &active.terms];
-        let mut of_candidate = Vec::with_capacity(list.len());
-        run_ordered(
-            self.workers.jobs(),
-            list.len() as u64,
-            self.cancel,
-            || Ok(self.workers.hire()),
-            |worker, index| {
-                // The pool hands out indices below the list's length.
-                let (party, seed) = usize::try_from(index).ok().and_then(|index| list.get(index))?;
-                let case = DrillCase {
-                    cell: self.cell,
-                    terms: terms[*party],
-                    cast: &casts[*party],
-                    kind,
-                    seed: *seed,
-                };
-                Some(worker.run(|worker| self.drill(worker, &case)))
-            },
-            |_, result| {
-                of_candidate.extend(result);
-                ControlFlow::Continue(())
-            },
-        )?;
-        complete(&of_candidate, list.len())?;
+        let known = self.cached_drills(active, kind, seeds);
+        let table = self.table(candidate, active);
+        let outcomes = self.crew.work(table.drills(kind, seeds, known.is_some()), self.cancel)?;
+        let results = outcomes.into_iter().map(Outcome::drill).collect::<Result<Vec<_>, Fault>>()?;
+        let mut of_candidate = results;
         let of_active = match known {
             Some(known) => known,
             None => {
-                let of_active = of_candidate.split_off(seeds.len());
+                let of_active = of_candidate.split_off(seeds.len().min(of_candidate.len()));
+                complete(&of_active, seeds.len())?;
+                let key = self.drill_key(active, kind, seeds);
                 self.cache.put(self.store, &key, &serde_json::to_vec(&of_active)?)?;
                 of_active
             }
         };
+        complete(&of_candidate, seeds.len())?;
         Ok((of_candidate, of_active))
     }
 
-    /// A party's episode of the sandbox.
-    fn trial<'b>(&'b self, party: &'b Party, seed: u64) -> TrialCase<'b> {
-        let (terms, version, conditions) = (&party.terms, &party.version, Conditions::Sandbox);
-        TrialCase { cell: self.cell, terms, version, conditions, seed }
+    /// Says what will probably be asked for next: whoever has nothing else to do begins with it. Changes no result.
+    ///
+    /// # Errors
+    /// If no thread starts.
+    pub fn expect(&self, candidate: &Party, active: &Party, next: &[Outlook]) -> Result<(), Fault> {
+        if self.crew.jobs() == 1 {
+            return Ok(());
+        }
+        let table = self.table(candidate, active);
+        let mut errands = Vec::new();
+        for outlook in next {
+            match outlook {
+                Outlook::Pairs(seeds) => {
+                    let pair = |seed: &u64| table.pair(*seed, self.cached(active, *seed).is_some());
+                    errands.extend(seeds.iter().map(pair));
+                }
+                Outlook::Drills(kind, seeds) => {
+                    let known = self.cached_drills(active, *kind, seeds).is_some();
+                    errands.extend(table.drills(*kind, seeds, known));
+                }
+            }
+        }
+        self.crew.expect(errands)
     }
 
-    /// One drill, beginning with what other kinds of drill have worked of the same.
-    fn drill(&self, worker: &mut Worker, case: &DrillCase<'_>) -> DrillResult {
-        let DrillCase { cell, terms, cast, kind, seed } = *case;
-        let key = cache_key(cell, terms, cast.version, Conditions::Canonical, seed);
-        let mut shared = self.workers.undisturbed.take(&key);
-        let result = case.run(worker, &mut shared, &DrillKind::ALL);
-        if let Some(mut work) = shared
-            && work.note_drilled(kind)
-        {
-            self.workers.undisturbed.put(key, work);
-        }
-        result
+    fn table(&self, candidate: &Party, active: &Party) -> Arc<Table> {
+        Arc::new(Table {
+            cell: self.cell.clone(),
+            candidate: candidate.clone(),
+            active: active.clone(),
+            undisturbed: Arc::clone(self.undisturbed),
+        })
     }
 
     fn episode_key(&self, party: &Party, seed: u64) -> EpisodeKey {
@@ -223,12 +225,113 @@ impl Lab<'_> {
         serde_json::from_slice(&bytes).ok()
     }
 
+    /// Cached drills, in the order of their seeds.
+    fn cached_drills(&self, party: &Party, kind: DrillKind, seeds: &[u64]) -> Option<Vec<DrillResult>> {
+        let bytes = self.cache.get(self.store, &self.drill_key(party, kind, seeds))?;
+        let known: Vec<DrillResult> = serde_json::from_slice(&bytes).ok()?;
+        (known.len() == seeds.len()).then_some(known)
+    }
+
     fn keep(&self, party: &Party, record: &TaskRecord) -> Result<(), Fault> {
         // The path is for drawing and shadow; a cached comparison does not need it.
         let record = TaskRecord { path: Vec::new(), ..record.clone() };
         let key = self.episode_key(party, record.seed);
         Ok(self.cache.put(self.store, &key, &serde_json::to_vec(&record)?)?)
     }
+}
+
+impl Table {
+    /// The sandbox's episode of a seed: with both versions, or the candidate's alone where the other's is known.
+    fn pair(self: &Arc<Self>, seed: u64, known: bool) -> Errand<Outcome> {
+        const CONDITIONS: Conditions = Conditions::Sandbox;
+        let table = Arc::clone(self);
+        let (candidate, active) =
+            (self.candidate.key(&self.cell, CONDITIONS, seed), self.active.key(&self.cell, CONDITIONS, seed));
+        let (key, work): (_, Chore<Outcome>) = if known {
+            let work = move |worker: &mut Worker| {
+                let trial = table.candidate.trial(&table.cell, CONDITIONS, seed);
+                Outcome::Alone(Box::new(alone(worker, trial)))
+            };
+            (errand_key("episode", &[candidate]), Box::new(work))
+        } else {
+            let work = move |worker: &mut Worker| {
+                let both = [&table.candidate, &table.active];
+                let both = both.map(|party| party.trial(&table.cell, CONDITIONS, seed));
+                Outcome::Pair(Box::new(pair(worker, both)))
+            };
+            (errand_key("pair", &[candidate, active]), Box::new(work))
+        };
+        Errand { key, work }
+    }
+
+    /// Drills of one kind: the candidate's, then the active version's where they are not known.
+    fn drills(self: &Arc<Self>, kind: DrillKind, seeds: &[u64], known: bool) -> Vec<Errand<Outcome>> {
+        let drill = |of_candidate: bool, seed: u64| {
+            let table = Arc::clone(self);
+            let party = if of_candidate { &self.candidate } else { &self.active };
+            let work = party.key(&self.cell, Conditions::Canonical, seed);
+            // A version that is handed over to, and one that takes over, decide what a drill comes to as well.
+            let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
+            let parts = [work, self.active.version.digest(), fallback];
+            // A version may be compared with itself: both are worked.
+            let what = format!("{} of {}", kind.name(), if of_candidate { "candidate" } else { "active" });
+            Errand {
+                key: errand_key(&what, &parts),
+                work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, seed)),
+            }
+        };
+        let of_candidate = seeds.iter().map(|seed| drill(true, *seed));
+        let of_active = seeds.iter().filter(|_| !known).map(|seed| drill(false, *seed));
+        of_candidate.chain(of_active).collect()
+    }
+
+    /// One drill, beginning with what other kinds of drill have worked of the same.
+    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, seed: u64) -> Outcome {
+        let party = if of_candidate { &self.candidate } else { &self.active };
+        // A version without predecessor reloads itself by digest.
+        let predecessor = &self.active.version;
+        let cast = Cast { version: &party.version, predecessor, fallback: party.fallback.as_ref() };
+        let case = DrillCase { cell: &self.cell, terms: &party.terms, cast: &cast, kind, seed };
+        let key = party.key(&self.cell, Conditions::Canonical, seed);
+        let mut shared = self.undisturbed.take(&key);
+        let result = case.run(worker, &mut shared, &DrillKind::ALL);
+        if let Some(mut work) = shared
+            && work.note_drilled(kind)
+        {
+            self.undisturbed.put(key, work);
+        }
+        Outcome::Drill(result)
+    }
+}
+
+impl Outcome {
+    /// An episode, and the other version's if it was worked too.
+    fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), Fault> {
+        match self {
+            Self::Alone(record) => Ok((*record, None)),
+            Self::Pair(records) => {
+                let [new, old] = *records;
+                Ok((new, Some(old)))
+            }
+            Self::Drill(_) => Err(Fault::Impossible("a drill was handed over for an episode".to_owned())),
+        }
+    }
+
+    fn drill(self) -> Result<DrillResult, Fault> {
+        match self {
+            Self::Drill(result) => Ok(result),
+            Self::Alone(_) | Self::Pair(_) => {
+                Err(Fault::Impossible("an episode was handed over for a drill".to_owned()))
+            }
+        }
+    }
+}
+
+/// What an errand is known by.
+fn errand_key(what: &str, parts: &[Digest]) -> Digest {
+    let bytes: Vec<&[u8]> =
+        std::iter::once(what.as_bytes()).chain(parts.iter().map(|part| part.bytes().as_slice())).collect();
+    Digest::of_parts("holdpoint.errand.v1", &bytes)
 }
 
 fn key(version: &Capability, scenario: Digest, seed: u64) -> EpisodeKey {

@@ -16,7 +16,7 @@ use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::world::WorldCopy;
 
-use super::episodes::Worker;
+use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 
 /// Whose work it is, and where.

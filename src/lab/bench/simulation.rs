@@ -13,8 +13,9 @@ use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigu
 use super::subjects::{Subjects, seed};
 use holdpoint_engine::cell::Conditions;
 use holdpoint_engine::trial::drills::{Cast, DrillResult, drill};
-use holdpoint_engine::trial::episodes::{Worker, episode};
+use holdpoint_engine::trial::episodes::episode;
 use holdpoint_engine::trial::seeds::Purpose;
+use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::live::LiveCell;
 use holdpoint_engine::world::shadow::Shadow;
 use holdpoint_governance::evidence::DrillKind;

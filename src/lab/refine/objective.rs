@@ -15,19 +15,21 @@
 //! there is no way past them. A run that these break off is one that was not done; the search hears no more of it.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;
 use holdpoint_engine::cell::{COMPUTED_BY, Cell, Conditions};
-use holdpoint_engine::trial::episodes::{EpisodeJob, Workers, batch, cache_key};
+use holdpoint_engine::trial::crew::Crew;
+use holdpoint_engine::trial::episodes::{batch, cache_key};
 use holdpoint_engine::trial::seeds::practice_seed;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
 /// The conditions a learner practises in.
@@ -87,7 +89,7 @@ pub struct Objective<'a> {
     terms: SkillTerms,
     policy: Digest,
     seed: u32,
-    workers: Workers,
+    crew: Crew<TaskRecord>,
     cancel: &'a AtomicBool,
 }
 
@@ -102,7 +104,7 @@ impl<'a> Objective<'a> {
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let policy = table.digest;
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        Ok(Self { cell, terms, policy, seed, workers: Workers::new(jobs), cancel })
+        Ok(Self { cell, terms, policy, seed, crew: Crew::new(jobs), cancel })
     }
 
     /// What a score is kept under: everything that determines it.
@@ -125,14 +127,14 @@ impl<'a> Objective<'a> {
         from: u64,
         episodes: u32,
     ) -> Result<Option<Score>, RefineError> {
-        let list: Vec<EpisodeJob> = (from..from + u64::from(episodes))
-            .map(|index| EpisodeJob { version: 0, seed: practice_seed(self.seed, index) })
-            .collect();
-        let versions = [(version, &self.terms)];
-        let records = batch(&self.workers, self.cancel, &self.cell, &versions, CONDITIONS, &list)?;
-        if records.len() < list.len() {
-            return Ok(None);
-        }
+        let seeds = (from..from + u64::from(episodes)).map(|index| practice_seed(self.seed, index));
+        let party = (version, &self.terms);
+        let worked = batch(&self.crew, self.cancel, &self.cell, party, CONDITIONS, seeds);
+        let records = match worked {
+            Ok(records) => records,
+            Err(_) if self.cancel.load(Ordering::Acquire) => return Ok(None),
+            Err(fault) => return Err(fault.into()),
+        };
         let done = records.iter().filter(|record| record.success);
         let mut score = Score { episodes, successes: 0, ticks: 0 };
         for record in done {

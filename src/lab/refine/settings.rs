@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use holdpoint_body::TaskKind;
+use holdpoint_engine::fault::Fault;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
@@ -92,6 +93,9 @@ pub enum RefineError {
     Policy(#[from] PolicyError),
     #[error("the simulation failed: {0}")]
     Sim(#[from] holdpoint_sim::SimError),
+    /// A worker panicked.
+    #[error(transparent)]
+    Work(#[from] Fault),
     /// The optimiser refused its box.
     #[error("the optimiser refused the search: {0}")]
     Optimiser(String),
@@ -113,6 +117,7 @@ impl Hint for RefineError {
             | Self::NoBaseline(_)
             | Self::Edit { .. }
             | Self::Sim(_)
+            | Self::Work(_)
             | Self::Optimiser(_) => None,
         }
     }

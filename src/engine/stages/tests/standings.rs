@@ -5,11 +5,14 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use holdpoint_approvals::Identity;
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, LifecycleEvent, Stage, State};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::AuditFilter;
 
 use crate::binding::terms_of;
@@ -329,6 +332,50 @@ fn a_released_version_is_confirmed_after_a_window_of_its_own() {
     }
     let (_, version, _) = bench.pipeline.record().ledger().version(&id).unwrap();
     assert!(version.state == State::Active && !version.flags.provisional, "{version:?}");
+}
+
+/// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
+#[test]
+fn people_release_a_version_where_activations_are_bound_to_them() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let mut bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
+    done(&mut bench, Command::Restrict(operation(&id)));
+    let restricted =
+        |bench: &Bench| bench.pipeline.record().ledger().version(&id).unwrap().1.flags.restricted;
+    let ask = || Command::Release { operation: operation(&id), profiles: Vec::new() };
+    let identities = bench.pipeline.record().ledger().store().layout().identities();
+    let people: Vec<Identity> = ["carl", "dora", "emil"]
+        .into_iter()
+        .map(|name| Identity::create(&identities, name, Role::Safety).unwrap())
+        .collect();
+    let answer = |bench: &mut Bench, who: &Identity, answer: Answer| {
+        let asked = bench.pipeline.snapshot().prompts;
+        assert_eq!(asked.iter().map(|prompt| prompt.purpose).collect::<Vec<_>>(), [Purpose::Release]);
+        let command = asked[0].answer(who, answer, "looked at", None).unwrap();
+        done(bench, command);
+    };
+
+    done(&mut bench, ask());
+    let reply = bench.pipeline.command(ask());
+    assert!(matches!(reply, Reply::Refused { .. }), "asked twice: {reply:?}");
+    answer(&mut bench, &people[0], Answer::Reject);
+    assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty());
+
+    done(&mut bench, ask());
+    let deadline_ms = bench.pipeline.snapshot().prompts[0].deadline_ms;
+    bench.pipeline.jump_to(deadline_ms);
+    while bench.pipeline.look_at_deadlines().unwrap() {}
+    assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty(), "silence lifts nothing");
+
+    done(&mut bench, ask());
+    let needed = usize::try_from(bench.pipeline.snapshot().prompts[0].needed).unwrap();
+    for who in &people[..needed] {
+        assert!(restricted(&bench), "{needed} are needed");
+        answer(&mut bench, who, Answer::Approve);
+    }
+    assert!(!restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty());
+    assert!(!bench.pipeline.live().monitors.of(&id).unwrap().restricted);
 }
 
 /// A profile demotion was in memory alone: an engine that came up again knew nothing of it.

@@ -1,0 +1,69 @@
+//! One world, used again for every episode that its worker works.
+
+use holdpoint_body::TaskKind;
+use holdpoint_governance::ids::Digest;
+use holdpoint_runtime::arm::Arm;
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_sim::SimError;
+use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::world::{World, WorldCopy};
+
+use crate::cell::Cell;
+
+/// A worker of the pool: one world, used again for every episode.
+#[derive(Default)]
+pub struct Worker {
+    /// The arm in its world, and the digest of the cell it was built from.
+    built: Option<(Digest, Arm<World>)>,
+}
+
+impl Worker {
+    /// A worker that builds its world at its first episode.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { built: None }
+    }
+
+    /// The worker's arm, reset to an episode.
+    ///
+    /// # Errors
+    /// If the world cannot be built or the episode has no valid start.
+    pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut Arm<World>, SimError> {
+        let mut arm = match self.built.take() {
+            Some((of, arm)) if of == cell.digest() => arm,
+            _ => Arm::new(cell.world()?),
+        };
+        arm.body_mut().reset(setup)?;
+        let (_, arm) = self.built.insert((cell.digest(), arm));
+        Ok(arm)
+    }
+
+    /// The worker's arm, in the state of a world of the same cell.
+    ///
+    /// # Errors
+    /// If the world cannot be built, or the copy is not of this robot.
+    pub fn arm_from(&mut self, cell: &Cell, copy: &WorldCopy) -> Result<&mut Arm<World>, SimError> {
+        let mut arm = match self.built.take() {
+            Some((of, arm)) if of == cell.digest() => arm,
+            _ => Arm::new(cell.world()?),
+        };
+        arm.body_mut().go_on_from(copy)?;
+        let (_, arm) = self.built.insert((cell.digest(), arm));
+        Ok(arm)
+    }
+
+    /// The worker's arm as it stands.
+    ///
+    /// # Errors
+    /// If it has none: before its first episode, and after one in which its world failed.
+    pub fn built_arm(&mut self) -> Result<&mut Arm<World>, SimError> {
+        let none = || SimError::Worker { item: 0, message: "it has no world".to_owned() };
+        self.built.as_mut().map(|(_, arm)| arm).ok_or_else(none)
+    }
+
+    /// The record of an episode in which the world failed. A world that diverged is not used again.
+    pub fn failed(&mut self, task: TaskKind, seed: u64) -> TaskRecord {
+        self.built = None;
+        TaskRecord::invalid(task, seed)
+    }
+}

@@ -1,0 +1,64 @@
+//! One stage of one candidate by itself: `candidate compat`, `sandbox` and `shadow`, each on record and none beyond.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn on(store: &Path, words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(words).arg("--data").arg(store).output().unwrap()
+}
+
+fn register(store: &Path, name: &str) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
+    let output = on(store, &["candidate", "register", folder.to_str().unwrap()]);
+    assert!(output.status.success(), "{output:?}");
+}
+
+fn state(store: &Path, version: &str) -> String {
+    let shown = on(store, &["registry", "show", version, "--json"]);
+    let shown: Value = serde_json::from_slice(&shown.stdout).unwrap();
+    shown["state"].as_str().unwrap().to_owned()
+}
+
+/// The exit code, and what was said of an error.
+fn ended(output: &Output) -> (Option<i32>, String) {
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn a_stage_ends_where_it_ends_and_begins_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path();
+    register(store, "align-low-transit");
+    let version = "align@1.1.1";
+    assert_eq!(state(store, version), "registered");
+    // No stage is jumped over.
+    let (code, said) = ended(&on(store, &["candidate", "shadow", version]));
+    assert_eq!(code, Some(3), "{said}");
+    assert!(said.contains("registered") && said.contains("sandboxed"), "{said}");
+    assert_eq!(state(store, version), "registered");
+
+    let (code, said) = ended(&on(store, &["candidate", "compat", version]));
+    assert_eq!((code, state(store, version).as_str()), (Some(0), "validated"), "{said}");
+    let (code, said) = ended(&on(store, &["candidate", "sandbox", version, "--jobs", "2"]));
+    assert_eq!((code, state(store, version).as_str()), (Some(0), "sandboxed"), "{said}");
+    // What was passed is not run again without a word of it.
+    let (code, _) = ended(&on(store, &["candidate", "sandbox", version]));
+    assert_eq!((code, state(store, version).as_str()), (Some(3), "sandboxed"));
+    let verified = on(store, &["audit", "verify"]);
+    assert!(verified.status.success(), "{verified:?}");
+}
+
+#[test]
+fn a_stage_that_rejects_ends_with_the_code_of_a_rejection() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path();
+    register(store, "grasp-tool-frame");
+    let version = "grasp@1.2.0";
+    let (code, said) = ended(&on(store, &["candidate", "compat", version]));
+    assert_eq!((code, state(store, version).as_str()), (Some(1), "rejected"), "{said}");
+    let (code, said) = ended(&on(store, &["candidate", "sandbox", "grasp@9.9.9"]));
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("grasp@9.9.9"), "{said}");
+}
