@@ -147,7 +147,8 @@ fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &st
 /// Makes a complete, empty database under another name and renames it into place.
 fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let part = path.with_extension("new");
-    for leftover in [part.clone(), part.with_extension("new-journal"), part.with_extension("new-wal")] {
+    for ending in ["new", "new-journal", "new-wal", "new-shm"] {
+        let leftover = path.with_extension(ending);
         match fs::remove_file(&leftover) {
             Err(error) if error.kind() != ErrorKind::NotFound => {
                 return Err(StoreError::io("remove", &leftover)(error));
@@ -160,7 +161,10 @@ fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     set(&connection, "journal_mode", "delete", "delete")?;
     set(&connection, "synchronous", "FULL", "2")?;
     migrate(&mut connection, schema)?;
+    // In the mode that writers use: to change it afterwards takes a journal, and a kill would leave that one hot.
+    set(&connection, "journal_mode", "wal", "wal")?;
     connection.close().map_err(|(_, error)| StoreError::sql("make its database")(error))?;
+    File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
     path.parent().map_or(Ok(()), sync_folder)
 }

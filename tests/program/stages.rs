@@ -18,7 +18,7 @@ fn register(store: &Path, name: &str) {
 fn state(store: &Path, version: &str) -> String {
     let shown = on(store, &["registry", "show", version, "--json"]);
     let shown: Value = serde_json::from_slice(&shown.stdout).unwrap();
-    shown["state"].as_str().unwrap().to_owned()
+    shown["summary"]["state"].as_str().unwrap().to_owned()
 }
 
 /// The exit code, and what was said of an error.
