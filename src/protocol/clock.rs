@@ -16,6 +16,13 @@ pub fn tick_of(at_ms: u64) -> u64 {
     at_ms.saturating_mul(TICKS_PER_SECOND) / 1000
 }
 
+/// The virtual time in which so many ticks have passed, ms. Rounded up: a clock that moves on by it is never behind who
+/// counted the ticks, so that `tick_of(ms_of(ticks)) >= ticks`.
+#[must_use]
+pub const fn ms_of(ticks: u64) -> u64 {
+    ticks.saturating_mul(1000).div_ceil(TICKS_PER_SECOND)
+}
+
 /// What moves virtual time: the work of a script, or the machine's clock.
 #[derive(Clone, Debug)]
 pub enum Clock {
@@ -86,6 +93,16 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn moved_on_by_what_was_counted_it_is_not_behind_the_count() {
+        for from_ms in 0..20 {
+            for ticks in 0..2_000 {
+                let after = tick_of(from_ms + ms_of(ticks));
+                assert!(after >= tick_of(from_ms) + ticks, "{ticks} ticks from {from_ms} ms on: {after}");
+            }
+        }
+    }
 
     #[test]
     fn never_goes_back() {

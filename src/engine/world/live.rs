@@ -22,6 +22,7 @@ use super::supervisor::SequenceSupervisor;
 use super::switch::Switch;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_protocol::clock::ms_of;
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use holdpoint_runtime::agent::{ActiveView, Agent, DispatchRepair, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
@@ -334,10 +335,8 @@ impl RunningSequence {
                 }
             }
         }
-        // Simulated seconds of one sequence are far below the range of the conversion.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let duration_ms = (self.world().sim_secs() * 1000.0) as u64;
-        report.duration_ms = duration_ms;
+        // Monitors count ticks: a clock behind them would be silence to them.
+        report.duration_ms = ms_of(self.world().tick());
         report
     }
 

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -376,6 +377,24 @@ fn people_release_a_version_where_activations_are_bound_to_them() {
     }
     assert!(!restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty());
     assert!(!bench.pipeline.live().monitors.of(&id).unwrap().restricted);
+}
+
+/// The version whose task ends a sequence was said to be silent wherever the clock was rounded down behind its telemetry,
+/// and rolled back for it.
+#[test]
+fn the_version_that_works_last_is_not_silent() {
+    let mut bench = Bench::new();
+    let id = bench.activate("place-robust");
+    for _ in 0..60 {
+        bench.pipeline.advance();
+        let asked: Vec<_> =
+            bench.pipeline.live().monitors.iter().filter_map(|watched| watched.asked).collect();
+        assert!(!asked.contains(&ReasonCode::MonitorTelemetryMissing), "{asked:?}");
+        if !bench.pipeline.record().ledger().version(&id).unwrap().1.flags.provisional {
+            return;
+        }
+    }
+    panic!("it is not confirmed");
 }
 
 /// A profile demotion was in memory alone: an engine that came up again knew nothing of it.
