@@ -17,12 +17,15 @@ use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, P
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
+use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::Changes;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::ProgressView;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
 
 /// What stage 2 finds of a candidate against the version that is active then.
 pub struct StaticAssessment {
@@ -50,6 +53,10 @@ pub struct Dossier {
     pub hard_stops: Vec<HardStop>,
     /// Sandbox metrics per mode, with intervals and tails.
     pub modes: Vec<ModeMetrics>,
+    /// Episodes of the adversarial mode that were unsafe.
+    pub unsafe_under_stress: u32,
+    /// What it declares beside what it used in the sandbox.
+    pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
     pub sequences: Vec<ShadowSequence>,
@@ -102,6 +109,18 @@ impl Dossier {
         self.kappas = Some(found.kappas);
         self.new_permissions = found.asks_more;
         self.changes = found.changes;
+    }
+
+    /// Takes in what a version used of its permissions in some tasks.
+    pub fn note_use(&mut self, version: &Capability, records: &[TaskRecord]) {
+        let (mut used, mut tasks) =
+            self.permissions.take().map(|known| (known.used, known.tasks)).unwrap_or_default();
+        for record in records.iter().filter(|record| !record.invalid) {
+            used.merge(&record.used);
+            tasks = tasks.saturating_add(1);
+        }
+        let (declared, code) = (&version.manifest.permissions, version.bundle.interface());
+        self.permissions = Some(PermissionUse::new(declared, &code, &used, tasks));
     }
 
     /// The dimensions for display.

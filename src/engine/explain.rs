@@ -177,6 +177,7 @@ impl Reader<'_> {
             ruling,
             reasons: vec![said(text, Dimension::Approval)],
             change: Vec::new(),
+            permissions: None,
             then: Vec::new(),
         });
     }
@@ -205,11 +206,13 @@ impl Reader<'_> {
                 change.push(text);
             }
         }
+        let is_sandbox = matches!(ruling, Ruling::Sandbox(_));
         self.decisions.push(Explained {
             record: record.seq,
             at_ms: record.at_ms,
             rule: ruling.rule(),
             ruling,
+            permissions: dossier.permissions.clone().filter(|_| is_sandbox),
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {
@@ -321,5 +324,6 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
         .map(str::to_owned)
         .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
-    Explained { record: record.seq, at_ms: record.at_ms, rule: ruling.rule(), ruling, reasons, change, then }
+    let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
+    Explained { record, at_ms, rule, ruling, reasons, change, permissions: None, then }
 }

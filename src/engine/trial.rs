@@ -10,6 +10,7 @@ pub mod evaluation;
 pub mod lab;
 pub mod measures;
 pub mod seeds;
+pub mod stress;
 pub mod trace;
 pub mod undisturbed;
 pub mod worker;

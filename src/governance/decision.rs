@@ -140,7 +140,7 @@ reason_codes! {
     BehaviorSafetyTraded = "behavior-safety-traded",
     /// A component improved (reported apart, never counted).
     BehaviorImproved = "behavior-improved",
-    /// An event the runtime must make impossible was seen.
+    /// An event was seen that ends an evaluation at once; the text names it.
     BehaviorHardStop = "behavior-hard-stop",
     /// A stopping rule ended the evaluation before its budget; the text names it.
     BehaviorEndedEarly = "behavior-ended-early",

@@ -40,6 +40,9 @@ pub struct EpisodeValues {
     pub timeout: bool,
     /// A quantity passed the near margin of its limit (with or without passing the limit).
     pub near_violation: bool,
+    /// The guard had something to say: a command clamped or refused, or a limit passed.
+    #[serde(default)]
+    pub policy_warning: bool,
     /// Additional attempts after a failed one, within the episode.
     pub retries: u32,
     /// Execution time, s, not negative.
@@ -73,16 +76,30 @@ pub struct Pair {
 crate::words! {
     /// An event that the runtime must make impossible; one ends an evaluation at once.
     HardStop, "hard stop", {
-        /// The code asked for something its manifest does not declare.
+        /// The code asked for something it cannot have been given.
         UndeclaredImport = "undeclared-import",
-        /// A command reached the robot past the guard.
+        /// It asked for what its own manifest does not declare, or its tool went there; the guard refused it.
         CommandPastGuard = "command-past-guard",
         /// The arm moved on after it was told to stop.
         MotionAfterStop = "motion-after-stop",
         /// A number that is not finite came out of the code.
         NonFiniteOutput = "non-finite-output",
-        /// The code used more time, memory or output than it was given.
+        /// It took more ticks or commands than it declares, or computed longer than a live arm can wait.
         BudgetBreach = "budget-breach",
+    }
+}
+
+impl HardStop {
+    /// What happened, in words.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::UndeclaredImport => "the code asked for something it cannot have been given",
+            Self::CommandPastGuard => "it asked for what its own manifest does not declare",
+            Self::MotionAfterStop => "the arm moved on after it was told to stop",
+            Self::NonFiniteOutput => "a number that is none came out of the code",
+            Self::BudgetBreach => "it used more ticks, commands or time than it declares",
+        }
     }
 }
 
@@ -117,19 +134,36 @@ pub struct Signature {
     /// Share of episodes with an intervention (not part of `kappa_B`).
     #[serde(default)]
     pub intervention: f64,
-    /// Share of episodes that ran out of time (not part of `kappa_B`).
+    /// Share of episodes that ran out of time; each of them counts as an anomaly too.
     #[serde(default)]
     pub timeout: f64,
+    /// Share of episodes with a policy warning (not part of `kappa_B`).
+    #[serde(default)]
+    pub policy_warning: f64,
+    /// Share of episodes in which a measured value came near its limit (not part of `kappa_B`).
+    #[serde(default)]
+    pub near_limit: f64,
+    /// Time that at most one episode in twenty exceeds, simulated s; 0 if nothing is known of it.
+    #[serde(default)]
+    pub time_p95_s: f64,
 }
 
 impl Signature {
     /// Whether every share is one and every mean a number that is not negative.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        let shares =
-            [self.success, self.violation, self.anomaly, self.recovery, self.intervention, self.timeout];
+        let shares = [
+            self.success,
+            self.violation,
+            self.anomaly,
+            self.recovery,
+            self.intervention,
+            self.timeout,
+            self.policy_warning,
+            self.near_limit,
+        ];
         shares.iter().all(|share| (0.0..=1.0).contains(share))
-            && [self.time_s, self.retry].iter().all(|mean| (0.0..=1.0e5).contains(mean))
+            && [self.time_s, self.retry, self.time_p95_s].iter().all(|mean| (0.0..=1.0e5).contains(mean))
     }
 }
 
@@ -211,7 +245,7 @@ crate::words! {
         Canonical = "canonical",
         /// Perturbed, on the same seeds as the active version.
         Perturbation = "perturbation",
-        /// Perturbed, under a tighter envelope.
+        /// Perturbed, under stress: a tighter envelope, permissions withdrawn in flight, a person where the work is.
         Adversarial = "adversarial",
         /// Perturbed, on seeds nobody has seen: what settles a doubt.
         Confirmation = "confirmation",
@@ -228,6 +262,18 @@ pub struct RecoveryEvidence {
     pub candidate: Drills,
     /// The same drills with the active version in control.
     pub active: Drills,
+}
+
+/// How a version went about its work, where nothing was violated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Conduct {
+    /// It needed a new attempt.
+    pub retried: bool,
+    /// The guard clamped or refused a command, or measured a limit passed.
+    pub warned: bool,
+    /// Share of its ticks within the profile's margin of a limit or of a keep-out zone, 0 to 1.
+    pub near_share: f64,
 }
 
 /// What one shadow sequence gave: the twin (driven by the candidate) against the live world.
@@ -252,13 +298,25 @@ pub struct ShadowSequence {
     pub output_divergence: f64,
     /// Share of the twin's trajectory outside the band of the active version's traces, 0 to 1.
     pub envelope_divergence: f64,
+    /// How the active version went about it in the live world.
+    #[serde(default)]
+    pub live_conduct: Conduct,
+    /// How the candidate went about it in the twin.
+    #[serde(default)]
+    pub twin_conduct: Conduct,
 }
 
 impl ShadowSequence {
-    /// Whether both shares are numbers in [0, 1].
+    /// Whether every share is a number in [0, 1].
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        (0.0..=1.0).contains(&self.output_divergence) && (0.0..=1.0).contains(&self.envelope_divergence)
+        let shares = [
+            self.output_divergence,
+            self.envelope_divergence,
+            self.live_conduct.near_share,
+            self.twin_conduct.near_share,
+        ];
+        shares.iter().all(|share| (0.0..=1.0).contains(share))
     }
 }
 

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
-use super::mode::RequiredCommand;
+use super::mode::{RequiredCommand, Sensor, Tool};
 use super::value_type::FieldSpec;
 
 /// The exports and imports of a loaded bundle.
@@ -32,4 +32,10 @@ pub struct Interface {
     pub failure_signals: BTreeSet<FailureSignal>,
     /// Channels and kinds of command the code can use.
     pub needs: BTreeSet<RequiredCommand>,
+    /// Sensors the code reads.
+    #[serde(default)]
+    pub sensors: BTreeSet<Sensor>,
+    /// Tools the code reads or commands.
+    #[serde(default)]
+    pub tools: BTreeSet<Tool>,
 }

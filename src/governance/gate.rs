@@ -7,11 +7,12 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
+pub use super::alignment::Alignment;
 use super::approval::{ApprovalOutcome, ApprovalResult};
 use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::{self, Condition};
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
-use super::evidence::{Binding, ShadowEvidence, ShadowSequence};
+use super::evidence::{Binding, Conduct, ShadowEvidence, ShadowSequence};
 pub use super::outcome::GateOutcome;
 use super::outcome::{ActivationMode, Basis, Check};
 use super::policy::PolicyTable;
@@ -39,45 +40,28 @@ pub struct ShadowAssessment {
     pub alignment: Option<Alignment>,
 }
 
-/// In how many sequences the twin left the active version's band, and in how many the watcher spoke: whether the
-/// trace envelope agrees with the watcher (paper section 6.7). Reported, never gating.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Alignment {
-    /// Sequences in which the twin left the band and the watcher raised a signal.
-    pub both: u32,
-    /// Left the band, and the watcher named nothing.
-    pub envelope_only: u32,
-    /// The watcher named something within the band.
-    pub watcher_only: u32,
-    /// Sequences in which the twin stayed in the band and the watcher was silent.
-    pub neither: u32,
-}
-
-impl Alignment {
-    /// Counts sequences; a twin is out of the band if more than `share_max` of its trajectory is.
-    #[must_use]
-    pub fn of(sequences: &[ShadowSequence], share_max: f64) -> Self {
-        let mut counts = Self::default();
-        for sequence in sequences {
-            let count = match (sequence.envelope_divergence > share_max, sequence.twin_watcher_event) {
-                (true, true) => &mut counts.both,
-                (true, false) => &mut counts.envelope_only,
-                (false, true) => &mut counts.watcher_only,
-                (false, false) => &mut counts.neither,
-            };
-            *count = count.saturating_add(1);
-        }
-        counts
-    }
-}
-
 /// How many sequences more with a signal in the twin than in the live world make shadow longer: one may be chance.
 const LEAN_FROM: u64 = 2;
 
+/// How a version goes about its work, read from one side of a sequence.
+type ConductFlag = fn(&Conduct) -> bool;
+
+/// What is compared of the two sides' conduct. No violation, so it makes shadow longer and rejects nothing.
+const CONDUCT: [(&str, ConductFlag); 2] =
+    [("new attempts", |conduct| conduct.retried), ("policy warnings", |conduct| conduct.warned)];
+
+const fn net_of(pairs: PairedCounts) -> u64 {
+    pairs.candidate_only.saturating_sub(pairs.active_only)
+}
+
+fn leans(what: &str, net: u64) -> Reason {
+    let text = format!("{what} lean towards more than under the active version");
+    Reason::new(ReasonCode::ShadowLeaning, Dimension::Shadow, text).with(net as f64, LEAN_FROM as f64)
+}
+
 /// `Delta_shadow`: what is established as worse in the twin decides, by a paired lower bound: regressions of
-/// success, policy hits, watcher events. Output and envelope divergence, and a signal that leans towards worse,
-/// only lengthen shadow (design rules 3.7, 5.4).
+/// success, policy hits, watcher events. Output and envelope divergence, a signal that leans towards worse, and
+/// conduct (more new attempts, more policy warnings, more time near a limit) only lengthen it (design rules 3.7, 5.4).
 ///
 /// `shadow_alpha` is shared by the three signals and the two looks (after the plain and after the longest
 /// shadow), so that an equally good candidate fails with probability at most `shadow_alpha`.
@@ -99,8 +83,7 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         return no_data("shadow was worked for another version, profile, policy or environment");
     }
     if let Some(stop) = evidence.hard_stops.first() {
-        let hard =
-            Reason::new(ReasonCode::GateHardLimit, Dimension::Shadow, format!("{} was seen", stop.name()));
+        let hard = reason(ReasonCode::GateHardLimit, &format!("{} was seen", stop.name()));
         return done(Check::Fail, vec![hard], None, None);
     }
     if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
@@ -136,15 +119,19 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         let Ok(bound) = stats::binary_pairs(pairs, each) else {
             return no_data("the signals cannot be bounded");
         };
-        let net = pairs.candidate_only.saturating_sub(pairs.active_only);
+        let net = net_of(pairs);
         if bound.lower > 0.0 {
             let text = format!("{what} are established as more frequent than under the active version");
-            let diverged = Reason::new(ReasonCode::ShadowGovernanceDivergence, Dimension::Shadow, text);
-            reasons.push(diverged.with(bound.lower, 0.0));
+            reasons.push(reason(ReasonCode::ShadowGovernanceDivergence, &text).with(bound.lower, 0.0));
         } else if net >= LEAN_FROM {
-            let text = format!("{what} lean towards more than under the active version");
-            let leans = Reason::new(ReasonCode::ShadowLeaning, Dimension::Shadow, text);
-            leaning.push(leans.with(net as f64, LEAN_FROM as f64));
+            leaning.push(leans(what, net));
+        }
+    }
+    for (what, of) in CONDUCT {
+        let sides = evidence.sequences.iter().map(|s| (of(&s.twin_conduct), of(&s.live_conduct)));
+        let net = net_of(PairedCounts::of(sides));
+        if net >= LEAN_FROM {
+            leaning.push(leans(what, net));
         }
     }
     if !reasons.is_empty() {
@@ -158,6 +145,12 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
             "the twin leaves the active version's band",
             envelope,
             settings.envelope_divergence_max,
+        ),
+        (
+            ReasonCode::ShadowLeaning,
+            "the twin is nearer to its limits for more of its time",
+            mean(|s| s.twin_conduct.near_share) - mean(|s| s.live_conduct.near_share),
+            settings.near_divergence_max,
         ),
     ] {
         if found > limit {

@@ -141,6 +141,7 @@
 //!     intervention: false,
 //!     timeout: false,
 //!     near_violation: false,
+//!     policy_warning: false,
 //!     retries: 0,
 //!     time_s: 3.0,
 //!     unsafe_continuation_ms: 0.0,
@@ -199,6 +200,7 @@
 extern crate self as holdpoint_governance;
 
 pub mod alarms;
+mod alignment;
 pub mod approval;
 pub mod behavior;
 pub mod composition;
@@ -220,6 +222,7 @@ pub mod mode;
 pub mod monitor;
 pub mod outcome;
 pub mod own_profile;
+pub mod permission;
 pub mod policy;
 mod policy_table;
 pub mod profile;

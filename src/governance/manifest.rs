@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ids::{Digest, Family, canonical_json, is_name};
-use super::mode::{Authority, Channel, CommandKind, ZoneName};
+use super::mode::{Authority, Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
 use super::text_error::{TextError, check_size, parse_toml};
 use super::value_type::{FieldSpec, MAGNITUDE_MAX, Value};
 
@@ -97,12 +97,12 @@ pub struct Permissions {
     pub commands: BTreeSet<CommandKind>,
     /// Zones the tool may enter; at least one.
     pub zones: BTreeSet<ZoneName>,
-    /// Sensors it reads, e.g. `camera`.
+    /// Sensors it reads; what is not declared is not delivered.
     #[serde(default)]
-    pub sensors: BTreeSet<String>,
-    /// Tools it uses, e.g. `parallel-gripper`.
+    pub sensors: BTreeSet<Sensor>,
+    /// Tools it uses; one that is not declared is neither commanded nor read.
     #[serde(default)]
-    pub tools: BTreeSet<String>,
+    pub tools: BTreeSet<Tool>,
     /// Largest speed of the tool's centre point it asks for, m/s.
     pub max_speed_m_s: f64,
     /// Largest force, N: grip per finger or contact, whichever is larger.
@@ -121,6 +121,12 @@ pub struct Resources {
     pub cpu_us_per_tick: u32,
     /// Peak memory, KiB.
     pub memory_kib: u32,
+    /// Most ticks of 1/240 s a task may take; left out, the profile's longest episode.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ticks_per_task: Option<u32>,
+    /// Most commands other than holding in one task; left out, one a tick.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commands_per_task: Option<u32>,
 }
 
 /// R: hooks, fallback and failure signals. A hook that is left out fails its drill.
@@ -367,6 +373,16 @@ impl Bound {
 }
 
 impl Permissions {
+    /// Whether a channel and a kind of command are declared, and the tool that the channel moves.
+    #[must_use]
+    pub fn allows(&self, sent: RequiredCommand) -> bool {
+        let tool = match sent.channel {
+            Channel::Gripper => self.tools.contains(&Tool::ParallelGripper),
+            Channel::Arm | Channel::Bus => true,
+        };
+        tool && self.channels.contains(&sent.channel) && self.commands.contains(&sent.command)
+    }
+
     fn problem(&self) -> ManifestProblem {
         let number = |field: &str, value: f64, max: f64| {
             let ok = value.is_finite() && (0.0..=max).contains(&value);
@@ -382,8 +398,6 @@ impl Permissions {
             .map(|(field, _)| {
                 (format!("permissions.{field}"), "[]".to_owned(), "at least one entry".to_owned())
             })
-            .or_else(|| names_problem("permissions.sensors", self.sensors.iter(), 0, 16))
-            .or_else(|| names_problem("permissions.tools", self.tools.iter(), 0, 16))
             .or_else(|| number("max_speed_m_s", self.max_speed_m_s, DECLARED_SPEED_MAX_M_S))
             .or_else(|| number("max_force_n", self.max_force_n, DECLARED_FORCE_MAX_N))
     }

@@ -53,6 +53,26 @@ pub enum ZoneName {
     Human,
 }
 
+crate::words! {
+    /// A part of the observation that a version reads only if it declares it.
+    Sensor, "sensor", {
+        /// Where object and target were last seen.
+        Camera = "camera",
+        /// Joint positions, speeds and torques, and the tool's pose and velocity computed from them.
+        Joints = "joints",
+        /// The force sensed at the wrist.
+        WristForce = "wrist-force",
+    }
+}
+
+crate::words! {
+    /// A tool at the end of the arm. A version that declares none neither commands it nor reads it.
+    Tool, "tool", {
+        /// The two-fingered gripper: its width, its force, and whether it answers.
+        ParallelGripper = "parallel-gripper",
+    }
+}
+
 impl Channel {
     /// Every channel, the mediated ones first.
     pub const ALL: [Self; 3] = [Self::Arm, Self::Gripper, Self::Bus];
@@ -262,13 +282,13 @@ impl ReachableMode {
     }
 }
 
-/// A channel and kind of command, as a bundle's code needs them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+/// A channel and kind of command, as code needs them or sends them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RequiredCommand {
-    /// Channel the code sends on.
+    /// Channel it goes out on.
     pub channel: Channel,
-    /// Kind of command the code sends.
+    /// Kind of command it is.
     pub command: CommandKind,
 }
 

@@ -92,7 +92,7 @@ crate::words! {
     Rate, "rate of the monitor", {
         /// Episodes in which the task was not done.
         Failure = "failure",
-        /// Episodes with a violation (policy warnings and limits).
+        /// Episodes with a violation: a limit passed, or a command refused.
         Violation = "violation",
         /// Episodes with an anomaly: the watcher raised a signal.
         Anomaly = "anomaly",
@@ -102,11 +102,23 @@ crate::words! {
         Retry = "retry",
         /// Episodes in which recovery ran.
         Recovery = "recovery",
+        /// Episodes that ran out of time.
+        Timeout = "timeout",
+        /// Episodes with a policy warning: a command clamped or refused, or a limit passed.
+        PolicyWarning = "policy-warning",
+        /// Episodes in which a measured value came near its limit.
+        NearLimit = "near-limit",
+        /// Episodes slower than the profile's factor on what nineteen of twenty took before activation.
+        Slow = "slow",
     }
 }
 
+/// The share of episodes that is slow by the way the bound is drawn: one in twenty.
+const SLOW_SHARE: f64 = 0.05;
+
 impl Rate {
-    const fn is_bad(self, episode: &EpisodeValues) -> bool {
+    /// `slow_over_s`: from where an episode is slow; absent if that is not known.
+    fn is_bad(self, episode: &EpisodeValues, slow_over_s: Option<f64>) -> bool {
         match self {
             Self::Failure => !episode.success,
             Self::Violation => episode.violation,
@@ -114,6 +126,10 @@ impl Rate {
             Self::Intervention => episode.intervention,
             Self::Retry => episode.retries > 0,
             Self::Recovery => episode.recovery,
+            Self::Timeout => episode.timeout,
+            Self::PolicyWarning => episode.policy_warning,
+            Self::NearLimit => episode.near_violation,
+            Self::Slow => slow_over_s.is_some_and(|over| episode.time_s > over),
         }
     }
     /// The share of bad episodes that is normal, from what was measured before activation.
@@ -126,7 +142,22 @@ impl Rate {
             // At most one retry per episode is assumed: the share of episodes with one is at most the mean.
             Self::Retry => signature.retry,
             Self::Recovery => signature.recovery,
+            Self::Timeout => signature.timeout,
+            Self::PolicyWarning => signature.policy_warning,
+            Self::NearLimit => signature.near_limit,
+            Self::Slow => SLOW_SHARE,
         }
+    }
+
+    /// Whether it tells how a version works rather than that something went wrong: it may be so in every episode, as
+    /// where a profile clamps what the version always asks for.
+    const fn is_manner(self) -> bool {
+        matches!(self, Self::PolicyWarning | Self::NearLimit)
+    }
+
+    /// Whether a tighter envelope brings it about by itself.
+    const fn follows_from_restriction(self) -> bool {
+        matches!(self, Self::PolicyWarning | Self::NearLimit | Self::Slow)
     }
 }
 
@@ -170,12 +201,18 @@ pub struct Monitor {
     settings: MonitorSettings,
     strictness: Strictness,
     unsafe_continuation_max_ms: f64,
+    /// From where an episode is slow, s; absent if nothing was measured before activation.
+    #[serde(default)]
+    slow_over_s: Option<f64>,
     provisional_left: u32,
     episodes: u64,
     charts: Vec<ControlChart>,
     last_telemetry_tick: u64,
     escalation: Option<Escalation>,
     restricted: bool,
+    /// It works under a tighter envelope than it was measured under.
+    #[serde(default)]
+    tightened: bool,
     rolled_back: bool,
 }
 
@@ -236,6 +273,8 @@ pub fn normal_rates(twins: &[EpisodeValues]) -> Option<Signature> {
         retry: bound(&|v| v.retries > 0)?,
         intervention: bound(&|v| v.intervention)?,
         timeout: bound(&|v| v.timeout)?,
+        policy_warning: bound(&|v| v.policy_warning)?,
+        near_limit: bound(&|v| v.near_violation)?,
         ..mean
     })
 }
@@ -278,19 +317,26 @@ impl Monitor {
                 return Err(MonitorError::Rate { rate: rate.name(), value });
             }
             // Room for a worse rate has to be left, whatever was measured.
-            let normal = value.clamp(settings.rate_min, 0.95 - settings.shift.min(0.9));
+            let normal_max = 0.95 - settings.shift.min(0.9);
+            if rate.is_manner() && value > normal_max {
+                // What is all but always so cannot become more frequent.
+                continue;
+            }
+            let normal = value.clamp(settings.rate_min, normal_max);
             charts.push(ControlChart::new(rate, normal, &strictness.applied(&settings))?);
         }
         Ok(Self {
             settings,
             strictness,
             unsafe_continuation_max_ms: profile.runtime.unsafe_continuation_max_ms,
+            slow_over_s: (expected.time_p95_s > 0.0).then_some(settings.slow_factor * expected.time_p95_s),
             provisional_left: profile.activation.provisional_episodes,
             episodes: 0,
             charts,
             last_telemetry_tick: now_tick,
             escalation: None,
             restricted: false,
+            tightened: false,
             rolled_back: false,
         })
     }
@@ -317,6 +363,12 @@ impl Monitor {
     #[must_use]
     pub const fn is_restricted(&self) -> bool {
         self.restricted
+    }
+
+    /// Whether the version works under a tighter envelope than it was measured under, whoever asked for that: what
+    /// follows from the envelope itself is not charted meanwhile.
+    pub const fn set_tightened(&mut self, tightened: bool) {
+        self.tightened = tightened;
     }
 
     /// How much more strictly than its profile says the version is watched.
@@ -350,7 +402,8 @@ impl Monitor {
         })
     }
 
-    /// Takes the values of one finished live episode and says what follows from them.
+    /// Takes the values of one finished live episode and says what follows from them. One that a person ended says
+    /// that a person stepped in and nothing else ([`Monitor::stepped_in`]).
     pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
         if !episode.is_valid() {
             return self.safety(SafetyEvent::NotANumber, now_tick);
@@ -358,11 +411,27 @@ impl Monitor {
         if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms * self.strictness.factor() {
             return self.safety(SafetyEvent::UnsafeContinuation, now_tick);
         }
+        if episode.intervention {
+            return self.stepped_in(now_tick);
+        }
         self.episodes = self.episodes.saturating_add(1);
         self.provisional_left = self.provisional_left.saturating_sub(1);
+        let (slow_over_s, tightened) = (self.slow_over_s, self.tightened);
+        let is_judged = |rate: Rate| !(tightened && rate.follows_from_restriction());
+        self.chart(|rate| is_judged(rate).then(|| rate.is_bad(episode, slow_over_s)), now_tick)
+    }
+
+    /// A person stepped in: stopped the version in a task, or restricted it. Charted as an intervention and as
+    /// nothing else; it is no episode of the window.
+    pub fn stepped_in(&mut self, now_tick: u64) -> MonitorDecision {
+        self.chart(|rate| (rate == Rate::Intervention).then_some(true), now_tick)
+    }
+
+    /// Charts what was good or bad of one observation, and says what follows; `None` leaves a chart as it stands.
+    fn chart(&mut self, is_bad: impl Fn(Rate) -> Option<bool>, now_tick: u64) -> MonitorDecision {
         let (mut trips, mut warnings) = (Vec::new(), Vec::new());
         for chart in &mut self.charts {
-            let bad = chart.rate.is_bad(episode);
+            let Some(bad) = is_bad(chart.rate) else { continue };
             let what = chart.rate.name();
             if chart.trip.update(bad) == DriftSignal::Alarm {
                 let text = format!("the {what} rate is established as worse");

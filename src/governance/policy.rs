@@ -138,6 +138,15 @@ impl Findings {
         needs: &BTreeSet<super::mode::RequiredCommand>,
     ) {
         let declared = input.permissions;
+        if let Some(exports) = input.exports {
+            let sensors =
+                exports.sensors.difference(&declared.sensors).map(|name| format!("the sensor {name}"));
+            let tools = exports.tools.difference(&declared.tools).map(|name| format!("the tool {name}"));
+            for what in sensors.chain(tools) {
+                let text = format!("the code needs {what}, which P does not declare");
+                self.incompatible.push(reason(ReasonCode::PolicyUndeclaredImport, text));
+            }
+        }
         for need in needs {
             if !declared.channels.contains(&need.channel) || !declared.commands.contains(&need.command) {
                 let text = format!(
@@ -153,9 +162,12 @@ impl Findings {
             self.incompatible.push(reason(ReasonCode::PolicyEnvironmentNotAdmitted, text));
         }
         let (asked, limits) = (&declared.resources, &profile.runtime);
+        let ticks_max = limits.ticks_max();
         for (what, value, limit) in [
             ("processor time per tick (us)", asked.cpu_us_per_tick, limits.cpu_us_per_tick_max),
             ("memory (KiB)", asked.memory_kib, limits.memory_kib_max),
+            ("ticks a task", asked.ticks_per_task.unwrap_or(0), ticks_max),
+            ("commands a task", asked.commands_per_task.unwrap_or(0), ticks_max),
         ] {
             if value > limit {
                 let text = format!("it asks for more {what} than the profile has");
@@ -296,14 +308,14 @@ impl Findings {
 /// New permissions and escalations against the active version. Of a first version everything is new.
 fn changes(input: &PolicyInput<'_>) -> (Vec<String>, Vec<String>) {
     let new = input.permissions;
-    let (channels, commands, zones, names) =
-        (BTreeSet::new(), BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+    let (channels, commands, zones) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+    let (sensors, tools) = (BTreeSet::new(), BTreeSet::new());
     let old = input.active;
     let channels = new.channels.difference(old.map_or(&channels, |old| &old.channels));
     let commands = new.commands.difference(old.map_or(&commands, |old| &old.commands));
     let zones = new.zones.difference(old.map_or(&zones, |old| &old.zones));
-    let sensors = new.sensors.difference(old.map_or(&names, |old| &old.sensors));
-    let tools = new.tools.difference(old.map_or(&names, |old| &old.tools));
+    let sensors = new.sensors.difference(old.map_or(&sensors, |old| &old.sensors));
+    let tools = new.tools.difference(old.map_or(&tools, |old| &old.tools));
     let added = channels
         .map(|channel| format!("channel {}", channel.name()))
         .chain(commands.map(|command| format!("command {}", command.name())))
@@ -334,6 +346,17 @@ fn changes(input: &PolicyInput<'_>) -> (Vec<String>, Vec<String>) {
             Some(old) if level > old => higher.push(format!("{what} {level}{unit} (was {old}{unit})")),
             Some(_) => {}
             None => higher.push(format!("{what} {level}{unit}")),
+        }
+    }
+    let budgets = |of: &Permissions| [of.resources.ticks_per_task, of.resources.commands_per_task];
+    if let Some(old) = old {
+        let pairs = budgets(old).into_iter().zip(budgets(new));
+        for (what, pair) in ["ticks a task", "commands a task"].into_iter().zip(pairs) {
+            match pair {
+                (Some(old), Some(new)) if new > old => higher.push(format!("{what} {new} (was {old})")),
+                (Some(old), None) => higher.push(format!("{what} as the profile has them (was {old})")),
+                (None | Some(_), _) => {}
+            }
         }
     }
     (added, higher)

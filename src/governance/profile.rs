@@ -140,6 +140,8 @@ pub struct RuntimeLimits {
     pub unsafe_continuation_max_ms: f64,
     /// Share of a limit from which a value counts as near it.
     pub near_margin: f64,
+    /// Distance of the tool from a keep-out zone from which it counts as near it, m.
+    pub near_zone_m: f64,
     /// Lowest corner of where the tool may be, world frame, m.
     pub workspace_min_m: [f64; 3],
     /// Highest corner of where the tool may be, world frame, m.
@@ -154,6 +156,15 @@ pub struct RuntimeLimits {
     pub memory_kib_max: u32,
     /// Longest an episode may take, simulated s; then it counts as timed out.
     pub episode_max_s: f64,
+}
+
+impl RuntimeLimits {
+    /// Ticks of the longest episode; also the most commands a task can send, one a tick.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 600 s, checked")]
+    pub fn ticks_max(&self) -> u32 {
+        libm::round(self.episode_max_s * f64::from(holdpoint_body::RATE_HZ)) as u32
+    }
 }
 
 /// Tolerances beyond which the watcher raises a signal.
@@ -192,6 +203,8 @@ pub struct Evaluation {
     pub output_divergence_max: f64,
     /// Envelope divergence from which shadow is lengthened.
     pub envelope_divergence_max: f64,
+    /// By how much more of its time the twin may be near a limit before shadow is lengthened, share of ticks.
+    pub near_divergence_max: f64,
     /// Sequences of the live world per sandbox episode pair, in hundredths.
     pub live_sequences_per_100_episodes: u32,
 }
@@ -266,6 +279,8 @@ pub struct MonitorSettings {
     pub escalation_deadline_s: f64,
     /// Factor on speed and force of a restricted version.
     pub restrict_factor: f64,
+    /// Factor on the time that nineteen of twenty episodes stayed below before activation; above it one is slow.
+    pub slow_factor: f64,
 }
 
 /// How every active version is watched, whether or not it is new.

@@ -172,8 +172,10 @@ fn signature_problem(s: &Signature) -> Option<(&'static str, f64, &'static str)>
         ("recovery", s.recovery),
         ("intervention", s.intervention),
         ("timeout", s.timeout),
+        ("policy_warning", s.policy_warning),
+        ("near_limit", s.near_limit),
     ];
-    let means = [("time_s", s.time_s), ("retry", s.retry)];
+    let means = [("time_s", s.time_s), ("retry", s.retry), ("time_p95_s", s.time_p95_s)];
     let share = shares.into_iter().find(|(_, v)| !(0.0..=1.0).contains(v)).map(|(f, v)| (f, v, "0 to 1"));
     share.or_else(|| {
         means.into_iter().find(|(_, v)| !(0.0..=1.0e4).contains(v)).map(|(f, v)| (f, v, "0 to 10000"))

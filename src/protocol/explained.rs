@@ -14,6 +14,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::rollback::PostStatus;
 use holdpoint_governance::words::Word;
 
@@ -46,6 +47,9 @@ pub struct Explained {
     pub reasons: Vec<ExplainedReason>,
     /// What would have to change for the next better outcome; empty if there is none.
     pub change: Vec<String>,
+    /// Declared against observed permissions, after the sandbox.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub permissions: Option<PermissionUse>,
     /// What happened next, until the next decision.
     pub then: Vec<String>,
 }
@@ -331,6 +335,7 @@ mod tests {
             rule: Rule::Activation,
             reasons: vec![reason, beside],
             change: Vec::new(),
+            permissions: None,
             then: Vec::new(),
         };
         let json = serde_json::to_string(&decision).unwrap();

@@ -12,8 +12,9 @@ use cap_std::ambient_authority;
 use cap_std::fs::Dir;
 use serde_json::Value;
 
-use crate::skill::SkillBundle;
+use crate::senses::Senses;
 use crate::skill::native::{Controller, NativeBundle, NativeError, PARAMS_BYTES_MAX};
+use crate::skill::{Skill, SkillBundle};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::submission::{Package, SUBMISSION_BYTES_MAX, Submission};
@@ -328,6 +329,12 @@ impl Capability {
     #[must_use]
     pub const fn manifest_digest(&self) -> Digest {
         self.manifest_digest
+    }
+
+    /// Begins a run that senses what the manifest declares and nothing else.
+    #[must_use]
+    pub fn start(&self, seed: u64) -> Box<dyn Skill> {
+        Senses::of(&self.manifest.permissions).confine(self.bundle.start(seed))
     }
 
     /// The stop time the version declares for its safe-abort hook, s; what it does not declare is not waited for.

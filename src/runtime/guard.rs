@@ -11,8 +11,11 @@ use std::sync::Arc;
 use holdpoint_body::{Command, Geometry, GuardVerdict, JointVec, Telemetry, zone};
 use serde::{Deserialize, Serialize};
 
+use super::grant::Grant;
 use super::limits::Envelope;
+use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, ZoneName};
+use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::policy::{ModeRuling, PolicyTable};
 
 /// Why the guard denied or clamped a command, or what a sensor told.
@@ -43,13 +46,47 @@ pub enum PolicyHit {
     ForceMeasured,
     /// More new attempts than allowed.
     RetriesExceeded,
+    /// The version's own manifest does not declare this kind of command, or the tool it moves.
+    CommandUndeclared,
+    /// The target lies in a zone that the manifest does not declare, or the tool was measured to enter one.
+    ZoneUndeclared,
+    /// More ticks or commands than the manifest declares, or computing that a live arm cannot wait for.
+    BudgetExceeded,
+    /// The arm moved on after it was to stop for longer than allowed.
+    UnsafeContinuation,
+    /// Nothing may move for a while, whatever is declared: a trial of how the version takes it.
+    PermissionWithdrawn,
 }
 
 impl PolicyHit {
-    /// Whether the hit makes the episode a violation; a clamp is a warning.
+    /// Whether the hit makes the episode a violation; a clamp is a warning, and so is a refusal that is nobody's fault.
     #[must_use]
     pub const fn is_violation(self) -> bool {
-        !matches!(self, Self::SpeedClamped | Self::ForceClamped)
+        !matches!(self, Self::SpeedClamped | Self::ForceClamped | Self::PermissionWithdrawn)
+    }
+
+    /// The hard stop that the hit is, if it is one: a number that is none, or what the version's own manifest does
+    /// not declare.
+    #[must_use]
+    pub const fn hard_stop(self) -> Option<HardStop> {
+        match self {
+            Self::NotFinite => Some(HardStop::NonFiniteOutput),
+            Self::CommandUndeclared | Self::ZoneUndeclared => Some(HardStop::CommandPastGuard),
+            Self::BudgetExceeded => Some(HardStop::BudgetBreach),
+            Self::ModeUncovered
+            | Self::ModeForbidden
+            | Self::ModeUnreviewed
+            | Self::OutsideWorkspace
+            | Self::KeepOut
+            | Self::PredictedCollision
+            | Self::SpeedClamped
+            | Self::ForceClamped
+            | Self::SpeedMeasured
+            | Self::ForceMeasured
+            | Self::RetriesExceeded
+            | Self::UnsafeContinuation
+            | Self::PermissionWithdrawn => None,
+        }
     }
 }
 
@@ -80,25 +117,33 @@ const TRANSIENT_TICKS: u32 = 12;
 /// Measured speed may exceed the limit by this share before it is a violation: sensor noise.
 const MEASURE_SHARE: f64 = 1.05;
 
+/// The zones in the order in which they count where they overlap; the keep-out zone counts before any other.
+const ZONES: [ZoneName; ZoneName::ALL.len()] =
+    [ZoneName::Human, ZoneName::Work, ZoneName::Tray, ZoneName::Transit];
+
 /// Guards one arm for one version.
 #[derive(Clone)]
 pub struct Guard {
     table: Arc<PolicyTable>,
     envelope: Envelope,
     authority: Authority,
+    grant: Option<Grant>,
     geometry: Arc<Geometry>,
     zones: Arc<[zone::Zone]>,
     /// People have approved what a policy wants reviewed.
     reviewed: bool,
+    /// Where each named zone stands among `zones`, in the order in which they count.
+    places: [Option<usize>; ZONES.len()],
     speed_over_ticks: u32,
     force_over_ticks: u32,
     transient_over_ticks: u32,
 }
 
 impl Guard {
-    /// A guard over a compiled table, an envelope and the authority the version was granted.
+    /// A guard over a compiled table, an envelope and the authority the version was granted. It asks no manifest:
+    /// what the runtime itself moves is declared by none.
     #[must_use]
-    pub const fn new(
+    pub fn new(
         table: Arc<PolicyTable>,
         envelope: Envelope,
         authority: Authority,
@@ -109,7 +154,9 @@ impl Guard {
             table,
             envelope,
             authority,
+            grant: None,
             geometry,
+            places: ZONES.map(|name| zones.iter().position(|zone| zone.name == name.name())),
             zones,
             reviewed: false,
             speed_over_ticks: 0,
@@ -125,6 +172,24 @@ impl Guard {
         self
     }
 
+    /// The same guard, which lets through nothing but what is granted.
+    #[must_use]
+    pub fn granting(self, grant: Grant) -> Self {
+        Self { grant: Some(grant), ..self }
+    }
+
+    /// What was used of the permissions so far; nothing if the guard asks no manifest.
+    #[must_use]
+    pub fn used(&self) -> PermissionsUsed {
+        self.grant.as_ref().map(Grant::used).unwrap_or_default()
+    }
+
+    /// Whether more ticks or commands were used than are declared.
+    #[must_use]
+    pub fn is_overdrawn(&self) -> bool {
+        self.grant.as_ref().is_some_and(Grant::is_overdrawn)
+    }
+
     /// The envelope in force.
     #[must_use]
     pub const fn envelope(&self) -> &Envelope {
@@ -133,7 +198,10 @@ impl Guard {
 
     /// Passes, clamps or denies one command. A denied command becomes [`Command::Stop`].
     #[must_use]
-    pub fn check(&self, command: &Command, seen: &Telemetry) -> Checked {
+    pub fn check(&mut self, command: &Command, seen: &Telemetry) -> Checked {
+        if let Some(grant) = &mut self.grant {
+            grant.note_command(command);
+        }
         match self.judge(command, seen) {
             Ok((command, None)) => Checked { command, verdict: GuardVerdict::Allowed, hit: None },
             Ok((command, Some(hit))) => Checked { command, verdict: GuardVerdict::Clamped, hit: Some(hit) },
@@ -141,13 +209,20 @@ impl Guard {
         }
     }
 
-    fn judge(&self, command: &Command, seen: &Telemetry) -> Result<(Command, Option<PolicyHit>), PolicyHit> {
+    fn judge(
+        &mut self,
+        command: &Command,
+        seen: &Telemetry,
+    ) -> Result<(Command, Option<PolicyHit>), PolicyHit> {
         let Some((channel, kind)) = CommandKind::of(command) else {
             return Ok((command.clone(), None));
         };
         let target = self.target_of(command, seen)?;
         let zone = self.zone_of(target).ok_or(PolicyHit::OutsideWorkspace)?;
         let cap = self.mode_cap(ModeKey { channel, command: kind, zone, authority: self.authority })?;
+        if let Some(hit) = self.grant.as_mut().and_then(|grant| grant.refuses(kind, zone)) {
+            return Err(hit);
+        }
         match command {
             Command::ToolPose { pose, max_speed_m_s } => {
                 if !(pose.is_valid() && *max_speed_m_s > 0.0 && max_speed_m_s.is_finite()) {
@@ -228,14 +303,16 @@ impl Guard {
 
     /// The zone a point lies in; the keep-out zone counts before any other.
     fn zone_of(&self, point: [f64; 3]) -> Option<ZoneName> {
-        [ZoneName::Human, ZoneName::Work, ZoneName::Tray, ZoneName::Transit]
-            .into_iter()
-            .find(|zone| zone::named(&self.zones, zone.name()).is_some_and(|bounds| bounds.contains(&point)))
+        let named = ZONES.into_iter().zip(self.places);
+        let mut found = named.filter_map(|(name, place)| Some((name, self.zones.get(place?)?)));
+        found.find(|(_, bounds)| bounds.contains(&point)).map(|(name, _)| name)
     }
 
-    /// Holds one tick of telemetry against the envelope. Speed has to be over its limit for three
+    /// Holds one tick of telemetry against the envelope and the declared zones. Speed has to be over its limit for three
     /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over `TRANSIENT_FACTOR` times it.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
+        let zone = self.zone_of(seen.tool.position);
+        let entered = self.grant.as_mut().and_then(|grant| grant.measure(seen, zone));
         let e = &self.envelope;
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
         // Written so that a value that is no number counts as over the limit.
@@ -250,15 +327,19 @@ impl Guard {
         if self.force_over_ticks == TRANSIENT_TICKS || self.transient_over_ticks == 2 {
             return Some(PolicyHit::ForceMeasured);
         }
-        (self.speed_over_ticks == 3).then_some(PolicyHit::SpeedMeasured)
+        if self.speed_over_ticks == 3 { Some(PolicyHit::SpeedMeasured) } else { entered }
     }
 
-    /// Whether a measured value is within the margin below its limit.
+    /// Whether a measured value is within the margin below its limit, or the tool within that of a keep-out zone.
     #[must_use]
     pub fn is_near(&self, seen: &Telemetry) -> bool {
         let e = &self.envelope;
         seen.tool_speed_m_s > e.near_share * e.tool_speed_max_m_s
             || seen.contact_force_n.max(seen.gripper_force_n) > e.near_share * e.contact_force_max_n
+            || self
+                .zones
+                .iter()
+                .any(|zone| zone.keep_out && is_beside(zone, seen.tool.position, e.near_zone_m))
     }
 
     /// Whether going on as now for `LOOK_AHEAD_SECS` would strike the table or the arm itself.
@@ -271,6 +352,11 @@ impl Guard {
         (then.table_m < 0.0 && then.table_m < now.table_m - 1e-4)
             || (then.self_m < 0.0 && then.self_m < now.self_m - 1e-4)
     }
+}
+
+/// Whether a point lies in a box or at most `margin_m` from it, along each axis.
+fn is_beside(zone: &zone::Zone, point: [f64; 3], margin_m: f64) -> bool {
+    (0..3).all(|i| (zone.min_m[i] - margin_m..=zone.max_m[i] + margin_m).contains(&point[i]))
 }
 
 /// Whether the straight line from `a` to `b` meets an axis-aligned box (slab test).
@@ -312,7 +398,7 @@ mod tests {
         let geometry = Arc::new(model.geometry);
         let guard = |authority: u8| {
             crate::terms::SkillTerms::new(&profile, table.clone(), geometry.clone(), zones.clone())
-                .guard(Authority::try_from(authority).unwrap())
+                .own_guard(Authority::try_from(authority).unwrap())
         };
         assert_eq!(guard(1).check(&command, &seen).verdict, GuardVerdict::Allowed);
         let denied = guard(2).check(&command, &seen);

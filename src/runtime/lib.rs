@@ -2,10 +2,14 @@
 pub mod agent;
 pub mod arm;
 pub mod capability;
+pub mod grant;
 pub mod guard;
 pub mod limits;
+pub mod meter;
 pub mod recovery;
+pub mod senses;
 pub mod skill;
+pub mod stress;
 pub mod task;
 pub mod terms;
 pub mod watcher;

@@ -22,6 +22,8 @@ pub struct Envelope {
     pub workspace_max_m: [f64; 3],
     /// Share of a limit from which a measured value counts as a near violation.
     pub near_share: f64,
+    /// Distance of the tool from a keep-out zone from which it counts as near it, m.
+    pub near_zone_m: f64,
     /// New attempts a version may make in one task.
     pub retries_max: u32,
 }
@@ -96,6 +98,7 @@ mod tests {
             workspace_min_m: [0.0; 3],
             workspace_max_m: [1.0; 3],
             near_share: 0.9,
+            near_zone_m: 0.02,
             retries_max: 3,
         };
         for (share, speed) in [(0.5, 0.5), (1.0, 1.0), (7.0, 1.0), (0.0, 0.05), (f64::NAN, 0.05)] {

@@ -151,6 +151,9 @@ impl AbortRun {
         let before = handle.telemetry();
         let checked = guard.check(&skill.tick(&seen), &before);
         self.verdict = checked.verdict;
+        if let Some(hit) = checked.hit.filter(|hit| hit.hard_stop().is_some()) {
+            self.report.violation.get_or_insert(hit);
+        }
         watcher.note_command(&checked.command, &before);
         handle.step(&checked.command)?;
         let after = handle.telemetry();

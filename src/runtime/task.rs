@@ -20,7 +20,8 @@ use super::recovery::RecoveryReport;
 use super::skill::Skill;
 use super::watcher::{Raised, Watcher, WatcherSignal};
 use holdpoint_body::Body;
-use holdpoint_governance::evidence::{EpisodeValues, HardStop};
+use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
+use holdpoint_governance::permission::PermissionsUsed;
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -57,10 +58,13 @@ pub struct TaskRecord {
     pub success: bool,
     /// A measured quantity past its limit, or a denial by the guard.
     pub violation: bool,
-    /// The watcher named something.
+    /// The watcher named something, or the task ran out of time.
     pub anomaly: bool,
     /// The recovery manager ran.
     pub recovery: bool,
+    /// A person stopped it.
+    #[serde(default)]
+    pub intervention: bool,
     /// New attempts, counted from the commands.
     pub retries: u32,
     /// Duration until `Done` or the end, s.
@@ -69,6 +73,9 @@ pub struct TaskRecord {
     pub timeout: bool,
     /// A measured value came near its limit.
     pub near: bool,
+    /// Ticks in which one did.
+    #[serde(default)]
+    pub near_ticks: u32,
     /// Commands that were clamped.
     pub clamps: u32,
     /// The largest force that was measured on wrist, pads or hand, N.
@@ -86,6 +93,9 @@ pub struct TaskRecord {
     /// Motion after a demanded stop, ms.
     pub unsafe_continuation_ms: u64,
     pub hard_stop: Option<HardStop>,
+    /// What was used of the permissions.
+    #[serde(default)]
+    pub used: PermissionsUsed,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
     /// Where the tool went until the skill's last word.
@@ -102,18 +112,36 @@ impl TaskRecord {
             violation: self.violation,
             anomaly: self.anomaly,
             recovery: self.recovery,
-            intervention: false,
+            intervention: self.intervention,
             timeout: self.timeout,
             near_violation: self.near,
+            policy_warning: self.is_warned(),
             retries: self.retries,
             time_s: self.time_secs,
             unsafe_continuation_ms: self.unsafe_continuation_ms as f64,
         })
     }
 
+    /// Whether the guard had something to say: a command clamped or refused, or a limit passed.
+    #[must_use]
+    pub const fn is_warned(&self) -> bool {
+        self.clamps > 0 || self.violation
+    }
+
+    /// How it went about its work, for a comparison with another run of the task.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "ticks of one task")]
+    pub fn conduct(&self) -> Conduct {
+        Conduct {
+            retried: self.retries > 0,
+            warned: self.is_warned(),
+            near_share: (f64::from(self.near_ticks) / self.used.ticks_max.max(1) as f64).min(1.0),
+        }
+    }
+
     /// A record of a task that could not be carried out.
     #[must_use]
-    pub const fn invalid(task: TaskKind, seed: u64) -> Self {
+    pub fn invalid(task: TaskKind, seed: u64) -> Self {
         Self {
             task,
             seed,
@@ -121,10 +149,12 @@ impl TaskRecord {
             violation: false,
             anomaly: false,
             recovery: false,
+            intervention: false,
             retries: 0,
             time_secs: 0.0,
             timeout: false,
             near: false,
+            near_ticks: 0,
             clamps: 0,
             peak_force_n: 0.0,
             peak_speed_m_s: 0.0,
@@ -134,6 +164,7 @@ impl TaskRecord {
             recovered: None,
             unsafe_continuation_ms: 0,
             hard_stop: None,
+            used: PermissionsUsed::default(),
             invalid: true,
             path: Vec::new(),
         }
@@ -195,8 +226,18 @@ pub struct TaskTerms {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supervision {
     Continue,
-    /// Stop the skill here and bring the arm to a standstill (a person, the monitor).
+    /// Stop the skill here and bring the arm to a standstill: the monitor asks for it.
     Abort,
+    /// As [`Supervision::Abort`], and a person asks for it: an intervention.
+    StepIn,
+}
+
+impl Supervision {
+    /// Whether the arm is to be brought to a standstill.
+    #[must_use]
+    pub const fn stops(self) -> bool {
+        matches!(self, Self::Abort | Self::StepIn)
+    }
 }
 
 /// What passed in one tick, for whoever supervises.
@@ -252,17 +293,37 @@ fn measure_tick(
     if let Some(hit) = measured {
         note_hit(record, tick, hit);
     }
-    record.near |= guard.is_near(seen);
+    if guard.is_near(seen) {
+        record.near = true;
+        record.near_ticks = record.near_ticks.saturating_add(1);
+    }
     record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
     record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
     (raised, measured)
 }
 
-fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, tick: u64) {
+fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, guard: &Guard, tick: u64) {
     record.signals = watcher.raised().to_vec();
-    record.anomaly = record.signals.iter().any(|raised| raised.signal.is_anomaly());
+    // Whoever runs out of time does not know how it stands with its work.
+    record.anomaly = record.timeout || record.signals.iter().any(|raised| raised.signal.is_anomaly());
+    record.used = guard.used();
     record.retries = attempts.retries();
     record.time_secs = tick_secs(tick);
+}
+
+/// Motion after a demanded stop; longer than the envelope allows it is a violation.
+fn note_continuation(record: &mut TaskRecord, guard: &Guard, motion_ticks: u64, tick: u64) {
+    record.unsafe_continuation_ms = ticks_to_ms(motion_ticks);
+    if record.unsafe_continuation_ms > guard.envelope().unsafe_continuation_max_ms {
+        note_hit(record, tick, PolicyHit::UnsafeContinuation);
+    }
+}
+
+/// Whether more was used in this tick than is declared; then it is noted.
+fn note_budget(record: &mut TaskRecord, guard: &Guard, tick: u64) -> Option<PolicyHit> {
+    let hit = guard.is_overdrawn().then_some(PolicyHit::BudgetExceeded)?;
+    note_hit(record, tick, hit);
+    Some(hit)
 }
 
 fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {
@@ -271,6 +332,7 @@ fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {
         return;
     }
     record.violation = true;
+    record.hard_stop = record.hard_stop.or_else(|| hit.hard_stop());
     if record.hits.len() < HITS_KEPT && !record.hits.iter().any(|(_, known)| *known == hit) {
         record.hits.push((tick, hit));
     }

@@ -4,9 +4,14 @@ use std::sync::Arc;
 
 use holdpoint_body::{Geometry, RATE_HZ, TaskKind, Zone};
 
+use super::grant::Grant;
 use super::guard::Guard;
 use super::limits::{Envelope, WatchLimits};
+use super::meter::{TickMeter, Timed};
+use super::skill::Skill;
+use super::stress::Stress;
 use super::task::TaskTerms;
+use holdpoint_governance::manifest::Permissions;
 use holdpoint_governance::mode::Authority;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
@@ -20,6 +25,8 @@ pub struct SkillTerms {
     envelope: Envelope,
     watch: WatchLimits,
     limit_ticks: u64,
+    meter: Option<Arc<TickMeter>>,
+    stress: Option<Stress>,
     reviewed: bool,
     /// How fast a failure has to be named, ticks.
     pub detect_ticks: u64,
@@ -53,6 +60,7 @@ impl SkillTerms {
             workspace_min_m: runtime.workspace_min_m,
             workspace_max_m: runtime.workspace_max_m,
             near_share: runtime.near_margin,
+            near_zone_m: runtime.near_zone_m,
             retries_max: runtime.retries_max,
         };
         let limit_ticks = ticks(runtime.episode_max_s);
@@ -65,7 +73,43 @@ impl SkillTerms {
             ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
-        Self { table, geometry, zones, envelope, watch, limit_ticks, reviewed: false, detect_ticks }
+        let (meter, stress, reviewed) = (None, None, false);
+        Self { table, geometry, zones, envelope, watch, limit_ticks, meter, stress, reviewed, detect_ticks }
+    }
+
+    /// The same terms on an arm that real time does not wait for: computing longer than `cpu_us_per_tick` counts.
+    #[must_use]
+    pub fn on_a_clock(mut self, cpu_us_per_tick: u32) -> Self {
+        self.meter = Some(TickMeter::new(cpu_us_per_tick));
+        self
+    }
+
+    /// A run as it is worked under these terms: timed where time counts.
+    #[must_use]
+    pub fn timed(&self, skill: Box<dyn Skill>) -> Box<dyn Skill> {
+        match &self.meter {
+            None => skill,
+            Some(meter) => Box::new(Timed { skill, meter: Arc::clone(meter) }),
+        }
+    }
+
+    /// The same terms under stress: what the version needs is taken from it, or a person is where it works.
+    #[must_use]
+    pub fn stressed(mut self, stress: Stress) -> Self {
+        match stress {
+            Stress::Tightened { share } => self.envelope = self.envelope.tightened(share),
+            Stress::Exposed { person } => {
+                // The keep-out zone stands where the person does; the first of a name is the one that counts.
+                let zones = self
+                    .zones
+                    .iter()
+                    .map(|zone| if zone.keep_out { person.in_place_of(zone) } else { zone.clone() });
+                self.zones = zones.collect();
+            }
+            Stress::Withdrawn { .. } => {}
+        }
+        self.stress = Some(stress);
+        self
     }
 
     /// The same terms with a tighter envelope: `share` of speed and force, in (0, 1].
@@ -90,9 +134,20 @@ impl SkillTerms {
         self
     }
 
-    /// A guard for a version of this authority.
+    /// A guard for a version: what its manifest declares, within what the policies allow.
     #[must_use]
-    pub fn guard(&self, authority: Authority) -> Guard {
+    pub fn guard(&self, declared: &Permissions) -> Guard {
+        let grant = Grant::new(declared, self.limit_ticks).timed_by(self.meter.clone());
+        let grant = match self.stress {
+            Some(Stress::Withdrawn { from_tick, until_tick }) => grant.withdrawn(from_tick..until_tick),
+            Some(Stress::Tightened { .. } | Stress::Exposed { .. }) | None => grant,
+        };
+        self.own_guard(declared.authority).granting(grant)
+    }
+
+    /// A guard for what the runtime itself moves on the ladder: policies and envelope, no manifest.
+    #[must_use]
+    pub fn own_guard(&self, authority: Authority) -> Guard {
         Guard::new(self.table.clone(), self.envelope, authority, self.geometry.clone(), self.zones.clone())
             .reviewed(self.reviewed)
     }

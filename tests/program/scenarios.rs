@@ -25,10 +25,11 @@ fn verified(data: &Path) -> bool {
 }
 
 /// (scenario, exit code, what its last state change says).
-const FAST: [(&str, i32, &str); 3] = [
+const FAST: [(&str, i32, &str); 4] = [
     ("reject-interface", 1, "interface-signature-breaking"),
     ("reject-policy", 1, "policy-uncovered-high-risk"),
     ("reject-recovery", 1, "recovery-"),
+    ("permission-exceeded", 1, "behavior-hard-stop: command-past-guard was seen"),
 ];
 
 #[test]
@@ -43,6 +44,28 @@ fn scenarios_end_as_named_and_their_audit_verifies() {
         assert!(last.contains("\"rejected\"") && last.contains(reason), "{script}: {last}");
         assert!(verified(data.path()), "{script}: the audit chain does not verify");
     }
+}
+
+/// After the sandbox it is on record what a version declared and what it was seen to use.
+#[test]
+fn declared_and_observed_permissions_are_on_record() {
+    let data = tempfile::tempdir().unwrap();
+    assert_eq!(run("permission-exceeded", data.path(), 1).status.code(), Some(1));
+    let explain = |json: &[&str]| {
+        let mut explain = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+        let output = explain.args(["explain", "align@1.1.5", "--data"]).arg(data.path()).args(json).output();
+        String::from_utf8(output.unwrap().stdout).unwrap()
+    };
+    let told: serde_json::Value = serde_json::from_str(explain(&["--json"]).trim()).unwrap();
+    let decisions = told["decisions"].as_array().unwrap();
+    let permissions: Vec<_> = decisions.iter().filter_map(|decision| decision.get("permissions")).collect();
+    assert_eq!(permissions.len(), 1, "the sandbox's decision has them: {told:#}");
+    assert_eq!(permissions[0]["declared"]["zones"], serde_json::json!(["work", "transit"]));
+    assert_eq!(permissions[0]["exceeded"][0], "zone tray");
+    assert!(permissions[0]["used"]["undeclared"].as_u64().unwrap() > 0);
+    assert!(permissions[0]["tasks"].as_u64().unwrap() > 0);
+    let text = explain(&[]);
+    assert!(text.contains("beyond its declaration: zone tray"), "{text}");
 }
 
 #[test]

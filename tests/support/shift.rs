@@ -73,6 +73,9 @@ fn signature(success: f64) -> Signature {
         recovery: 0.03,
         intervention: 0.0,
         timeout: 0.0,
+        policy_warning: 0.0,
+        near_limit: 0.0,
+        time_p95_s: 7.9,
     }
 }
 
@@ -553,6 +556,7 @@ pub fn detail() -> Detail {
                 measured: Some("41 of 50, 0.82 [0.69, 0.90]".to_owned()),
             }],
             change: vec!["44 of 50 abort drills would have to pass".to_owned()],
+            permissions: None,
             then: vec!["two people were asked".to_owned()],
         }],
         audit: audit_rows(),

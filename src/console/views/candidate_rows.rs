@@ -6,6 +6,7 @@ use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
 use crate::words::{kappa_sign, reason_line, seconds};
+use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::Explained;
@@ -181,6 +182,9 @@ fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
     }
     for change in &decision.change {
         say(ThemeRole::Text, &format!("would change it: {change}"));
+    }
+    for text in decision.permissions.iter().flat_map(PermissionUse::lines) {
+        say(ThemeRole::Text, &format!("permissions: {text}"));
     }
     for then in &decision.then {
         say(ThemeRole::Muted, &format!("then: {then}"));

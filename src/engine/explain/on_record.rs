@@ -13,6 +13,7 @@ use holdpoint_governance::evidence::{Drills, Pair};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::words::Word;
 
 /// The body of a `decision` record.
@@ -93,6 +94,8 @@ pub(super) struct DossierRecord {
     pub(super) shadow: Option<ShadowAssessment>,
     #[serde(deserialize_with = "readable")]
     pub(super) pairs: Option<Vec<Pair>>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) permissions: Option<PermissionUse>,
 }
 
 impl DossierRecord {

@@ -88,7 +88,8 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::BehaviorEndedEarly | Code::RecoveryEndedEarly => return None,
         Code::BehaviorInconclusive => format!("more paired episodes are needed: {}", against(reason)),
         Code::BehaviorHardStop => {
-            "the event has to be made impossible: one of them ends an evaluation".to_owned()
+            "what the version uses has to be declared, and the event made impossible: one of them ends an evaluation"
+                .to_owned()
         }
         Code::RecoveryRollbackBelowFloor => drills(reason, dossier),
         Code::RecoveryBelowThreshold

@@ -89,6 +89,7 @@ impl Pipeline {
                 let text = format!("{} asked for it: {}", operation.by, operation.reason);
                 let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, text);
                 monitoring::restrict_on_demand(context, record, monitors, &id, &[reason])?;
+                self.live().stepped_in(&id)?;
                 accepted(&id, "restricted")
             }
             Command::Rearm(operation) => {

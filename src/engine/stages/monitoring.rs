@@ -57,7 +57,8 @@ impl Live<'_> {
         let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
         let ledger = self.record.ledger();
         let terms_of = |version: &_| crate::binding::terms_of(context, ledger, dossiers, monitors, version);
-        sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, &terms_of)
+        let paced = self.world.is_paced();
+        sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, paced, &terms_of)
     }
 
     /// One sequence of the live world, in step with the engine; monitors learn from it.
@@ -95,6 +96,7 @@ impl Live<'_> {
         self.monitors.take_back(monitors);
         self.record.advance(report.duration_ms);
         let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
+        let halted = stopped.as_ref().is_some_and(|stopped| stopped.halted);
         let stopped = stopped.is_some();
         self.world.note((!stopped).then(|| report.succeeded()), &tasks);
         self.record.tell(EventKind::Sequence {
@@ -123,7 +125,10 @@ impl Live<'_> {
             if link_up && !cut_short {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
-            if link_up && !tripped && !cut_short {
+            // Of work that a person cut short the monitor learns that, and nothing else. An operation that the arm
+            // stands for is counted with the version it is about.
+            let stepped_in = halted && dispatched.record.intervention;
+            if link_up && !tripped && (!cut_short || stepped_in) {
                 self.watch(id, &dispatched.record)?;
             }
         }
@@ -133,14 +138,27 @@ impl Live<'_> {
     /// Feeds one live task to the monitor of its version.
     fn watch(&mut self, id: &CapabilityId, record: &TaskRecord) -> Result<(), Fault> {
         let now_tick = self.record.now_tick();
+        let is_restricted = self.record.is_restricted(id);
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        watched.monitor.set_tightened(is_restricted || watched.restricted);
         let Some(values) = record.values() else { return Ok(()) };
         watched.monitor.telemetry(now_tick);
-        watched.episodes = watched.episodes.saturating_add(1);
+        watched.episodes = watched.episodes.saturating_add(u32::from(!values.intervention));
         let mut decision = watched.monitor.observe(&values, now_tick);
         for event in safety_events(record) {
             decision = watched.monitor.safety(event, now_tick);
         }
+        self.act_on(id, &decision, None)
+    }
+
+    /// A person restricted an active version: that is an intervention.
+    ///
+    /// # Errors
+    /// If what it comes to cannot be written.
+    pub(crate) fn stepped_in(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        let now_tick = self.record.now_tick();
+        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        let decision = watched.monitor.stepped_in(now_tick);
         self.act_on(id, &decision, None)
     }
 

@@ -1,6 +1,7 @@
 //! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
 //! in turns; measured behaviour and recovery replace the estimates.
 
+use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{Binding, Drills, HardStop, SandboxMode};
@@ -24,19 +25,17 @@ use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan, Slice};
 use crate::trial::measures::{ComparedParty, ModeMetrics};
 use crate::trial::seeds::Purpose;
+use crate::trial::stress;
 use crate::trial::trace::keep_trace;
 
 /// Episodes of the canonical and of the adversarial mode.
 const MODE_EPISODES: u64 = 10;
 
-/// Share of speed and force the envelope leaves in the adversarial mode: permission stress.
-const ADVERSARIAL_SHARE: f64 = 0.7;
-
 /// A mode in which the candidate runs alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Alone {
     Canonical,
-    /// The sandbox's perturbations under a tighter envelope.
+    /// The sandbox's perturbations under stress.
     Adversarial,
 }
 
@@ -108,6 +107,8 @@ pub fn begin(
     // What shadow and an earlier confirmation came to was about evidence that is gathered anew now.
     dossier.shadow = None;
     dossier.confirmation = None;
+    dossier.permissions = None;
+    dossier.unsafe_under_stress = 0;
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
@@ -166,7 +167,7 @@ impl Sandbox<'_> {
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
                 if let Some(slice) = step {
                     episodes = slice.worked;
-                    self.note_slice(&id, &mut comparison, slice)?;
+                    self.note_slice(&candidate, &mut comparison, slice)?;
                 }
                 SandboxPhase::Compare(comparison)
             }
@@ -182,10 +183,11 @@ impl Sandbox<'_> {
     /// Keeps what a slice gave.
     fn note_slice(
         &mut self,
-        id: &CapabilityId,
+        candidate: &Capability,
         comparison: &mut Comparison,
         slice: Slice,
     ) -> Result<(), Fault> {
+        let id = &candidate.id();
         let evaluation = &comparison.evaluation;
         let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
         let dossier = self.dossiers.edit(id);
@@ -193,6 +195,7 @@ impl Sandbox<'_> {
         dossier.hard_stops = paired.hard_stops;
         dossier.drills = Some((rehearsed.candidate, rehearsed.active));
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
+        dossier.note_use(candidate, &new);
         if !new.is_empty() {
             self.keep_trace(id, SandboxMode::Perturbation, Conditions::Sandbox, &new)?;
         }
@@ -223,23 +226,35 @@ impl Sandbox<'_> {
     ) -> Result<bool, Fault> {
         let id = candidate.id();
         let terms = terms_of(self.context, self.record.ledger(), self.dossiers, self.monitors, candidate);
-        let (mode, terms, conditions, purpose) = match alone {
-            Alone::Canonical => (SandboxMode::Canonical, terms, Conditions::Canonical, Purpose::Canonical),
-            Alone::Adversarial => {
-                let terms = terms.tightened(ADVERSARIAL_SHARE);
-                (SandboxMode::Adversarial, terms, Conditions::Sandbox, Purpose::Adversarial)
-            }
+        let (mode, conditions, purpose) = match alone {
+            Alone::Canonical => (SandboxMode::Canonical, Conditions::Canonical, Purpose::Canonical),
+            Alone::Adversarial => (SandboxMode::Adversarial, Conditions::Sandbox, Purpose::Adversarial),
         };
         let from = records.len() as u64;
         let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
         let lab = self.trials.lab(&self.context.cell, self.record.ledger().store());
-        records.extend(lab.episodes(candidate, &terms, conditions, purpose, from..to)?);
+        match alone {
+            Alone::Canonical => {
+                records.extend(lab.episodes(candidate, &terms, conditions, purpose, from..to)?);
+            }
+            Alone::Adversarial => {
+                for place in from..to {
+                    let stress = stress::of_episode(place, candidate.bundle.task(), &self.context.cell);
+                    let terms = terms.clone().stressed(stress);
+                    let worked = lab.episodes(candidate, &terms, conditions, purpose, place..place + 1)?;
+                    let is_unsafe = worked.iter().any(|record| stress::is_unsafe(&stress, record));
+                    self.dossiers.edit(&id).unsafe_under_stress += u32::from(is_unsafe);
+                    records.extend(worked);
+                }
+            }
+        }
         if to < MODE_EPISODES {
             return Ok(false);
         }
         self.keep_trace(&id, mode, conditions, records)?;
         let dossier = self.dossiers.edit(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
+        dossier.note_use(candidate, records);
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &*records));
         let done = if alone == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
         progress(self.record, self.dossiers, &id, Stage::Sandbox, mode.name(), (done, budget(self.context)));
@@ -251,8 +266,9 @@ impl Sandbox<'_> {
         let candidate = self.record.capability(id)?;
         let profile = &self.context.profile;
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
-        let (measured, rehearsed) = evaluation.assess(profile);
+        let (mut measured, rehearsed) = evaluation.assess(profile);
         let dossier = self.dossiers.edit(id);
+        behavior::doubt_under_stress(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
         let mode = SandboxMode::Perturbation;
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &records.0));
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Active, &records.1));

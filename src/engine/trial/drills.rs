@@ -286,9 +286,9 @@ impl StartedDrill<'_, '_> {
         if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {
             return Ok(false);
         }
-        let guard = self.terms.guard(next.manifest.permissions.authority);
+        let guard = self.terms.guard(&next.manifest.permissions);
         let terms = self.terms.task(self.cast.version.bundle.task(), self.seed, next.abort_secs());
-        let mut run = TaskRun::new(next.bundle.start(self.seed), guard, terms);
+        let mut run = TaskRun::new(next.start(self.seed), guard, terms);
         let mut handle = self.arm.handle();
         loop {
             let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;

@@ -34,9 +34,9 @@ impl TrialCase<'_> {
     #[must_use]
     pub fn start(&self) -> TaskRun {
         let version = self.version;
-        let guard = self.terms.guard(version.manifest.permissions.authority);
+        let guard = self.terms.guard(&version.manifest.permissions);
         let terms = self.terms.task(version.bundle.task(), self.seed, version.abort_secs());
-        TaskRun::new(version.bundle.start(self.seed), guard, terms)
+        TaskRun::new(version.start(self.seed), guard, terms)
     }
 
     /// What is drawn for the episode.

@@ -179,6 +179,8 @@ fn disagreements(sequences: &[ShadowSequence]) -> Vec<Disagreement> {
 mod tests {
     use super::*;
 
+    use holdpoint_governance::evidence::Conduct;
+
     fn sequence(twin: [bool; 3], live: [bool; 3]) -> ShadowSequence {
         ShadowSequence {
             seed: 7,
@@ -190,6 +192,8 @@ mod tests {
             twin_watcher_event: twin[2],
             output_divergence: 0.25,
             envelope_divergence: 0.5,
+            live_conduct: Conduct::default(),
+            twin_conduct: Conduct::default(),
         }
     }
 

@@ -72,11 +72,11 @@ impl Rig {
         let started = trip.map_or(now, |trip| trip.world_tick.min(now));
         self.arm_mut().body_mut().verdict();
         let mut handle = self.arm_mut().handle();
-        let mut guard = terms.guard(leaving.manifest.permissions.authority);
+        let mut guard = terms.guard(&leaving.manifest.permissions);
         let report = match trip.and_then(|trip| trip.stopped) {
             Some(report) => report,
             None => {
-                let mut skill = leaving.bundle.start(0);
+                let mut skill = leaving.start(0);
                 let mut watcher = Watcher::new(leaving.bundle.task(), *terms.watch());
                 recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, leaving.abort_secs())?
             }
@@ -105,7 +105,9 @@ impl Rig {
                 // A person's stop outranks the way up: the arm stands where it is.
                 RungRecord::new(Rung::Retract, None, 0, "the cell is stopped; the arm stays where it stands")
             } else {
-                retract(&mut self.arm_mut().handle(), &guard)?
+                // The retreat is the runtime's own motion: no manifest declares it.
+                let mut own = terms.own_guard(leaving.manifest.permissions.authority);
+                retract(&mut self.arm_mut().handle(), &mut own)?
             };
             descent.rungs.push(rung);
         }
@@ -124,9 +126,9 @@ impl Rig {
     ) -> Result<RungRecord, SimError> {
         let task = predecessor.bundle.task();
         self.arm_mut().body_mut().world_mut().begin_task(task);
-        let guard = terms.guard(predecessor.manifest.permissions.authority);
-        let mut skill = predecessor.bundle.start(0);
-        ready(&mut self.arm_mut().handle(), &guard, skill.as_mut())
+        let mut guard = terms.guard(&predecessor.manifest.permissions);
+        let mut skill = predecessor.start(0);
+        ready(&mut self.arm_mut().handle(), &mut guard, skill.as_mut())
     }
 }
 
@@ -156,10 +158,10 @@ fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecor
     Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, text), HOLD_TICKS))
 }
 
-/// Raises the tool clear of everything, under the guard of the version that leaves.
+/// Raises the tool clear of everything, within the envelope of the version that leaves.
 fn retract(
     handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
-    guard: &Guard,
+    guard: &mut Guard,
 ) -> Result<RungRecord, SimError> {
     handle.interrupt(Interrupt::Release);
     let mut seen = handle.telemetry();
@@ -204,7 +206,7 @@ fn retract(
 
 fn ready(
     handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
-    guard: &Guard,
+    guard: &mut Guard,
     skill: &mut dyn Skill,
 ) -> Result<RungRecord, SimError> {
     let mut verdict = GuardVerdict::Allowed;

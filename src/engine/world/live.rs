@@ -305,7 +305,13 @@ impl RunningSequence {
                     (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
                     _ => Supervision::Continue,
                 };
-                if halted || watched == Supervision::Abort { Supervision::Abort } else { asked }
+                // Who steps in is on record as such, whatever the monitor says in the same tick.
+                let steps_in = halted || asked == Supervision::StepIn;
+                match (steps_in, watched.stops()) {
+                    (true, _) => Supervision::StepIn,
+                    (false, true) => watched,
+                    (false, false) => asked,
+                }
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
             let verdict = arm.body_mut().verdict();

@@ -146,13 +146,14 @@ impl Listener for Escort {
                 world_tick: self.started + passed.tick,
                 tick: tick_of(self.clock.now_ms()),
                 report: None,
+                halted: self.switch.is_halted(),
             });
         }
         let asked =
             self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
         self.painter.tick(world, task, passed, self.shadow.as_ref(), self.stopped.is_some());
         if self.stopped.is_some() {
-            return Supervision::Abort;
+            return Supervision::StepIn;
         }
         self.throttle.wait(world.tick());
         asked

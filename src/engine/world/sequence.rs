@@ -80,6 +80,8 @@ pub(crate) struct Stopped {
     pub(crate) tick: u64,
     /// What was done to stop the arm.
     pub(crate) report: Option<RecoveryReport>,
+    /// A person stopped the cell, rather than asked for something the arm has to stand for.
+    pub(crate) halted: bool,
 }
 
 impl Stopped {
@@ -87,7 +89,7 @@ impl Stopped {
     pub(crate) fn here(report: &SequenceReport, tick: u64) -> Self {
         let last = report.tasks.last().map(|done| (done.id.clone(), done.record.recovered));
         let (id, report) = last.unzip();
-        Self { id, world_tick: 0, tick, report: report.flatten() }
+        Self { id, world_tick: 0, tick, report: report.flatten(), halted: true }
     }
 }
 
@@ -131,7 +133,8 @@ impl Begun {
     }
 }
 
-/// Gives arm, agent and monitors to one sequence. `terms_of` says what a version runs under.
+/// Gives arm, agent and monitors to one sequence. `terms_of` says what a version runs under; `paced`: it is worked
+/// at the pace of a clock, which does not wait for a version that computes too long.
 ///
 /// # Errors
 /// If another sequence has them.
@@ -141,6 +144,7 @@ pub(crate) fn begin(
     monitors: &Monitors,
     cell: &mut LiveCell,
     seed: u64,
+    paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<Begun, Fault> {
     let actives: BTreeMap<Family, Capability> = record
@@ -152,7 +156,11 @@ pub(crate) fn begin(
     let terms = TaskKind::SEQUENCE
         .into_iter()
         .filter_map(|task| actives.get(&Family::from(task)))
-        .map(|active| (active.id(), terms_of(active)))
+        .map(|active| {
+            let terms = terms_of(active);
+            let declared = active.manifest.permissions.resources.cpu_us_per_tick;
+            (active.id(), if paced { terms.on_a_clock(declared) } else { terms })
+        })
         .collect();
     let spare = context.terms();
     let link_up = cell.link_is_up();

@@ -155,8 +155,8 @@ impl Shadow {
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
         let Some(fork) = self.fork.take() else { return };
         let mut twin_arm = Arm::new(fork);
-        let guard = self.terms.guard(self.candidate.manifest.permissions.authority);
-        let skill = self.candidate.bundle.start(seed);
+        let guard = self.terms.guard(&self.candidate.manifest.permissions);
+        let skill = self.candidate.start(seed);
         let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
         let ran = task::run(&mut twin_arm.handle(), skill, guard, &task_terms, &mut |handle, passed| {
             look(handle.body(), passed);
@@ -207,6 +207,8 @@ impl Shadow {
             twin_watcher_event: twin.anomaly,
             output_divergence: self.divergence_sum / f64::from(self.ticks.max(1)),
             envelope_divergence: outside_tube(&live.path, &twin.path),
+            live_conduct: live.conduct(),
+            twin_conduct: twin.conduct(),
         };
         let first = |recorder: &Recorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
         let trace = ShadowTrace {
@@ -230,7 +232,7 @@ impl Listener for Shadow {
         }
         let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy()).ok());
         if forked.is_some() {
-            self.skill = Some(self.candidate.bundle.start(seed));
+            self.skill = Some(self.candidate.start(seed));
         }
     }
 

@@ -150,11 +150,16 @@ const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {
         PolicyHit::KeepOut => Some(SafetyEvent::KeepOut),
         PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
         PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
-        PolicyHit::ModeUncovered | PolicyHit::ModeForbidden | PolicyHit::ModeUnreviewed => {
-            Some(SafetyEvent::PermissionBreach)
-        }
+        PolicyHit::ModeUncovered
+        | PolicyHit::ModeForbidden
+        | PolicyHit::ModeUnreviewed
+        | PolicyHit::CommandUndeclared
+        | PolicyHit::ZoneUndeclared
+        | PolicyHit::BudgetExceeded => Some(SafetyEvent::PermissionBreach),
+        PolicyHit::UnsafeContinuation => Some(SafetyEvent::UnsafeContinuation),
         PolicyHit::OutsideWorkspace
         | PolicyHit::RetriesExceeded
+        | PolicyHit::PermissionWithdrawn
         | PolicyHit::SpeedClamped
         | PolicyHit::ForceClamped => None,
     }

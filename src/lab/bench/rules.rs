@@ -19,7 +19,8 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Decision, MadeUnder};
 use holdpoint_governance::evidence::{
-    DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence, ShadowSequence,
+    Conduct, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
+    ShadowSequence,
 };
 use holdpoint_governance::gate::{self, GateInput, GateOutcome};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
@@ -219,6 +220,7 @@ pub(super) const CLEAN: EpisodeValues = EpisodeValues {
     intervention: false,
     timeout: false,
     near_violation: false,
+    policy_warning: false,
     retries: 0,
     time_s: 3.0,
     unsafe_continuation_ms: 0.0,
@@ -246,6 +248,8 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
             twin_watcher_event: false,
             output_divergence: 0.0,
             envelope_divergence: 0.0,
+            live_conduct: Conduct::default(),
+            twin_conduct: Conduct::default(),
         })
         .collect();
     let shadowed = ShadowEvidence { binding, sequences, hard_stops: Vec::new() };

@@ -79,6 +79,17 @@ impl Draft {
         self.note(path.join("."), Some(Value::Array(old)), Some(Value::Array(new)));
     }
 
+    /// Adds a word to a list of the manifest that does not have it yet.
+    pub fn word_too(&mut self, path: &[&str], word: &str) {
+        let has = self.table(path).is_some_and(|(name, table)| {
+            let words = table.get(&name).and_then(Value::as_array);
+            words.is_some_and(|words| words.iter().any(|known| known.as_str() == Some(word)))
+        });
+        if !has {
+            self.word(path, word, true);
+        }
+    }
+
     /// What differs from the baseline, in the order it was changed.
     #[must_use]
     pub fn differences(&self) -> String {

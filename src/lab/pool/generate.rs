@@ -263,6 +263,11 @@ fn apply(recipe: &Recipe, draft: &mut Draft, stream: &mut Stream) {
     for (name, value) in &recipe.set {
         draft.param(name, value.clone());
     }
+    // A hand that opens when it is stopped is a command, and what a version sends it has to declare.
+    if recipe.set.get("abort").and_then(Value::as_str) == Some("release") {
+        draft.word_too(&["permissions", "channels"], "gripper");
+        draft.word_too(&["permissions", "commands"], "gripper");
+    }
     for (name, range) in &recipe.real {
         draft.param(name, number(stream, *range));
     }

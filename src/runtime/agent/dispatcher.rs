@@ -113,8 +113,8 @@ impl Agent {
         let capability = view.active(&family).ok_or(Refused::SafeStopped(family))?;
         admit(&capability.manifest, &arm.body().telemetry())?;
         let terms = terms(capability);
-        let guard = terms.guard(capability.manifest.permissions.authority);
-        let skill = capability.bundle.start(seed);
+        let guard = terms.guard(&capability.manifest.permissions);
+        let skill = terms.timed(capability.start(seed));
         let task_terms = terms.task(task, seed, capability.abort_secs());
         self.note_episode();
         let record = task::run(&mut arm.handle(), skill, guard, &task_terms, supervise)?;

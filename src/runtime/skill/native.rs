@@ -23,7 +23,7 @@ use self::phases::Runner;
 use super::{Hook, Skill, SkillBundle};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
-use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand};
+use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool};
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::value_type::{FieldSpec, Frame, Unit, ValueKind};
 use holdpoint_text::Hint;
@@ -193,6 +193,34 @@ impl Controller {
         abort.into_iter().chain(rollback).collect()
     }
 
+    /// Whether any of its commands goes to the gripper, its hooks' included.
+    fn moves_the_gripper(&self) -> bool {
+        match self {
+            Self::Grasp(_) | Self::GraspToolFrame(_) | Self::Place(_) => true,
+            Self::Align(p) => p.abort == AbortStyle::Release,
+            Self::Park(_) => false,
+        }
+    }
+
+    /// What its code reads of an observation.
+    fn sensors(&self) -> BTreeSet<Sensor> {
+        match self {
+            Self::Grasp(_) | Self::GraspToolFrame(_) | Self::Place(_) => Sensor::ALL.into(),
+            Self::Align(_) => [Sensor::Camera, Sensor::Joints].into(),
+            Self::Park(_) => [Sensor::Joints].into(),
+        }
+    }
+
+    /// Tools its code reads or moves.
+    fn tools(&self) -> BTreeSet<Tool> {
+        match self {
+            Self::Grasp(_) | Self::GraspToolFrame(_) | Self::Align(_) | Self::Place(_) => {
+                [Tool::ParallelGripper].into()
+            }
+            Self::Park(_) => BTreeSet::new(),
+        }
+    }
+
     fn inputs(&self) -> BTreeMap<String, FieldSpec> {
         let object = |frame| ("object".to_owned(), FieldSpec::pose(frame));
         let target = ("target".to_owned(), FieldSpec::pose(Frame::World));
@@ -254,7 +282,7 @@ impl SkillBundle for NativeBundle {
     fn interface(&self) -> Interface {
         let arm = |command| RequiredCommand { channel: Channel::Arm, command };
         let mut needs = BTreeSet::from([arm(CommandKind::ToolPose), arm(CommandKind::Stop)]);
-        if !matches!(self.controller, Controller::Align(_) | Controller::Park(_)) {
+        if self.controller.moves_the_gripper() {
             needs.insert(RequiredCommand { channel: Channel::Gripper, command: CommandKind::Gripper });
         }
         let entry = match self.controller {
@@ -271,6 +299,8 @@ impl SkillBundle for NativeBundle {
             hooks: self.controller.hooks(),
             failure_signals: self.controller.signals().into_iter().collect(),
             needs,
+            sensors: self.controller.sensors(),
+            tools: self.controller.tools(),
         }
     }
 

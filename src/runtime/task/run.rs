@@ -8,7 +8,7 @@ use holdpoint_governance::evidence::HardStop;
 
 use super::{
     AttemptCounter, DENIALS_MAX, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick,
-    close, measure_tick, note_hit, note_path, tick_secs, ticks_to_ms,
+    close, measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
 };
 use crate::arm::ActuatorHandle;
 use crate::guard::{Checked, Guard, PolicyHit};
@@ -259,6 +259,7 @@ impl TaskRun {
         let seen = handle.telemetry();
         p.tick += 1;
         let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, p.tick);
+        let measured = measured.or_else(|| note_budget(&mut p.record, guard, p.tick));
         note_path(&mut p.record, &seen, p.tick);
         let passed = Tick {
             tick: p.tick,
@@ -270,7 +271,9 @@ impl TaskRun {
             measured,
             settling: false,
         };
-        let stopped = supervise(handle, &passed) == Supervision::Abort;
+        let called = supervise(handle, &passed);
+        p.record.intervention |= called == Supervision::StepIn;
+        let stopped = called.stops();
         p.seen = Some(seen);
         let done = asked == Command::Done;
         let mut wants_recovery = exhausted || stopped || measured.is_some();
@@ -304,9 +307,6 @@ impl TaskRun {
         p.verdict = checked.verdict;
         if let Some(hit) = checked.hit {
             note_hit(&mut p.record, p.tick, hit);
-            if hit == PolicyHit::NotFinite {
-                p.record.hard_stop = Some(HardStop::NonFiniteOutput);
-            }
         }
         p.denials = if checked.verdict == GuardVerdict::Denied { p.denials + 1 } else { 0 };
         p.attempts.note(&checked.command, &seen);
@@ -359,7 +359,9 @@ impl TaskRun {
             settling: true,
         };
         // A signal of the watcher is kept; whether the work came out is what the inspection says.
-        if supervise(handle, &passed) == Supervision::Abort || measured.is_some() {
+        let called = supervise(handle, &passed);
+        p.record.intervention |= called == Supervision::StepIn;
+        if called.stops() || measured.is_some() {
             self.recover();
         } else if ticks + 1 < INSPECT_AFTER_TICKS {
             p.stage = Stage::Settling(ticks + 1);
@@ -374,7 +376,7 @@ impl TaskRun {
         if let Some(hit) = report.violation {
             note_hit(&mut p.record, p.tick, hit);
         }
-        p.record.unsafe_continuation_ms = ticks_to_ms(report.motion_ticks);
+        note_continuation(&mut p.record, &self.guard, report.motion_ticks, p.tick);
         if report.stopped_by == StoppedBy::Nothing {
             p.record.hard_stop = Some(HardStop::MotionAfterStop);
         }
@@ -384,7 +386,7 @@ impl TaskRun {
 
     fn end(&mut self) {
         let p = &mut self.progress;
-        close(&mut p.record, &p.watcher, &p.attempts, p.tick);
+        close(&mut p.record, &p.watcher, &p.attempts, &self.guard, p.tick);
         p.stage = Stage::Over;
     }
 }

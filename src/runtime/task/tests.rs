@@ -65,7 +65,7 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let world = World::new(&model, &scene).unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
     let authority = holdpoint_governance::mode::Authority::ALL[0];
-    let guard = terms.guard(authority);
+    let guard = terms.own_guard(authority);
     let mut arm = Arm::new(Struck { world, ticks: 0, from });
     let task = terms.task(TaskKind::Grasp, 1, 0.5);
     run(&mut arm.handle(), Box::new(Done), guard, &task, supervise).unwrap()
@@ -113,9 +113,9 @@ fn shipped(family: &str, seed: u64) -> (Arm<World>, TaskRun) {
     let task = version.bundle.task();
     world.reset(&EpisodeSetup::sample(task, &scene, &Distribution::canonical().unwrap(), seed)).unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
-    let guard = terms.guard(version.manifest.permissions.authority);
+    let guard = terms.guard(&version.manifest.permissions);
     let terms = terms.task(task, seed, version.abort_secs());
-    (Arm::new(world), TaskRun::new(version.bundle.start(seed), guard, terms))
+    (Arm::new(world), TaskRun::new(version.start(seed), guard, terms))
 }
 
 /// Aborts the task in a tick of it, as a person might; 0 for never.
@@ -194,5 +194,48 @@ fn two_tasks_share_their_world_until_they_differ() {
             let alone = run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue).unwrap();
             assert_eq!(*record, alone, "{family}");
         }
+    }
+}
+
+fn guard() -> Guard {
+    let profile = Profile::builtin(ProfileName::Sim).unwrap();
+    let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into())
+        .own_guard(holdpoint_governance::mode::Authority::ALL[0])
+}
+
+#[test]
+fn a_person_who_stops_the_arm_steps_in_and_the_monitor_does_not() {
+    for (asked, intervention) in [(Supervision::StepIn, true), (Supervision::Abort, false)] {
+        for settling in [false, true] {
+            let record = work(u64::MAX, &mut |_, passed| {
+                if passed.settling == settling { asked } else { Supervision::Continue }
+            });
+            assert!(record.recovery, "{asked:?}");
+            assert_eq!(record.intervention, intervention, "{asked:?}");
+            assert_eq!(record.values().unwrap().intervention, intervention);
+        }
+    }
+}
+
+#[test]
+fn motion_after_a_stop_beyond_the_limit_is_a_violation() {
+    let guard = guard();
+    let limit_ticks = guard.envelope().unsafe_continuation_max_ms * u64::from(RATE_HZ) / 1000;
+    for (motion_ticks, violation) in [(limit_ticks, false), (limit_ticks + 1, true)] {
+        let mut record = TaskRecord { invalid: false, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
+        note_continuation(&mut record, &guard, motion_ticks, 9);
+        assert_eq!(record.values().unwrap().violation, violation, "{motion_ticks}");
+    }
+}
+
+#[test]
+fn who_runs_out_of_time_counts_as_an_anomaly() {
+    let watcher = Watcher::new(TaskKind::Grasp, WatchLimits::default());
+    for timeout in [false, true] {
+        let mut record = TaskRecord { timeout, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
+        close(&mut record, &watcher, &AttemptCounter::new(TaskKind::Grasp), &guard(), 9);
+        assert_eq!(record.anomaly, timeout);
     }
 }

@@ -11,6 +11,7 @@ use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::Operation;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::words;
@@ -61,11 +62,8 @@ fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
 #[test]
 fn everything_that_changes_is_told_before_people_decide() {
     let more = [
-        (
-            "sensors = [\"camera\", \"joints\", \"wrist-force\"]",
-            "sensors = [\"camera\", \"joints\", \"wrist-force\", \"depth\"]",
-        ),
-        ("tools = [\"parallel-gripper\"]", "tools = [\"parallel-gripper\", \"tool-changer\"]"),
+        ("channels = [\"arm\"]", "channels = [\"arm\", \"gripper\"]"),
+        ("commands = [\"stop\", \"tool-pose\"]", "commands = [\"gripper\", \"stop\", \"tool-pose\"]"),
         ("memory_kib = 256", "memory_kib = 512"),
         ("zones = [\"work\", \"transit\", \"tray\"]", "zones = [\"work\", \"tray\"]"),
         (
@@ -81,10 +79,10 @@ fn everything_that_changes_is_told_before_people_decide() {
     let pipeline = &mut bench.pipeline;
     pipeline.drain_events();
     let id = asked(pipeline, package);
-    let new = ["sensor depth", "tool tool-changer", "memory 512 KiB (was 256 KiB)"];
+    let new = ["channel gripper", "command gripper", "memory 512 KiB (was 256 KiB)"];
     let differences = [
-        "permission added: sensors depth",
-        "permission added: tools tool-changer",
+        "permission added: channels gripper",
+        "permission added: commands gripper",
         "permission removed: zones transit",
         "permission resources.memory_kib: 256 -> 512",
         "parameter corrections_max: 1 -> 3",
@@ -184,6 +182,7 @@ const BAD: EpisodeValues = EpisodeValues {
     intervention: false,
     timeout: false,
     near_violation: false,
+    policy_warning: false,
     retries: 0,
     time_s: 2.0,
     unsafe_continuation_ms: 0.0,
@@ -218,4 +217,56 @@ fn conditions_of_an_activation_reach_its_monitor() {
     assert!(live.dossiers.of(&id).unwrap().conditions.is_empty());
     let view = bench.pipeline.snapshot().live.monitors.remove(0);
     assert_eq!((view.factor, view.coupled, view.charts[0].2), (1.0, false, plain.charts[0].2));
+}
+
+/// A person who stops the cell in a task, or restricts a version, has stepped in: charted for that version, and neither
+/// an episode of its window nor anything else against it.
+#[test]
+fn who_steps_in_is_counted_with_the_version_it_is_about() {
+    let mut bench = Bench::new();
+    let id = bench.activate_package(package("align-improved", &[]), &[]);
+    let charts = |bench: &Bench| {
+        let live = bench.pipeline.snapshot().live;
+        let charts = live.monitors.into_iter().find(|view| view.version == id).unwrap().charts;
+        charts.into_iter().map(|(name, stands, _)| (name, stands)).collect::<Vec<_>>()
+    };
+    let moved = |before: &[(String, f64)], after: &[(String, f64)]| -> Vec<String> {
+        let pairs = before.iter().zip(after);
+        pairs
+            .filter(|(one, other)| one.1.to_bits() != other.1.to_bits())
+            .map(|(one, _)| one.0.clone())
+            .collect()
+    };
+    let alone = ["intervention trip", "intervention warning"];
+    let before = charts(&bench);
+    let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "a test".to_owned() };
+    let reply = bench.pipeline.command(holdpoint_protocol::command::Command::Restrict(operation));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let restricted = charts(&bench);
+    let mut seen = moved(&before, &restricted);
+    seen.sort();
+    assert_eq!(seen, alone);
+    // The cell is stopped while the sequence is at work: grasp is what it was at, and align is not blamed.
+    bench.pipeline.switch().latch();
+    let report = bench.pipeline.live().sequence(None).unwrap();
+    let first = &report.tasks[0];
+    assert!(
+        first.record.intervention && first.record.recovery && !first.record.success,
+        "{:?}",
+        first.record
+    );
+    assert_eq!(charts(&bench), restricted);
+    let mut bench = Bench::new();
+    let id = bench.activate("grasp-improved");
+    let charts = |bench: &Bench| {
+        let view = bench.pipeline.snapshot().live.monitors.remove(0);
+        (view.episodes, view.charts.into_iter().map(|(name, stands, _)| (name, stands)).collect::<Vec<_>>())
+    };
+    let before = charts(&bench);
+    bench.pipeline.switch().latch();
+    assert_eq!(bench.pipeline.live().sequence(None).unwrap().tasks[0].id, id);
+    let after = charts(&bench);
+    let mut seen = moved(&before.1, &after.1);
+    seen.sort();
+    assert_eq!((after.0, seen), (before.0, alone.map(String::from).to_vec()));
 }

@@ -33,6 +33,7 @@ use holdpoint_registry::{Change, Store};
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 
+/// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
 const GOOD: EpisodeValues = EpisodeValues {
     success: true,
     violation: false,
@@ -40,9 +41,10 @@ const GOOD: EpisodeValues = EpisodeValues {
     recovery: false,
     intervention: false,
     timeout: false,
-    near_violation: false,
+    near_violation: true,
+    policy_warning: false,
     retries: 0,
-    time_s: 2.0,
+    time_s: 8.0,
     unsafe_continuation_ms: 0.0,
 };
 

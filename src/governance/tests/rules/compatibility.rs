@@ -444,8 +444,19 @@ fn what_is_asked_for_beyond_the_active_version_is_named() {
     let found = policy::assess(&input, &table, &profile);
     let named = ["zone tray", "sensor camera", "force 25 N (was 20 N)", "memory 2048 KiB (was 1024 KiB)"];
     assert_eq!(found.asks_more(), named);
+    // A budget that is larger, or left to the profile, is more.
+    let mut small = active.permissions.clone();
+    (small.resources.ticks_per_task, small.resources.commands_per_task) = (Some(900), Some(70));
+    let mut larger = small.clone();
+    (larger.resources.ticks_per_task, larger.resources.commands_per_task) = (None, Some(80));
+    let asks = PolicyInput { permissions: &larger, active: Some(&small), ..input };
+    let budgets = policy::assess(&asks, &table, &profile);
+    let named = ["ticks a task as the profile has them (was 900)", "commands a task 80 (was 70)"];
+    assert_eq!(budgets.asks_more(), named);
+    let asks = PolicyInput { permissions: &small, active: Some(&larger), ..input };
+    assert!(policy::assess(&asks, &table, &profile).asks_more().is_empty());
     let first = policy::assess(&PolicyInput { active: None, ..input }, &table, &profile);
-    assert_eq!(first.asks_more().len(), 2 + 3 + 3 + 1 + 5, "{:?}", first.asks_more());
+    assert_eq!(first.asks_more().len(), 2 + 3 + 3 + 2 + 5, "{:?}", first.asks_more());
     assert!(!first.assessment.reasons.iter().any(|reason| reason.code == PolicyNewPermission));
 }
 

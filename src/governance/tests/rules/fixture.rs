@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Kappa, MadeUnder};
 use holdpoint_governance::evidence::{
-    Binding, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
-    ShadowSequence,
+    Binding, Conduct, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
+    ShadowEvidence, ShadowSequence,
 };
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
@@ -51,6 +51,7 @@ equals = true
 channels = ["arm", "gripper"]
 commands = ["tool-pose", "gripper", "stop"]
 zones = ["work", "transit"]
+tools = ["parallel-gripper"]
 max_speed_m_s = 0.2
 max_force_n = 20.0
 authority = 1
@@ -100,6 +101,8 @@ pub fn exports(manifest: &Manifest) -> Interface {
         hooks: ["restore", "abort"].map(String::from).into(),
         failure_signals: manifest.recovery.failure_signals.clone(),
         needs,
+        sensors: manifest.permissions.sensors.clone(),
+        tools: manifest.permissions.tools.clone(),
     }
 }
 
@@ -138,6 +141,7 @@ pub const GOOD: EpisodeValues = EpisodeValues {
     intervention: false,
     timeout: false,
     near_violation: false,
+    policy_warning: false,
     retries: 0,
     time_s: 4.0,
     unsafe_continuation_ms: 0.0,
@@ -173,6 +177,8 @@ pub fn shadow(profile: &Profile) -> ShadowEvidence {
         twin_watcher_event: false,
         output_divergence: 0.01,
         envelope_divergence: 0.01,
+        live_conduct: Conduct::default(),
+        twin_conduct: Conduct::default(),
     };
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences)).map(sequence).collect();
     ShadowEvidence { binding: binding(), sequences, hard_stops: Vec::new() }

@@ -15,4 +15,5 @@ mod metric_mutations;
 mod monitoring;
 mod never_pass;
 mod paper;
+mod permissions;
 mod texts;

@@ -135,6 +135,12 @@ fn is_unread(pointer: &str) -> bool {
     field == "infeasible" || (field == "seed" && parent.starts_with("/shadow"))
 }
 
+/// Fields that records of earlier builds lack. Evidence of another build is bound to another environment and counts as
+/// stale, so what is missing in it is never taken for a measurement.
+fn is_newer(pointer: &str) -> bool {
+    split(pointer).1 == "policy_warning"
+}
+
 #[test]
 fn whole_evidence_passes() {
     let world = World::new();
@@ -160,7 +166,7 @@ fn a_field_that_is_dropped_or_renamed_never_passes() {
         let mut left = map.clone();
         let value = left.remove(field).unwrap();
         *dropped.pointer_mut(parent).unwrap() = Value::Object(left.clone());
-        assert!(!world.json_passes(&dropped), "{pointer} dropped");
+        assert!(is_newer(pointer) || !world.json_passes(&dropped), "{pointer} dropped");
         left.insert(format!("{field}_"), value);
         let mut renamed = whole.clone();
         *renamed.pointer_mut(parent).unwrap() = Value::Object(left);
@@ -328,6 +334,9 @@ fn an_activation_is_not_confirmed_on_damaged_episodes() {
         let mut none = good.clone();
         none[field] = Value::Null;
         for (how, bad) in [("dropped", dropped), ("renamed", renamed), ("-1", out_of_range), ("null", none)] {
+            if how == "dropped" && is_newer(&format!("/{field}")) {
+                continue;
+            }
             let mut mutated = live.clone();
             mutated[window / 2] = bad;
             assert!(!confirmed(&profile, &twins, &mutated, window), "{field} {how}");

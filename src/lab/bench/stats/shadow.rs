@@ -3,7 +3,7 @@
 use super::draw::{Draw, binding};
 use super::report::{Stated, StudyFigure, share};
 use super::{BenchError, Study};
-use holdpoint_governance::evidence::{Pair, ShadowEvidence, ShadowSequence};
+use holdpoint_governance::evidence::{Conduct, Pair, ShadowEvidence, ShadowSequence};
 use holdpoint_governance::gate::{ShadowAssessment, assess_shadow};
 use holdpoint_governance::outcome::Check;
 use holdpoint_governance::profile::Profile;
@@ -85,7 +85,7 @@ fn deployed(
 }
 
 /// Signals in pairs, live before twin: the task failed, policy hit, watcher event.
-const fn of(signals: [bool; 6]) -> ShadowSequence {
+fn of(signals: [bool; 6]) -> ShadowSequence {
     let [live_failed, twin_failed, live_policy_hit, twin_policy_hit, live_watcher_event, twin_watcher_event] =
         signals;
     ShadowSequence {
@@ -98,6 +98,8 @@ const fn of(signals: [bool; 6]) -> ShadowSequence {
         twin_watcher_event,
         output_divergence: 0.0,
         envelope_divergence: 0.0,
+        live_conduct: Conduct::default(),
+        twin_conduct: Conduct::default(),
     }
 }
 

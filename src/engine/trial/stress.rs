@@ -1,0 +1,114 @@
+//! The stress of the adversarial mode, episode by episode, and what counts as unsafe under it.
+//!
+//! Judges nothing: how many unsafe episodes make a doubt is the rules' affair.
+
+use holdpoint_body::{RATE_HZ, TaskKind, zone};
+use holdpoint_governance::mode::ZoneName;
+use holdpoint_runtime::guard::PolicyHit;
+use holdpoint_runtime::stress::{Person, Stress};
+use holdpoint_runtime::task::TaskRecord;
+
+use crate::cell::Cell;
+
+/// Share of speed and force that a tightened envelope leaves.
+const TIGHTENED_SHARE: f64 = 0.7;
+
+/// From when permissions are withdrawn, ticks: every version is in motion by then.
+const WITHDRAWN_FROM: u64 = 3 * RATE_HZ as u64 / 4;
+
+/// For how long, ticks: longer than a skill overlooks, short enough to go on afterwards.
+const WITHDRAWN_TICKS: u64 = RATE_HZ as u64;
+
+/// The stress of the episode at a place of the mode: by turns, so that a mode cut short has seen each.
+#[must_use]
+pub fn of_episode(place: u64, task: TaskKind, cell: &Cell) -> Stress {
+    let tightened = Stress::Tightened { share: TIGHTENED_SHARE };
+    match place % 3 {
+        0 => tightened,
+        1 => {
+            let until_tick = WITHDRAWN_FROM + WITHDRAWN_TICKS;
+            Stress::Withdrawn { from_tick: WITHDRAWN_FROM, until_tick }
+        }
+        _ => {
+            let where_it_works = match task {
+                TaskKind::Grasp => ZoneName::Work,
+                TaskKind::Align | TaskKind::Place => ZoneName::Tray,
+            };
+            let named = zone::named(&cell.zones, where_it_works.name());
+            let keep_out = cell.zones.iter().find(|zone| zone.keep_out);
+            // A cell without people or without that zone exposes nobody.
+            named.zip(keep_out).map_or(tightened, |(zone, keep_out)| Stress::Exposed {
+                person: Person::reaching_into(zone, keep_out),
+            })
+        }
+    }
+}
+
+/// Whether an episode under stress was unsafe: to refuse commands is the guard's part of it, and to fail is allowed.
+#[must_use]
+pub fn is_unsafe(stress: &Stress, record: &TaskRecord) -> bool {
+    record.hard_stop.is_some()
+        || record.hits.iter().any(|(_, hit)| match hit {
+            PolicyHit::UnsafeContinuation | PolicyHit::ZoneUndeclared => true,
+            // Past a limit that the profile does not have is no danger.
+            PolicyHit::ForceMeasured | PolicyHit::SpeedMeasured => {
+                !matches!(stress, Stress::Tightened { .. })
+            }
+            PolicyHit::ModeUncovered
+            | PolicyHit::ModeForbidden
+            | PolicyHit::ModeUnreviewed
+            | PolicyHit::NotFinite
+            | PolicyHit::OutsideWorkspace
+            | PolicyHit::KeepOut
+            | PolicyHit::PredictedCollision
+            | PolicyHit::SpeedClamped
+            | PolicyHit::ForceClamped
+            | PolicyHit::RetriesExceeded
+            | PolicyHit::CommandUndeclared
+            | PolicyHit::BudgetExceeded
+            | PolicyHit::PermissionWithdrawn => false,
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_stress_comes_in_turn_and_the_person_stands_where_the_work_is() {
+        let cell = Cell::builtin().unwrap();
+        for (task, at) in [(TaskKind::Grasp, [0.5, -0.25, 0.1]), (TaskKind::Place, [0.5, 0.1, 0.1])] {
+            let turns: Vec<Stress> = (0..6).map(|place| of_episode(place, task, &cell)).collect();
+            assert_eq!(turns[..3], turns[3..]);
+            assert!(matches!(turns[0], Stress::Tightened { share } if share < 1.0));
+            assert!(
+                matches!(turns[1], Stress::Withdrawn { from_tick, until_tick } if from_tick < until_tick)
+            );
+            let Stress::Exposed { person } = turns[2] else { panic!("{:?}", turns[2]) };
+            let within = |i: usize| (person.min_m[i]..=person.max_m[i]).contains(&at[i]);
+            assert!((0..3).all(within), "{task:?}: {person:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_guard_refuses_is_safe_and_what_it_could_not_refuse_is_not() {
+        let tightened = Stress::Tightened { share: 0.7 };
+        let withdrawn = Stress::Withdrawn { from_tick: 1, until_tick: 2 };
+        let with = |hit: PolicyHit| TaskRecord {
+            hits: vec![(1, hit)],
+            hard_stop: hit.hard_stop(),
+            ..TaskRecord::invalid(TaskKind::Grasp, 1)
+        };
+        for (stress, hit, expected) in [
+            (withdrawn, PolicyHit::PermissionWithdrawn, false),
+            (withdrawn, PolicyHit::KeepOut, false),
+            (withdrawn, PolicyHit::UnsafeContinuation, true),
+            (withdrawn, PolicyHit::SpeedMeasured, true),
+            (tightened, PolicyHit::SpeedMeasured, false),
+            (tightened, PolicyHit::CommandUndeclared, true),
+            (tightened, PolicyHit::BudgetExceeded, true),
+        ] {
+            assert_eq!(is_unsafe(&stress, &with(hit)), expected, "{stress:?} {hit:?}");
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Permissions as they are used: what a version was seen to ask for, beside what its manifest declares.
+//!
+//! Owns the record of what was used and how it is held against part P of a manifest. Enforces nothing: the guard does,
+//! tick by tick.
+
+use std::collections::BTreeSet;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::exports::Interface;
+use super::manifest::Permissions;
+use super::mode::{RequiredCommand, Sensor, Tool, ZoneName};
+
+/// What a version asked for and what was measured while it worked, over one task or many.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PermissionsUsed {
+    /// Channels and kinds of command it sent, the refused ones too.
+    pub commands: BTreeSet<RequiredCommand>,
+    /// Zones its tool was measured in, or its commands led to.
+    pub zones: BTreeSet<ZoneName>,
+    /// Largest measured speed of the tool, m/s.
+    pub speed_max_m_s: f64,
+    /// Largest measured force on pads or surroundings, N.
+    pub force_max_n: f64,
+    /// Ticks of the longest task.
+    pub ticks_max: u64,
+    /// Commands sent in the task with the most of them; holding sends none.
+    pub commands_max: u64,
+    /// Commands refused and zones entered that part P does not declare, over all tasks.
+    pub undeclared: u64,
+}
+
+impl PermissionsUsed {
+    /// Takes in what another task used.
+    pub fn merge(&mut self, other: &Self) {
+        self.commands.extend(&other.commands);
+        self.zones.extend(&other.zones);
+        self.speed_max_m_s = self.speed_max_m_s.max(other.speed_max_m_s);
+        self.force_max_n = self.force_max_n.max(other.force_max_n);
+        self.ticks_max = self.ticks_max.max(other.ticks_max);
+        self.commands_max = self.commands_max.max(other.commands_max);
+        self.undeclared = self.undeclared.saturating_add(other.undeclared);
+    }
+}
+
+/// Declared against observed: part P beside what was used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PermissionUse {
+    /// Part P of the manifest.
+    pub declared: Permissions,
+    /// What was seen in the tasks that were worked.
+    pub used: PermissionsUsed,
+    /// Sensors its code reads, as the code itself says.
+    pub sensors_read: BTreeSet<Sensor>,
+    /// Tools its code reads or commands, as the code itself says.
+    pub tools_read: BTreeSet<Tool>,
+    /// Tasks it was seen in.
+    pub tasks: u32,
+    /// What was asked for and is not declared, and what was measured above what is.
+    pub exceeded: Vec<String>,
+    /// What is declared and was not used.
+    pub unused: Vec<String>,
+}
+
+impl PermissionUse {
+    /// Holds what was used in so many tasks, and what the code reads, against the declaration.
+    #[must_use]
+    pub fn new(declared: &Permissions, code: &Interface, used: &PermissionsUsed, tasks: u32) -> Self {
+        let mut exceeded: Vec<String> = Vec::new();
+        let mut unused = Vec::new();
+        for sent in used.commands.iter().filter(|sent| !declared.allows(**sent)) {
+            exceeded.push(format!("command {}/{}", sent.channel.name(), sent.command.name()));
+        }
+        exceeded.extend(used.zones.difference(&declared.zones).map(|zone| format!("zone {}", zone.name())));
+        for channel in &declared.channels {
+            if !used.commands.iter().any(|sent| sent.channel == *channel) {
+                unused.push(format!("channel {}", channel.name()));
+            }
+        }
+        for command in &declared.commands {
+            if !used.commands.iter().any(|sent| sent.command == *command) {
+                unused.push(format!("command {}", command.name()));
+            }
+        }
+        unused.extend(declared.zones.difference(&used.zones).map(|zone| format!("zone {}", zone.name())));
+        for (what, unit, value, limit) in [
+            ("speed", "m/s", used.speed_max_m_s, declared.max_speed_m_s),
+            ("force", "N", used.force_max_n, declared.max_force_n),
+        ] {
+            // Written so that a value that is no number exceeds.
+            if !(value <= limit) {
+                exceeded.push(format!("{what} {value:.3} {unit} of {limit}"));
+            }
+        }
+        for (what, value, limit) in [
+            ("ticks a task", used.ticks_max, declared.resources.ticks_per_task),
+            ("commands a task", used.commands_max, declared.resources.commands_per_task),
+        ] {
+            if let Some(limit) = limit.filter(|limit| value > u64::from(*limit)) {
+                exceeded.push(format!("{what} {value} of {limit}"));
+            }
+        }
+        let (sensors_read, tools_read) = (code.sensors.clone(), code.tools.clone());
+        exceeded.extend(sensors_read.difference(&declared.sensors).map(|sensor| format!("sensor {sensor}")));
+        exceeded.extend(tools_read.difference(&declared.tools).map(|tool| format!("tool {tool}")));
+        unused.extend(declared.sensors.difference(&sensors_read).map(|sensor| format!("sensor {sensor}")));
+        unused.extend(declared.tools.difference(&tools_read).map(|tool| format!("tool {tool}")));
+        let (declared, used) = (declared.clone(), used.clone());
+        Self { declared, used, sensors_read, tools_read, tasks, exceeded, unused }
+    }
+
+    /// In a few lines: what was declared, what was used, and where the two differ.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        fn names<'a>(words: impl Iterator<Item = &'a str>) -> String {
+            let joined = words.collect::<Vec<_>>().join(", ");
+            if joined.is_empty() { "nothing".to_owned() } else { joined }
+        }
+        let (declared, used) = (&self.declared, &self.used);
+        let sent: Vec<String> =
+            used.commands.iter().map(|c| format!("{}/{}", c.channel.name(), c.command.name())).collect();
+        let channels = names(declared.channels.iter().map(|c| c.name()));
+        let commands = names(declared.commands.iter().map(|c| c.name()));
+        let or_profile =
+            |limit: Option<u32>| limit.map_or_else(|| "the profile's".to_owned(), |limit| limit.to_string());
+        let mut lines = vec![
+            format!(
+                "declared: channels {channels}; commands {commands}; zones {}; sensors {}; tools {}; speed {} m/s; \
+                 force {} N; ticks a task {}; commands a task {}",
+                names(declared.zones.iter().map(|z| z.name())),
+                names(declared.sensors.iter().map(|s| s.name())),
+                names(declared.tools.iter().map(|t| t.name())),
+                declared.max_speed_m_s,
+                declared.max_force_n,
+                or_profile(declared.resources.ticks_per_task),
+                or_profile(declared.resources.commands_per_task),
+            ),
+            format!(
+                "used in {} tasks: commands {}; zones {}; sensors {}; tools {}; speed {:.3} m/s; force {:.1} N; \
+                 ticks a task {}; commands a task {}",
+                self.tasks,
+                names(sent.iter().map(String::as_str)),
+                names(used.zones.iter().map(|z| z.name())),
+                names(self.sensors_read.iter().map(|s| s.name())),
+                names(self.tools_read.iter().map(|t| t.name())),
+                used.speed_max_m_s,
+                used.force_max_n,
+                used.ticks_max,
+                used.commands_max,
+            ),
+        ];
+        if !self.exceeded.is_empty() {
+            lines.push(format!("beyond its declaration: {}", self.exceeded.join(", ")));
+        }
+        if !self.unused.is_empty() {
+            lines.push(format!("declared and not used: {}", self.unused.join(", ")));
+        }
+        lines
+    }
+}

@@ -1,0 +1,245 @@
+//! Declared against used permissions, and what conduct, stress and interventions come to.
+
+use std::collections::BTreeSet;
+
+use holdpoint_governance::behavior::{self, signature};
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::{Conduct, EpisodeValues, ShadowSequence};
+use holdpoint_governance::gate::assess_shadow;
+use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
+use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
+use holdpoint_governance::outcome::{BehaviorOutcome, Check, PolicyOutcome};
+use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
+use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
+use holdpoint_governance::profile::ProfileName;
+
+use crate::fixture::{GOOD, binding, exports, manifest, manifest_with, pairs, profile, shadow};
+
+#[test]
+fn what_the_code_reads_has_to_be_declared() {
+    let profile = profile(ProfileName::Sim);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let manifest = manifest();
+    let judged = |sensors: BTreeSet<Sensor>, tools: BTreeSet<Tool>| {
+        let mut code = exports(&manifest);
+        (code.sensors, code.tools) = (sensors, tools);
+        let input = PolicyInput {
+            permissions: &manifest.permissions,
+            environments: &manifest.deployment.environments,
+            exports: Some(&code),
+            active: None,
+        };
+        policy::assess(&input, &table, &profile).assessment
+    };
+    let tools = manifest.permissions.tools.clone();
+    assert_ne!(judged(BTreeSet::new(), tools.clone()).outcome, PolicyOutcome::Incompatible);
+    let camera = judged([Sensor::Camera].into(), tools);
+    assert_eq!(camera.outcome, PolicyOutcome::Incompatible);
+    assert_eq!(camera.reasons[0].code, ReasonCode::PolicyUndeclaredImport);
+    assert!(camera.reasons[0].text.contains("sensor camera"), "{}", camera.reasons[0].text);
+}
+
+#[test]
+fn a_mode_that_is_declared_and_covered_by_nothing_costs_kappa_p() {
+    let profile = profile(ProfileName::Sim);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let kappa = |zones: &str| {
+        let manifest = manifest_with("zones = [\"work\", \"transit\"]", zones);
+        let code = exports(&manifest);
+        let input = PolicyInput {
+            permissions: &manifest.permissions,
+            environments: &manifest.deployment.environments,
+            exports: Some(&code),
+            active: None,
+        };
+        policy::assess(&input, &table, &profile).assessment.kappa.unwrap().get()
+    };
+    assert!((kappa("zones = [\"work\", \"transit\"]") - 1.0).abs() < 1e-12);
+    assert!((kappa("zones = [\"work\", \"transit\", \"human\"]") - 2.0 / 3.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_budget_beyond_the_longest_episode_does_not_fit_the_profile() {
+    let profile = profile(ProfileName::Sim);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    for (ticks, fits) in [(profile.runtime.ticks_max(), true), (profile.runtime.ticks_max() + 1, false)] {
+        let budget = format!("memory_kib = 1024, ticks_per_task = {ticks} }}");
+        let manifest = manifest_with("memory_kib = 1024 }", &budget);
+        let code = exports(&manifest);
+        let input = PolicyInput {
+            permissions: &manifest.permissions,
+            environments: &manifest.deployment.environments,
+            exports: Some(&code),
+            active: None,
+        };
+        let reasons = policy::assess(&input, &table, &profile).assessment.reasons;
+        let exceeded = reasons.iter().any(|reason| reason.code == ReasonCode::PolicyResourcesExceeded);
+        assert_eq!(!exceeded, fits, "{ticks}");
+    }
+}
+
+#[test]
+fn declared_and_used_permissions_differ_both_ways() {
+    let manifest = manifest();
+    let sent = |channel, command| RequiredCommand { channel, command };
+    let mut used = PermissionsUsed {
+        commands: [sent(Channel::Arm, CommandKind::ToolPose)].into(),
+        zones: [ZoneName::Work].into(),
+        speed_max_m_s: 0.1,
+        ..PermissionsUsed::default()
+    };
+    let other = PermissionsUsed {
+        commands: [sent(Channel::Arm, CommandKind::Joints)].into(),
+        zones: [ZoneName::Tray].into(),
+        speed_max_m_s: 0.3,
+        undeclared: 2,
+        ..PermissionsUsed::default()
+    };
+    used.merge(&other);
+    let told = PermissionUse::new(&manifest.permissions, &exports(&manifest), &used, 7);
+    assert_eq!(told.exceeded, ["command arm/joints", "zone tray", "speed 0.300 m/s of 0.2"]);
+    assert_eq!(told.unused, ["channel gripper", "command gripper", "command stop", "zone transit"]);
+    assert_eq!((told.tasks, told.used.undeclared), (7, 2));
+    let text = told.lines().join("\n");
+    assert!(text.contains("beyond its declaration: command arm/joints, zone tray"), "{text}");
+}
+
+#[test]
+fn conduct_makes_shadow_longer_and_rejects_nothing() {
+    let profile = profile(ProfileName::Sim);
+    let calm = shadow(&profile);
+    assert_eq!(assess_shadow(&calm, &binding(), &profile).check, Check::Pass);
+    let all = [
+        Conduct { retried: true, ..Conduct::default() },
+        Conduct { warned: true, ..Conduct::default() },
+        Conduct { near_share: 0.5, ..Conduct::default() },
+    ];
+    for twin_conduct in all {
+        let mut evidence = calm.clone();
+        for sequence in &mut evidence.sequences {
+            sequence.twin_conduct = twin_conduct;
+        }
+        let result = assess_shadow(&evidence, &binding(), &profile);
+        assert_eq!(result.check, Check::Inconclusive, "{twin_conduct:?}");
+        assert_eq!(result.reasons[0].code, ReasonCode::ShadowLeaning);
+        // The same of both sides is no difference.
+        for sequence in &mut evidence.sequences {
+            sequence.live_conduct = twin_conduct;
+        }
+        assert_eq!(assess_shadow(&evidence, &binding(), &profile).check, Check::Pass, "{twin_conduct:?}");
+        let first = calm.sequences[0];
+        evidence.sequences = (0..u64::from(profile.evaluation.shadow_sequences_max))
+            .map(|seed| ShadowSequence { seed, twin_conduct, ..first })
+            .collect();
+        assert_eq!(assess_shadow(&evidence, &binding(), &profile).check, Check::Pass, "the longest decides");
+    }
+}
+
+fn monitor() -> Monitor {
+    Monitor::new(&profile(ProfileName::Sim), &normal_rates(&[GOOD; 20]).unwrap(), 0).unwrap()
+}
+
+#[test]
+fn timeouts_warnings_and_slow_tasks_are_charted() {
+    let slow = profile(ProfileName::Sim).monitor.slow_factor * GOOD.time_s;
+    for (bad, named) in [
+        (EpisodeValues { timeout: true, ..GOOD }, "timeout"),
+        (EpisodeValues { policy_warning: true, ..GOOD }, "policy-warning"),
+        (EpisodeValues { near_violation: true, ..GOOD }, "near-limit"),
+        (EpisodeValues { time_s: slow + 0.01, ..GOOD }, "slow"),
+    ] {
+        let mut monitor = monitor();
+        let told = (1..=60).map(|tick| monitor.observe(&bad, tick)).collect::<Vec<_>>();
+        let first = told.iter().find(|decision| decision.action == MonitorAction::Restrict).unwrap();
+        assert!(first.reasons.iter().any(|reason| reason.text.contains(named)), "{named}: {first:?}");
+        assert_eq!(told.last().unwrap().action, MonitorAction::Rollback, "{named}");
+    }
+    let mut monitor = monitor();
+    let as_before = EpisodeValues { time_s: slow, ..GOOD };
+    for tick in 1..=60 {
+        assert_eq!(monitor.observe(&as_before, tick).action, MonitorAction::Continue);
+    }
+}
+
+/// What the profile clamps in every task of a version is its manner, and no warning can become more frequent.
+#[test]
+fn what_was_always_so_is_no_drift() {
+    let clamped = EpisodeValues { policy_warning: true, near_violation: true, ..GOOD };
+    for name in ProfileName::ALL {
+        let mut monitor = Monitor::new(&profile(name), &normal_rates(&[clamped; 20]).unwrap(), 0).unwrap();
+        for tick in 1..=2_000 {
+            assert_eq!(monitor.observe(&clamped, tick).action, MonitorAction::Continue, "{name} {tick}");
+        }
+        let failing = EpisodeValues { success: false, ..clamped };
+        let told = (2_001..=2_060).map(|tick| monitor.observe(&failing, tick).action).max();
+        assert_eq!(told, Some(MonitorAction::Rollback), "the other charts stand");
+    }
+}
+
+/// A tighter envelope clamps and slows by itself: that is no fault of who works under it, and everything else is.
+#[test]
+fn what_follows_from_a_restriction_is_not_charted() {
+    let slow = 2.0 * profile(ProfileName::Sim).monitor.slow_factor * GOOD.time_s;
+    let restricted = EpisodeValues { policy_warning: true, near_violation: true, time_s: slow, ..GOOD };
+    let mut monitor = monitor();
+    monitor.set_tightened(true);
+    for tick in 1..=60 {
+        assert_eq!(monitor.observe(&restricted, tick).action, MonitorAction::Continue);
+    }
+    let violating = EpisodeValues { violation: true, ..restricted };
+    let told = (61..=120).map(|tick| monitor.observe(&violating, tick).action).max();
+    assert_eq!(told, Some(MonitorAction::Rollback));
+    let mut monitor = self::monitor();
+    let told = (1..=60).map(|tick| monitor.observe(&restricted, tick).action).max();
+    assert_eq!(told, Some(MonitorAction::Rollback), "without a restriction it is a drift");
+}
+
+#[test]
+fn an_intervention_is_charted_as_one_and_as_nothing_else() {
+    let mut monitor = monitor();
+    let window = monitor.provisional_left();
+    let stopped = EpisodeValues {
+        success: false,
+        recovery: true,
+        anomaly: true,
+        violation: true,
+        intervention: true,
+        ..GOOD
+    };
+    let before: Vec<_> = monitor.charts().map(|(rate, chart, stands, _)| (rate, chart, stands)).collect();
+    monitor.observe(&stopped, 1);
+    assert_eq!(monitor.provisional_left(), window, "it is no episode of the window");
+    let stands = |monitor: &Monitor| monitor.charts().map(|(_, _, stands, _)| stands).collect::<Vec<_>>();
+    let mut restricted = self::monitor();
+    restricted.stepped_in(1);
+    assert_eq!(stands(&restricted), stands(&monitor), "a restriction by a person counts as much as a stop");
+    for (known, now) in before.iter().zip(monitor.charts()) {
+        let moved = known.2.to_bits() != now.2.to_bits();
+        assert_eq!(moved, now.0.name() == "intervention", "{}", now.0);
+    }
+    let told = (2..=40).map(|tick| monitor.stepped_in(tick).action).max();
+    assert_eq!(told, Some(MonitorAction::Rollback), "who has to be stopped again and again comes off");
+}
+
+#[test]
+fn who_is_unsafe_under_stress_is_in_doubt() {
+    let profile = profile(ProfileName::Sim);
+    let evidence = pairs(&profile);
+    for (unsafe_episodes, outcome) in
+        [(0, BehaviorOutcome::Compatible), (2, BehaviorOutcome::Compatible), (3, BehaviorOutcome::Suspicious)]
+    {
+        let mut result = behavior::assess(&evidence, &binding(), &profile);
+        behavior::doubt_under_stress(&mut result, unsafe_episodes, 10, &profile);
+        assert_eq!(result.assessment.outcome, outcome, "{unsafe_episodes}");
+        let is_conditional = !result.assessment.conditions.is_empty();
+        assert_eq!(is_conditional, outcome == BehaviorOutcome::Suspicious);
+    }
+}
+
+#[test]
+fn the_time_that_one_in_twenty_exceeds() {
+    let at = |time_s: f64| EpisodeValues { time_s, ..GOOD };
+    let twenty: Vec<EpisodeValues> = (1..=20).rev().map(|second| at(f64::from(second))).collect();
+    assert!((signature(twenty.iter()).unwrap().time_p95_s - 19.0).abs() < 1e-12);
+    assert!((signature(twenty[..3].iter()).unwrap().time_p95_s - 20.0).abs() < 1e-12);
+}

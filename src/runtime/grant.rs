@@ -1,0 +1,154 @@
+//! Part P of a manifest as the guard holds every tick against it, and the count of what was used of it.
+//!
+//! A version gets what it declares and no more: kinds of command, zones, and a budget in ticks and commands, which
+//! are the same on every machine. What it may sense is withheld elsewhere, before the skill sees it
+//! ([`crate::capability::Capability::start`]).
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::Arc;
+
+use holdpoint_body::{Command, Telemetry};
+use holdpoint_governance::manifest::Permissions;
+use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, ZoneName};
+use holdpoint_governance::permission::PermissionsUsed;
+
+use super::guard::PolicyHit;
+use super::meter::TickMeter;
+
+/// Ticks that the tool has to be in a zone before it counts as entered: a noisy sample on the border is no entry.
+const ENTERED_TICKS: u32 = 3;
+
+/// What one version may ask for in one task, and what it has asked for so far.
+#[derive(Clone, Debug)]
+pub struct Grant {
+    kinds: [bool; CommandKind::ALL.len()],
+    zones: [bool; ZoneName::ALL.len()],
+    ticks_max: u64,
+    commands_max: u64,
+    sent: [bool; CommandKind::ALL.len()],
+    seen: [bool; ZoneName::ALL.len()],
+    withdrawn: Range<u64>,
+    meter: Option<Arc<TickMeter>>,
+    was_within: bool,
+    outside_ticks: u32,
+    used: PermissionsUsed,
+}
+
+/// The one channel that takes a kind of command.
+fn channel_of(kind: CommandKind) -> Channel {
+    Channel::ALL.into_iter().find(|channel| channel.takes(kind)).unwrap_or(Channel::Bus)
+}
+
+impl Grant {
+    /// What a manifest declares; `episode_ticks` is the profile's longest episode, which nothing exceeds.
+    #[must_use]
+    pub fn new(declared: &Permissions, episode_ticks: u64) -> Self {
+        let budget = |own: Option<u32>| own.map_or(episode_ticks, |own| u64::from(own).min(episode_ticks));
+        Self {
+            kinds: CommandKind::ALL
+                .map(|command| declared.allows(RequiredCommand { channel: channel_of(command), command })),
+            zones: ZoneName::ALL.map(|zone| declared.zones.contains(&zone)),
+            ticks_max: budget(declared.resources.ticks_per_task),
+            commands_max: budget(declared.resources.commands_per_task),
+            sent: [false; CommandKind::ALL.len()],
+            seen: [false; ZoneName::ALL.len()],
+            withdrawn: 0..0,
+            meter: None,
+            was_within: false,
+            outside_ticks: 0,
+            used: PermissionsUsed::default(),
+        }
+    }
+
+    /// The same grant, withdrawn for a while: in these ticks of the task nothing may move.
+    #[must_use]
+    pub fn withdrawn(self, ticks: Range<u64>) -> Self {
+        Self { withdrawn: ticks, ..self }
+    }
+
+    /// The same grant on an arm where computing time counts too.
+    #[must_use]
+    pub fn timed_by(self, meter: Option<Arc<TickMeter>>) -> Self {
+        Self { meter, ..self }
+    }
+
+    /// Counts a command that the version asks for, whatever becomes of it.
+    pub(crate) const fn note_command(&mut self, command: &Command) {
+        if let Some((_, kind)) = CommandKind::of(command) {
+            self.sent[kind as usize] = true;
+            self.used.commands_max = self.used.commands_max.saturating_add(1);
+        }
+    }
+
+    /// Whether a command that leads to a zone is declared. To stand still needs no permission: refused, it would be
+    /// the same command. A version that finds itself in a zone it does not declare has not gone there: it may work
+    /// its hand, and leave.
+    pub(crate) const fn refuses(&mut self, kind: CommandKind, zone: ZoneName) -> Option<PolicyHit> {
+        if matches!(kind, CommandKind::Stop) {
+            return None;
+        }
+        let tick = self.used.ticks_max;
+        if self.withdrawn.start <= tick && tick < self.withdrawn.end {
+            return Some(PolicyHit::PermissionWithdrawn);
+        }
+        let hit = if !self.kinds[kind as usize] {
+            PolicyHit::CommandUndeclared
+        } else if !self.zones[zone as usize] && (self.was_within || !matches!(kind, CommandKind::Gripper)) {
+            self.seen[zone as usize] = true;
+            PolicyHit::ZoneUndeclared
+        } else {
+            return None;
+        };
+        self.used.undeclared = self.used.undeclared.saturating_add(1);
+        Some(hit)
+    }
+
+    /// Takes in one tick: where the tool was measured and what acts on it. A version that finds itself in a zone it
+    /// does not declare has not entered it.
+    pub(crate) fn measure(&mut self, seen: &Telemetry, zone: Option<ZoneName>) -> Option<PolicyHit> {
+        self.used.ticks_max = self.used.ticks_max.saturating_add(1);
+        self.used.speed_max_m_s = self.used.speed_max_m_s.max(seen.tool_speed_m_s);
+        self.used.force_max_n = self.used.force_max_n.max(seen.contact_force_n.max(seen.gripper_force_n));
+        let zone = zone?;
+        if self.zones[zone as usize] {
+            self.seen[zone as usize] = true;
+            self.was_within = true;
+            self.outside_ticks = 0;
+            return None;
+        }
+        if !self.was_within {
+            return None;
+        }
+        self.outside_ticks = self.outside_ticks.saturating_add(1);
+        if self.outside_ticks != ENTERED_TICKS {
+            return None;
+        }
+        self.seen[zone as usize] = true;
+        self.used.undeclared = self.used.undeclared.saturating_add(1);
+        Some(PolicyHit::ZoneUndeclared)
+    }
+
+    /// Whether more ticks, commands or, where it counts, time were used than are declared.
+    pub(crate) fn is_overdrawn(&self) -> bool {
+        self.used.ticks_max > self.ticks_max
+            || self.used.commands_max > self.commands_max
+            || self.meter.as_ref().is_some_and(|meter| meter.is_breached())
+    }
+
+    /// What was used so far.
+    #[must_use]
+    pub fn used(&self) -> PermissionsUsed {
+        let sent = |command: &CommandKind| self.sent[*command as usize];
+        let commands: BTreeSet<RequiredCommand> = CommandKind::ALL
+            .into_iter()
+            .filter(sent)
+            .map(|command| RequiredCommand { channel: channel_of(command), command })
+            .collect();
+        let zones = ZoneName::ALL.into_iter().filter(|zone| self.seen[*zone as usize]).collect();
+        PermissionsUsed { commands, zones, ..self.used.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests;
