@@ -21,6 +21,7 @@ pub mod fault;
 pub mod halt;
 mod health;
 pub mod host;
+mod kept_task;
 pub mod ledger;
 mod listeners;
 pub mod monitors;

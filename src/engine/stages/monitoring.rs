@@ -20,6 +20,7 @@ use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::health::CellHealth;
+use crate::kept_task::{KeptMarks, KeptTask, LIVE};
 use crate::ledger::Note;
 use crate::monitors::Monitors;
 use crate::record::Record;
@@ -111,9 +112,11 @@ impl Live<'_> {
         });
         for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
+            let cut_short = stopped && place + 1 == report.tasks.len();
             // Nothing of a task reaches the monitors while the link is down.
             if link_up {
-                keep_telemetry(self.record, self.monitors, id, &dispatched.record, report.duration_ms)?;
+                let kept = KeptTask { record: &dispatched.record, marks: KeptMarks { cut_short } };
+                keep_telemetry(self.record, self.monitors, id, &kept, report.duration_ms)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;
@@ -121,7 +124,6 @@ impl Live<'_> {
             for raised in ours {
                 self.act_on(id, &raised.decision, raised.trip.as_ref())?;
             }
-            let cut_short = stopped && place + 1 == report.tasks.len();
             if link_up && !cut_short {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
@@ -293,7 +295,7 @@ fn keep_telemetry(
     record: &mut Record,
     monitors: &Monitors,
     id: &CapabilityId,
-    done: &TaskRecord,
+    kept: &KeptTask<'_>,
     duration_ms: u64,
 ) -> Result<(), Fault> {
     if monitors.of(id).is_none() {
@@ -302,11 +304,11 @@ fn keep_telemetry(
     let to_ms = record.now_ms();
     let batch = Batch {
         version: id.clone(),
-        stream: "live".to_owned(),
+        stream: LIVE.to_owned(),
         from_ms: to_ms.saturating_sub(duration_ms),
         to_ms,
-        rows: done.path.len().max(1) as u64,
-        body: serde_json::to_vec(done)?,
+        rows: kept.record.path.len().max(1) as u64,
+        body: serde_json::to_vec(kept)?,
     };
     let store = record.ledger().store();
     store.append_telemetry(&batch)?;

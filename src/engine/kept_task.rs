@@ -1,0 +1,47 @@
+//! A live task as telemetry keeps it: its record, and what the record itself cannot say.
+
+use holdpoint_runtime::task::TaskRecord;
+use serde::{Deserialize, Serialize};
+
+/// The stream of telemetry that live tasks are kept in.
+pub(crate) const LIVE: &str = "live";
+
+/// A live task, to be written.
+#[derive(Serialize)]
+pub(crate) struct KeptTask<'a> {
+    #[serde(flatten)]
+    pub(crate) record: &'a TaskRecord,
+    #[serde(flatten)]
+    pub(crate) marks: KeptMarks,
+}
+
+/// What stands beside the record of a task.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct KeptMarks {
+    /// A person stopped the arm in its midst: no monitor was shown it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) cut_short: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_body::TaskKind;
+
+    /// Stores made before there was a mark read and write as they did.
+    #[test]
+    fn a_task_without_a_mark_is_kept_as_its_record_alone() {
+        let record = TaskRecord::invalid(TaskKind::Align, 7);
+        let kept = |cut_short| {
+            let marks = KeptMarks { cut_short };
+            serde_json::to_vec(&KeptTask { record: &record, marks }).unwrap()
+        };
+        assert_eq!(kept(false), serde_json::to_vec(&record).unwrap());
+        for cut_short in [false, true] {
+            let body = kept(cut_short);
+            assert_eq!(serde_json::from_slice::<TaskRecord>(&body).unwrap(), record);
+            assert_eq!(serde_json::from_slice::<KeptMarks>(&body).unwrap(), KeptMarks { cut_short });
+        }
+    }
+}
