@@ -4,18 +4,25 @@
 //! with. Only reads; what follows from the assessments is not decided here.
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
-use holdpoint_governance::composition::admits;
+use holdpoint_body::FailureSignal;
+use holdpoint_governance::behavior;
+use holdpoint_governance::composition::{Kappas, admits};
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::interface::declared::{self, held_against};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::policy::{self, PolicyError, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_governance::text_error::TextError;
+use holdpoint_protocol::detail::Changes;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
+use crate::dossier::StaticAssessment;
 use crate::embedded::baselines;
+use crate::explain::difference::version_differences;
 use holdpoint_text::Hint;
 
 /// Why a version could not be checked: something that comes with the program does not load.
@@ -125,6 +132,57 @@ pub fn judge(
     );
     let asks_more = policy.asks_more();
     StaticFindings { interface, policy: policy.assessment, asks_more }
+}
+
+/// What a version is checked against, beside the profile.
+#[derive(Clone, Copy)]
+pub(crate) struct Against<'a> {
+    /// The version it would replace; absent if there is none.
+    pub(crate) active: Option<&'a Capability>,
+    /// The versions its dependencies may resolve to.
+    pub(crate) registered: &'a [Registered],
+    /// Whether there is a version for the fallback it names; absent if it names none.
+    pub(crate) fallback_resolves: Option<bool>,
+}
+
+/// The four assessments as far as they go without running anything: interface and policy, and behaviour and recovery as
+/// far as they can be told from what is declared.
+pub(crate) fn assess(
+    candidate: &Capability,
+    against: &Against<'_>,
+    profile: &Profile,
+    table: &PolicyTable,
+) -> StaticAssessment {
+    let Against { active, registered, fallback_resolves } = *against;
+    let found = judge(candidate, active, registered, profile, table);
+    let declared = candidate.submission.declared_traces.as_ref();
+    let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
+    let behavior = match (declared, parent) {
+        (Some(candidate), Some(active)) => behavior::estimate(candidate, active, profile),
+        _ => behavior::nothing("not measured yet: the sandbox is to come"),
+    };
+    let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
+    let exports = candidate.bundle.interface();
+    let recovery = recovery::static_part(&StaticInput {
+        manifest: &candidate.manifest,
+        exports: Some(&exports),
+        // The active version was loaded from the store, its digest compared with the recorded one.
+        predecessor_loads: Some(active.is_some()),
+        predecessor_digest_true: Some(active.is_some()),
+        fallback_resolves,
+        watcher_knows: &watched,
+    });
+    let declared = candidate.submission.interface_changes.clone();
+    StaticAssessment {
+        asks_more: found.asks_more,
+        changes: Changes { fields: version_differences(active, candidate), declared },
+        kappas: Kappas {
+            interface: found.interface,
+            policy: found.policy,
+            behavior: behavior.assessment,
+            recovery,
+        },
+    }
 }
 
 /// Judges a version against the embedded baseline of its family, profile by profile.

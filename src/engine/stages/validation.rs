@@ -1,26 +1,19 @@
 //! Stage 2: static compatibility. Interface, policy and the static part of recovery; behaviour as a
 //! flagged estimate. Stops at the first incompatible of interface and policy.
 
-use std::collections::BTreeSet;
-
-use holdpoint_body::FailureSignal;
-use holdpoint_governance::behavior;
-use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::composition::{PsiContext, psi};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::interface::Registered;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
-use holdpoint_governance::recovery::{self, StaticInput};
-use holdpoint_protocol::detail::Changes;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
 use super::closing::{decided, first_reason, rejected, stage_note};
 use crate::binding::made_under;
-use crate::check;
+use crate::check::{self, Against};
 use crate::context::Context;
 use crate::dossier::{Dossiers, StaticAssessment};
-use crate::explain::difference::version_differences;
 use crate::fault::Fault;
 use crate::ledger::Ledger;
 use crate::record::Record;
@@ -59,38 +52,14 @@ pub fn run(
 #[must_use]
 pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> StaticAssessment {
     let entry = ledger.family(&candidate.id().family).ok();
-    let active = entry.and_then(|entry| entry.active()).map(|member| &member.capability);
-    let found = check::judge(candidate, active, &registered(ledger), &context.profile, &context.table);
-    let declared = candidate.submission.declared_traces.as_ref();
-    let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
-    let behavior = match (declared, parent) {
-        (Some(candidate), Some(active)) => behavior::estimate(candidate, active, &context.profile),
-        _ => behavior::nothing("not measured yet: the sandbox is to come"),
-    };
-    let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
-    // The active version was loaded from the store, its digest compared with the recorded one.
     let fallback = candidate.manifest.recovery.fallback.as_ref();
-    let exports = candidate.bundle.interface();
-    let recovery = recovery::static_part(&StaticInput {
-        manifest: &candidate.manifest,
-        exports: Some(&exports),
-        predecessor_loads: Some(active.is_some()),
-        predecessor_digest_true: Some(active.is_some()),
+    let against = Against {
+        active: entry.and_then(|entry| entry.active()).map(|member| &member.capability),
+        registered: &registered(ledger),
         fallback_resolves: fallback
             .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
-        watcher_knows: &watched,
-    });
-    let declared = candidate.submission.interface_changes.clone();
-    StaticAssessment {
-        asks_more: found.asks_more,
-        changes: Changes { fields: version_differences(active, candidate), declared },
-        kappas: Kappas {
-            interface: found.interface,
-            policy: found.policy,
-            behavior: behavior.assessment,
-            recovery,
-        },
-    }
+    };
+    check::assess(candidate, &against, &context.profile, &context.table)
 }
 
 /// Versions a dependency may resolve to: neither rejected nor rolled back.
