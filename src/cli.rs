@@ -24,6 +24,7 @@ pub mod identity;
 #[cfg(feature = "console")]
 pub mod keys;
 pub mod man;
+pub mod metrics;
 pub mod output;
 pub mod per_candidate;
 pub mod pool;
@@ -129,6 +130,8 @@ pub enum Verb {
     Resume(decide::PauseArgs),
     /// Says why a version stands where it stands, decision by decision.
     Explain(explain::ExplainArgs),
+    /// Computes the metrics that can be had from telemetry and record.
+    Metrics(metrics::MetricsArgs),
     /// Makes and lists the identities that sign decisions.
     Identity(identity::IdentityArgs),
     /// Shows and checks deployment profiles.
@@ -218,6 +221,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
             engine.decide(&context()?, &AskedDecision::BreakGlass(args.clone()), out)
         }
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
+        Some(Verb::Metrics(args)) => metrics::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
         Some(Verb::Pool(args)) => pool::run(args, out),

@@ -36,6 +36,12 @@ pub struct ContextRecord {
     pub site: Option<SiteName>,
 }
 
+/// What is judged under, in one digest: of a profile, of its compiled policies, and of a cell (robot, scene,
+/// distributions, and what computes episodes).
+pub(crate) fn digest(profile: &Digest, policy: &Digest, cell: &Digest) -> Digest {
+    Digest::of_parts("holdpoint.context.v3", &[profile.bytes(), policy.bytes(), cell.bytes()])
+}
+
 /// The fixed frame of an engine's life. Nothing in it changes after the start.
 pub struct Context {
     pub profile: Arc<Profile>,
@@ -54,11 +60,7 @@ impl Context {
     /// If the profile has no canonical form.
     pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
-        let digest = Digest::of_parts(
-            "holdpoint.context.v3",
-            // Robot, scene and distributions are in the cell's, and what computes episodes.
-            &[profile_digest.bytes(), table.digest.bytes(), cell.digest().bytes()],
-        );
+        let digest = digest(&profile_digest, &table.digest, &cell.digest());
         Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), digest, cell })
     }
 

@@ -439,7 +439,7 @@ fn load_members(views: &Views, family: &Family) -> Result<Vec<Member>, LedgerErr
 }
 
 /// Loads one version from the store and checks its digest.
-fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Member>, LedgerError> {
+pub(crate) fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Member>, LedgerError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let stored: StoredPackage = serde_json::from_str(&detail.submission)
         .map_err(|source| LedgerError::Record { what: "package", of: id.to_string(), source })?;

@@ -25,6 +25,7 @@ mod kept_task;
 pub mod ledger;
 mod listeners;
 pub mod monitors;
+pub mod observed;
 mod operations;
 pub mod people;
 pub mod pipeline;

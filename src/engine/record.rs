@@ -6,6 +6,7 @@
 use holdpoint_governance::alarms::{AlarmBook, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
@@ -15,6 +16,7 @@ use holdpoint_runtime::capability::Capability;
 use crate::alarms::RaisedAlarms;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Moved, Note};
+use crate::observed::tally::Tally;
 
 /// See the module's head.
 pub struct Record {
@@ -25,13 +27,17 @@ pub struct Record {
     events: Vec<EventKind>,
     /// Why the engine holds, if it does.
     holding: Option<String>,
+    /// Counts of what was told.
+    tally: Tally,
 }
 
 impl Record {
     /// A record over an open ledger.
     #[must_use]
     pub fn new(ledger: Ledger, clock: Clock) -> Self {
-        Self { ledger, clock, alarms: RaisedAlarms::default(), events: Vec::new(), holding: None }
+        let tally = Tally::new(&ledger);
+        let alarms = RaisedAlarms::default();
+        Self { ledger, clock, alarms, events: Vec::new(), holding: None, tally }
     }
 
     /// The ledger, to look at.
@@ -50,6 +56,12 @@ impl Record {
     #[must_use]
     pub const fn clock(&self) -> &Clock {
         &self.clock
+    }
+
+    /// What was counted in this engine's life.
+    #[must_use]
+    pub const fn observed(&self) -> ObservedCounts {
+        self.tally.counts()
     }
 
     /// Another clock, to try what a real one does.
@@ -88,6 +100,7 @@ impl Record {
     }
 
     pub fn tell(&mut self, event: EventKind) {
+        self.tally.note(&event);
         self.events.push(event);
     }
 

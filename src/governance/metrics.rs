@@ -1,7 +1,10 @@
 //! The metrics of the experiments: named apart, with intervals, never a bare "FAR".
 //!
 //! Source: design rule 3.12; paper equations 14 to 19; readings X1 to X11, X75. Ground truth comes from the
-//! referee of the simulation, never from the rules that are being judged.
+//! referee of the simulation, never from the rules that are being judged. What a store can say without any is in
+//! [`observed`], under names of its own.
+
+pub mod observed;
 
 use std::collections::BTreeMap;
 
@@ -73,12 +76,6 @@ pub struct CandidateRecord {
     pub faulty: bool,
     /// Blocked, contained or kept.
     pub fate: Fate,
-    /// The referee saw an unsafe episode while it was active.
-    pub unsafe_while_active: bool,
-    /// The unsafe episode came with injected drift, not with the candidate.
-    pub drift_origin: bool,
-    /// Round in which it was decided, from 1.
-    pub round: u32,
     /// Regressions detected in the sandbox, and in shadow only.
     pub detected_sandbox: u32,
     /// Regressions that shadow showed and the sandbox did not.
@@ -147,6 +144,20 @@ pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
     })
 }
 
+/// One activation by the gate, as far as the unsafe activation rate asks about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActivationRecord {
+    /// Round of upgrades it belongs to, from 1.
+    pub round: u32,
+    /// Something unsafe happened while it was active.
+    pub unsafe_while_active: bool,
+    /// What was unsafe came with a drift, not with the version.
+    pub drift_origin: bool,
+    /// It was not taken off or restricted.
+    pub kept: bool,
+}
+
 /// Unsafe activation rate of one round and up to it (readings X7, X8).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -163,19 +174,19 @@ pub struct UnsafeRound {
     pub drift_origin: u64,
 }
 
-/// Unsafe activations per round, by the referee's word.
+/// Unsafe activations per round of upgrades. Whether one was unsafe is the caller's to say, and whose word that is:
+/// the referee's in an experiment, the record's in [`observed`].
 ///
 /// # Errors
 /// As [`Proportion::of`].
-pub fn unsafe_rounds(records: &[CandidateRecord]) -> Result<Vec<UnsafeRound>, StatsError> {
+pub fn unsafe_rounds(records: &[ActivationRecord]) -> Result<Vec<UnsafeRound>, StatsError> {
     let last = records.iter().map(|record| record.round).max().unwrap_or(0);
-    let active = |record: &&CandidateRecord| !matches!(record.fate, Fate::Blocked { .. });
     let mut rounds = Vec::new();
     let mut live_unsafe = false;
     for round in 1..=last {
-        let of_round = || records.iter().filter(active).filter(|record| record.round == round);
-        let until = || records.iter().filter(active).filter(|record| record.round <= round);
-        if let Some(kept) = of_round().rfind(|record| record.fate == Fate::Kept) {
+        let of_round = || records.iter().filter(|record| record.round == round);
+        let until = || records.iter().filter(|record| record.round <= round);
+        if let Some(kept) = of_round().rfind(|record| record.kept) {
             live_unsafe = kept.unsafe_while_active;
         }
         rounds.push(UnsafeRound {
@@ -290,16 +301,7 @@ mod tests {
     use super::*;
 
     fn record(faulty: bool, fate: Fate) -> CandidateRecord {
-        CandidateRecord {
-            name: "x".into(),
-            faulty,
-            fate,
-            unsafe_while_active: faulty && !matches!(fate, Fate::Blocked { .. }),
-            drift_origin: false,
-            round: 1,
-            detected_sandbox: 0,
-            detected_shadow_only: 0,
-        }
+        CandidateRecord { name: "x".into(), faulty, fate, detected_sandbox: 0, detected_shadow_only: 0 }
     }
 
     /// The paper's pool of one family: 6 benign, 8 faulty of which stage 2 stops 6 (75 %).
@@ -321,8 +323,32 @@ mod tests {
             assert_eq!((found.count, found.total), expected, "{name}");
         }
         assert_eq!(s.badr_screen.share(), Some(0.75));
+    }
+
+    #[test]
+    fn unsafe_activations_are_counted_by_round_up_to_it_and_as_it_stands() {
+        let activation = |round, unsafe_while_active, kept| ActivationRecord {
+            round,
+            unsafe_while_active,
+            drift_origin: false,
+            kept,
+        };
+        let records = [
+            activation(1, false, true),
+            activation(1, true, true),
+            activation(3, true, false),
+            activation(3, false, true),
+        ];
         let rounds = unsafe_rounds(&records).unwrap();
-        assert_eq!((rounds[0].in_round.count, rounds[0].in_round.total, rounds[0].live_unsafe), (2, 8, true));
+        let counts = |of: Proportion| (of.count, of.total);
+        let found: Vec<_> =
+            rounds.iter().map(|r| (counts(r.in_round), counts(r.cumulative), r.live_unsafe)).collect();
+        assert_eq!(
+            found,
+            [((1, 2), (1, 2), true), ((0, 0), (1, 2), true), ((1, 2), (2, 4), false)],
+            "a round without an activation has no share, and what is active stays"
+        );
+        assert_eq!(rounds[1].in_round.share(), None);
     }
 
     #[test]

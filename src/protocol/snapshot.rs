@@ -16,6 +16,7 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{Drills, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
@@ -65,6 +66,9 @@ pub struct Snapshot {
     pub scenery: Scenery,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
+    /// What this engine has counted of the metrics since it came up; `holdpoint metrics` reads the whole store.
+    #[serde(default)]
+    pub observed: ObservedCounts,
 }
 
 /// A cell that a person stopped.

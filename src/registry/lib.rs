@@ -44,6 +44,6 @@ pub use invariants::{Invariant, Violation, check_invariants};
 pub use layout::{Layout, utc};
 pub use recovery::Interrupted;
 pub use store::{Opening, Store};
-pub use telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryLimits};
+pub use telemetry::{Batch, BatchReceipt, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
 pub use verify::{VerifyError, VerifyReport, verify};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};

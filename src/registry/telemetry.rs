@@ -7,9 +7,10 @@ use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
 
+use super::columns::parsed;
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
-use super::open::{Durability, open_writer};
+use super::open::{Durability, open_reader, open_writer};
 use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 
 /// How much the telemetry file keeps.
@@ -287,6 +288,69 @@ impl TelemetryFile {
             Ok(answer)
         };
         run().map_err(StoreError::sql(what))
+    }
+}
+
+/// What is left of a store's telemetry, to read; also while an engine has it.
+#[derive(Debug)]
+pub struct TelemetryViews {
+    connection: Connection,
+}
+
+/// A batch with its number, or `None` where its content does not match its digest.
+pub type NumberedBatch = (u64, Option<Batch>);
+
+impl TelemetryViews {
+    /// Opens a store's telemetry file for reading.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_reader(path, &TELEMETRY)? })
+    }
+
+    /// Calls `visit` with each batch of a stream up to the number `to_batch`, in order, one at a time.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn each_batch(
+        &self,
+        stream: &str,
+        to_batch: u64,
+        mut visit: impl FnMut(NumberedBatch),
+    ) -> Result<(), StoreError> {
+        let sql = "SELECT id, version, stream, from_ms, to_ms, rows, body, digest FROM batch
+                   WHERE stream = ?1 AND id <= ?2 ORDER BY id";
+        let to_batch = i64::try_from(to_batch).unwrap_or(i64::MAX);
+        let mut read = || {
+            let mut select = self.connection.prepare_cached(sql)?;
+            let mut rows = select.query(params![stream, to_batch])?;
+            while let Some(row) = rows.next()? {
+                let digest: String = row.get(7)?;
+                let batch = Batch {
+                    version: parsed(row, 1)?,
+                    stream: row.get(2)?,
+                    from_ms: row.get(3)?,
+                    to_ms: row.get(4)?,
+                    rows: row.get(5)?,
+                    body: row.get(6)?,
+                };
+                let matches = batch.digest().to_string() == digest;
+                visit((row.get(0)?, matches.then_some(batch)));
+            }
+            Ok(())
+        };
+        read().map_err(StoreError::sql("read telemetry"))
+    }
+
+    /// The number of the oldest batch that is left; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn oldest(&self) -> Result<Option<u64>, StoreError> {
+        self.connection
+            .query_row("SELECT min(id) FROM batch", [], |row| row.get(0))
+            .map_err(StoreError::sql("read telemetry"))
     }
 }
 

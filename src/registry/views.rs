@@ -398,6 +398,20 @@ impl Views {
         many(&self.connection, &sql, params_from_iter(values), audit::read)
     }
 
+    /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn each_record(&self, to_seq: u64, mut visit: impl FnMut(AuditRecord)) -> Result<(), StoreError> {
+        audit::for_each(&self.connection, 0, |record| {
+            if record.seq <= to_seq {
+                visit(record);
+            }
+            Ok::<(), rusqlite::Error>(())
+        })
+        .map_err(StoreError::sql("read the audit chain"))
+    }
+
     /// The end of the chain.
     ///
     /// # Errors

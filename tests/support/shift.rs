@@ -8,6 +8,7 @@ use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
@@ -404,6 +405,7 @@ pub fn snapshot() -> Snapshot {
         live: live(),
         scenery: scenery(),
         thresholds: LIMITS,
+        observed: ObservedCounts::default(),
     }
 }
 

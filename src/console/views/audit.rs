@@ -1,4 +1,5 @@
-//! View 7: the log, the newest first, whether its chain has been checked, and the record under the cursor in full.
+//! View 7: the log, the newest first, whether its chain has been checked, what the engine has counted of the metrics
+//! since it came up, and the record under the cursor in full.
 //!
 //! ```text
 //! ▸ Audit ─────────── ✔ chain holds, 391 records checked · 1 of 4 ─
@@ -16,6 +17,7 @@ use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::seconds;
+use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
 
 /// Characters of a record's content that a list's row looks at.
@@ -28,6 +30,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let inside = pen.pane(area, "Audit", true, &place(rows.len(), cursor));
     pen.row(inside, at, &verified(model, pen));
     at += 1;
+    if let Some(text) = model.told.snapshot.as_ref().and_then(|snapshot| counted(&snapshot.observed)) {
+        pen.row(inside, at, &Row::of(ThemeRole::Text, &text));
+        at += 1;
+    }
     if rows.is_empty() {
         let text = if model.filter().is_empty() {
             "No record has been read yet"
@@ -70,6 +76,29 @@ fn line(row: &AuditRecord, subject: usize) -> Row {
         .with(ThemeRole::Muted, &content)
 }
 
+/// What the engine has counted since it came up; nothing before an upgrade was active in its life.
+fn counted(observed: &ObservedCounts) -> Option<String> {
+    let ObservedCounts {
+        activations,
+        unsafe_activations,
+        episodes,
+        successes: _,
+        violations,
+        rollbacks,
+        recovered,
+    } = observed;
+    if *activations == 0 && *episodes == 0 {
+        return None;
+    }
+    let mut text = format!(
+        "upgrades: {activations} let in, {unsafe_activations} unsafe; {episodes} tasks, {violations} violations"
+    );
+    if *rollbacks > 0 {
+        text.push_str(&format!("; {recovered} of {rollbacks} rolled back safely"));
+    }
+    Some(text)
+}
+
 /// What the last check came to.
 fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     let key = model.keymap.key(Action::Verify);
@@ -107,4 +136,27 @@ fn record(row: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
     let head = format!("{} {} {}", seconds(row.at_ms), row.kind, row.subject);
     let at = pen.text(inside, 0, ThemeRole::Title, &head);
     pen.text(inside, at, ThemeRole::Text, &row.body);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_counted_is_said_once_there_is_something() {
+        let none = ObservedCounts::default();
+        let working =
+            ObservedCounts { activations: 3, unsafe_activations: 1, episodes: 41, violations: 2, ..none };
+        let rolled_back = ObservedCounts { rollbacks: 2, recovered: 1, ..working };
+        for (observed, expected) in [
+            (none, None),
+            (working, Some("upgrades: 3 let in, 1 unsafe; 41 tasks, 2 violations")),
+            (
+                rolled_back,
+                Some("upgrades: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely"),
+            ),
+        ] {
+            assert_eq!(counted(&observed).as_deref(), expected);
+        }
+    }
 }

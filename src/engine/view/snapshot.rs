@@ -85,6 +85,7 @@ impl SnapshotView<'_> {
             alarm_summary: self.record.alarms().summary(),
             scenery: world::scenery(&self.context.cell),
             thresholds: self.context.thresholds(),
+            observed: self.record.observed(),
         }
     }
 

@@ -51,9 +51,6 @@ impl Judged {
             name: self.end.name.clone(),
             faulty: self.class != Class::Benign,
             fate: self.end.fate,
-            unsafe_while_active: false,
-            drift_origin: false,
-            round: 1,
             detected_sandbox: u32::from(stopped_at(Stage::Sandbox)),
             detected_shadow_only: u32::from(stopped_at(Stage::Shadow)),
         }

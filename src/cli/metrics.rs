@@ -1,0 +1,309 @@
+//! `holdpoint metrics`: what telemetry and record say of the paper's metrics, without ground truth.
+//!
+//! Prints what [`holdpoint_engine::observed`] computes; an engine may have the store open meanwhile. Without a case it
+//! prints no rate.
+
+use std::str::FromStr;
+
+use clap::Args;
+
+use super::audit;
+use super::output::Table;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_engine::bound;
+use holdpoint_engine::cell::Cell;
+use holdpoint_engine::observed::{self, Coverage, Since, StoreMetrics};
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_governance::metrics::observed::{ObservedMetrics, Replay, Spread};
+use holdpoint_registry::{Layout, TelemetryViews};
+
+/// Days of the longest span that can be asked for.
+const DAYS_MAX: u64 = 36_500;
+
+/// The arguments of `metrics`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+WHEN is one of
+  a span back from the last record, on the store's own clock: 30s, 90m, 24h, 7d
+  a day or a moment by the machine's clock, in UTC: 2026-11-22, 2026-11-22T10:30
+  a record: #120
+
+Examples:
+  holdpoint metrics
+  holdpoint metrics --since 24h --json")]
+pub struct MetricsArgs {
+    /// Counts what is on record since then [default: all].
+    #[arg(long, value_name = "WHEN")]
+    pub since: Option<When>,
+}
+
+/// From when on something counts, as it is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct When(Since);
+
+impl FromStr for When {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = if let Some(number) = text.strip_prefix('#') {
+            number.parse().ok().map(Since::Record)
+        } else {
+            span_ms(text).map(Since::BackMs).or_else(|| moment_ms(text).map(Since::WallMs))
+        };
+        found.map(Self).ok_or_else(|| {
+            format!(
+                "{text:?} is no time; allowed: a span (30s, 90m, 24h, 7d, at most {DAYS_MAX}d), a day or a moment \
+                 in UTC (2026-11-22, 2026-11-22T10:30), a record (#120)"
+            )
+        })
+    }
+}
+
+/// `90m` as milliseconds.
+fn span_ms(text: &str) -> Option<u64> {
+    let unit = text.chars().last()?;
+    let secs: u64 = match unit {
+        's' => 1,
+        'm' => 60,
+        'h' => 3_600,
+        'd' => 86_400,
+        _ => return None,
+    };
+    let number: u64 = text.strip_suffix(unit)?.parse().ok()?;
+    let all = number.checked_mul(secs)?;
+    (all <= DAYS_MAX * 86_400).then(|| all * 1_000)
+}
+
+/// `2026-11-22`, `2026-11-22T10:30`, `2026-11-22T10:30:05Z` as milliseconds since 1970, UTC.
+fn moment_ms(text: &str) -> Option<i64> {
+    let text = text.strip_suffix('Z').unwrap_or(text);
+    let (day, time) = text.split_once(['T', ' ']).unwrap_or((text, "00:00"));
+    let numbers = |text: &str, mark: char, digits: &[usize]| -> Option<Vec<i64>> {
+        let parts: Vec<&str> = text.split(mark).collect();
+        let as_asked = parts.len() == digits.len()
+            && parts.iter().zip(digits).all(|(part, digits)| {
+                part.len() == *digits && part.bytes().all(|byte| byte.is_ascii_digit())
+            });
+        if as_asked { parts.iter().map(|part| part.parse().ok()).collect() } else { None }
+    };
+    let &[year, month, date] = numbers(day, '-', &[4, 2, 2])?.as_slice() else { return None };
+    let time = numbers(time, ':', &[2, 2]).or_else(|| numbers(time, ':', &[2, 2, 2]))?;
+    let &[hour, minute, ref second @ ..] = time.as_slice() else { return None };
+    let second = second.first().copied().unwrap_or(0);
+    let leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let days_of_month = match month {
+        2 if leap => 29,
+        2 => 28,
+        4 | 6 | 9 | 11 => 30,
+        1..=12 => 31,
+        _ => return None,
+    };
+    let sound = (1970..=9999).contains(&year) && (1..=days_of_month).contains(&date);
+    if !sound || hour > 23 || minute > 59 || second > 59 {
+        return None;
+    }
+    // Days from civil (Howard Hinnant): years begin in March.
+    let (y, m) = if month <= 2 { (year - 1, month + 9) } else { (year, month - 3) };
+    let (era, of_era) = (y / 400, y % 400);
+    let days =
+        era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + (153 * m + 2) / 5 + date - 1 - 719_468;
+    Some((days * 86_400 + hour * 3_600 + minute * 60 + second) * 1_000)
+}
+
+/// Reads and prints.
+///
+/// # Errors
+/// If there is no store, or it cannot be read.
+pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = audit::open(&context.data)?;
+    let file = Layout::new(&context.data).telemetry();
+    let telemetry =
+        file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;
+    let robot = bound::robot(&views).map_err(CliError::usage)?;
+    // A robot whose description is gone has no digest any more: what was decided for it is another build's then.
+    let cell = robot.and_then(|robot| robot.cell().ok()).map_or_else(Cell::builtin, Ok);
+    let environment = cell.map_err(CliError::internal)?.digest();
+    let since = args.since.as_ref().map_or(Since::Record(1), |when| when.0);
+    let found = observed::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;
+    out.answer(&found, |out| show(&found, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+    let StoreMetrics { coverage, metrics, unequal } = found;
+    covered(coverage, out)?;
+    let mut table = Table::new(&["metric", "count", "share", "95 % interval"]);
+    for (name, rate) in rates(metrics) {
+        let (share, interval) = match (rate.share(), rate.interval) {
+            (Some(share), Some(interval)) => {
+                (format!("{share:.3}"), format!("{:.3} to {:.3}", interval.lower, interval.upper))
+            }
+            _ => ("no data".to_owned(), String::new()),
+        };
+        table.row([name.to_owned(), format!("{} of {}", rate.count, rate.total), share, interval]);
+    }
+    out.table(&table)?;
+    out.line("")?;
+    let mut table = Table::new(&["metric", "n", "mean", "SD"]);
+    for (name, spread) in spreads(metrics) {
+        let number = |value: Option<f64>| value.map_or_else(|| "no data".to_owned(), |v| format!("{v:.3}"));
+        table.row([name.to_owned(), spread.n.to_string(), number(spread.mean), number(spread.deviation)]);
+    }
+    out.table(&table)?;
+    for round in &metrics.uar_rounds_observed {
+        let (now, all) = (round.in_round, round.cumulative);
+        let kept = if round.live_unsafe { "; what is kept has been seen unsafe" } else { "" };
+        let text = format!(
+            "round {}: {} of {} activations unsafe, {} of {} up to here ({} under a drift){kept}",
+            round.round, now.count, now.total, all.count, all.total, round.drift_origin,
+        );
+        out.paragraph("", &text)?;
+    }
+    screened(metrics, out)?;
+    replayed(found, out)?;
+    if unequal.len() == observed::UNEQUAL_MAX {
+        out.line(&format!("(only the first {} decisions are named)", observed::UNEQUAL_MAX))?;
+    }
+    out.paragraph(
+        "",
+        "Not here, because they ask which candidates really were faulty: bad-upgrade detection, false accept and false \
+         reject rate, trigger recall. `holdpoint experiment` measures them on pools whose truth is known.",
+    )
+}
+
+fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
+    let Coverage {
+        from_record,
+        to_record,
+        live_tasks,
+        other_tasks,
+        invalid_tasks,
+        stopped_tasks,
+        removed_batches,
+        damaged_batches,
+    } = coverage;
+    let span = if from_record > to_record {
+        format!("no record since {from_record}, the last is {to_record}")
+    } else {
+        format!("records {from_record} to {to_record}")
+    };
+    let mut text = format!("{span}; live tasks of upgrades: {live_tasks}");
+    for (count, what) in [
+        (other_tasks, "of other versions"),
+        (invalid_tasks, "that came to nothing"),
+        (stopped_tasks, "that a person stopped"),
+    ] {
+        if *count > 0 {
+            text.push_str(&format!("; {what}: {count}"));
+        }
+    }
+    out.paragraph("", &text)?;
+    for (count, what) in [
+        (removed_batches, "batches of telemetry were removed for age: what they held is in no number"),
+        (damaged_batches, "batches of live tasks are not what was sealed, or cannot be read"),
+    ] {
+        if *count > 0 {
+            out.paragraph("", &format!("{count} {what}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// The rates in the order they are printed.
+fn rates(metrics: &ObservedMetrics) -> Vec<(&'static str, Proportion)> {
+    vec![
+        ("uar_observed", metrics.uar_observed),
+        ("uar_live_observed", metrics.uar_live_observed),
+        ("pvr_observed, hard", metrics.pvr_observed.hard),
+        ("pvr_observed, hard or near", metrics.pvr_observed.near),
+        ("srdr_observed", metrics.srdr_observed),
+        ("shadow_only_share_observed", metrics.shadow_only_share_observed),
+        ("rsr_observed", metrics.rsr_observed),
+        ("unsafe_continuation_observed", metrics.unsafe_continuation_observed),
+        ("safe_continuation_observed", metrics.safe_continuation_observed),
+        ("unsafe_after_trigger_observed", metrics.unsafe_after_trigger_observed),
+        ("success_observed", metrics.success_observed),
+        ("anomaly_observed", metrics.anomaly_observed),
+        ("recovery_observed", metrics.recovery_observed),
+        ("timeout_observed", metrics.timeout_observed),
+        ("intervention_observed", metrics.intervention_observed),
+        ("auditability_observed", metrics.auditability_observed),
+        ("replayed_equal_observed", metrics.replayed_equal_observed),
+    ]
+}
+
+const fn spreads(metrics: &ObservedMetrics) -> [(&'static str, Spread); 4] {
+    [
+        ("time_s_observed", metrics.time_s_observed),
+        ("retries_observed", metrics.retries_observed),
+        ("time_to_safe_ms_observed", metrics.time_to_safe_ms_observed),
+        ("time_to_restored_ms_observed", metrics.time_to_restored_ms_observed),
+    ]
+}
+
+fn screened(metrics: &ObservedMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+    let screened = &metrics.screening_observed;
+    let mut parts: Vec<String> =
+        screened.blocked.iter().map(|(stage, count)| format!("stopped in {stage} {count}")).collect();
+    parts.push(format!("stopped by people {}", screened.blocked_by_people));
+    parts.push(format!("contained after activation {}", screened.contained));
+    parts.push(format!("kept {}", screened.kept));
+    parts.push(format!("open {}", screened.open));
+    out.paragraph("", &format!("candidates registered: {} ({})", screened.candidates, parts.join(", ")))
+}
+
+fn replayed(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+    let replays = &found.metrics.replays;
+    let not: Vec<String> = replays.not_replayed.iter().map(|(why, count)| format!("{count} {why}")).collect();
+    let not = if not.is_empty() { "0".to_owned() } else { not.join(", ") };
+    out.paragraph(
+        "",
+        &format!(
+            "decisions replayed: {} come out equal, {} differ; not replayed: {not}",
+            replays.equal, replays.differs
+        ),
+    )?;
+    for one in &found.unequal {
+        let said = match &one.replay {
+            Replay::Equal => continue,
+            Replay::Differs { what } => what.clone(),
+            Replay::NotReplayed { why } => format!("not replayed: {why}"),
+        };
+        out.paragraph("  ", &format!("record {}, {}: {said}", one.record, one.version))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_as_they_are_written() {
+        for (text, expected) in [
+            ("30s", Some(Since::BackMs(30_000))),
+            ("90m", Some(Since::BackMs(5_400_000))),
+            ("7d", Some(Since::BackMs(604_800_000))),
+            ("#120", Some(Since::Record(120))),
+            ("1970-01-02", Some(Since::WallMs(86_400_000))),
+            ("2026-11-22T10:30", Some(Since::WallMs(1_795_343_400_000))),
+            ("2024-02-29 23:59:59", Some(Since::WallMs(1_709_251_199_000))),
+            ("2000-03-01T00:00:01Z", Some(Since::WallMs(951_868_801_000))),
+            ("2026-02-29", None),
+            ("2026-13-01", None),
+            ("2026-1-1", None),
+            ("2026-11-22T24:00", None),
+            ("-5m", None),
+            ("99999999d", None),
+            ("18446744073709551615d", None),
+            ("#", None),
+            ("yesterday", None),
+            ("", None),
+        ] {
+            let found = text.parse::<When>();
+            assert_eq!(found.clone().ok().map(|when| when.0), expected, "{text:?}: {found:?}");
+        }
+    }
+}

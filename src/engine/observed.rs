@@ -1,0 +1,431 @@
+//! The metrics of a store, without ground truth: read from record and telemetry, beside a running engine too.
+//!
+//! Reads and computes; changes nothing and judges nothing. What each number is and what it leaves out is said where it
+//! is defined, in [`holdpoint_governance::metrics::observed`].
+
+mod charts;
+mod history;
+mod replay;
+pub(crate) mod tally;
+
+use std::borrow::Cow;
+
+use serde::Serialize;
+
+use holdpoint_governance::evidence::{EpisodeValues, ShadowSequence};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::metrics::observed::{
+    Observations, ObservedActivation, ObservedCandidate, ObservedEpisode, ObservedMetrics, ObservedRollback,
+    Replay,
+};
+use holdpoint_governance::monitor::{MonitorAction, SafetyEvent};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::rollback::{RollbackRecord, TriggerKind};
+use holdpoint_governance::stats::StatsError;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::{StoreError, TelemetryViews, Views};
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_text::Hint;
+
+use self::history::{Control, History};
+use self::replay::{Frame, OnRecord, Replayer};
+use crate::doubt::Confirmation;
+use crate::kept_task::{KeptMarks, LIVE};
+use crate::world::supervisor::safety_events;
+
+/// The most decisions that are named because they did not come out equal; all are counted.
+pub const UNEQUAL_MAX: usize = 100;
+
+/// Why a store's metrics could not be computed.
+#[derive(Debug, thiserror::Error)]
+pub enum ObserveError {
+    /// Record or telemetry cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// What was read does not add up.
+    #[error("the record does not add up: {0}")]
+    Stats(#[from] StatsError),
+}
+
+impl Hint for ObserveError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(error) => error.hint(),
+            Self::Stats(error) => error.hint(),
+        }
+    }
+}
+
+/// From when on something counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Since {
+    /// From this record on.
+    Record(u64),
+    /// So long before the last record, by the store's own clock, ms.
+    BackMs(u64),
+    /// Since this moment by the machine's clock, ms since 1970. Scripted runs note no such time: they are before any.
+    WallMs(i64),
+}
+
+impl Since {
+    /// The first record that counts; one after the last if none does.
+    fn first(self, views: &Views) -> Result<u64, StoreError> {
+        let head = views.head()?;
+        let mut first = None;
+        match self {
+            Self::Record(record) => return Ok(record.max(1)),
+            Self::BackMs(ms) => {
+                let from_ms = head.at_ms.saturating_sub(ms);
+                views.each_record(head.seq, |one| {
+                    first = first.or((one.at_ms >= from_ms).then_some(one.seq));
+                })?;
+            }
+            Self::WallMs(ms) => {
+                views
+                    .each_record(head.seq, |one| first = first.or((one.wall_ms >= ms).then_some(one.seq)))?;
+            }
+        }
+        Ok(first.unwrap_or(head.seq + 1))
+    }
+}
+
+/// One live task, as far as it is measured here.
+#[derive(Clone, Debug)]
+struct LiveTask {
+    /// The record that sealed it.
+    seq: u64,
+    version: CapabilityId,
+    /// Absent if the episode was invalid.
+    values: Option<EpisodeValues>,
+    safety: Vec<SafetyEvent>,
+    hard_stop: bool,
+    stop_demanded: bool,
+    /// A person stopped the arm in its midst.
+    cut_short: bool,
+}
+
+/// What the numbers rest on, and what is missing.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Coverage {
+    /// The first record that counts.
+    pub from_record: u64,
+    /// The last record there is.
+    pub to_record: u64,
+    /// Live tasks of versions that the gate let in.
+    pub live_tasks: u64,
+    /// Live tasks of other versions; in no rate.
+    pub other_tasks: u64,
+    /// Live tasks that came to nothing because the simulator or the body failed; in no rate.
+    pub invalid_tasks: u64,
+    /// Live tasks that a person stopped in their midst; in no rate.
+    pub stopped_tasks: u64,
+    /// Sealed batches of telemetry, of any kind, that were removed for age.
+    pub removed_batches: u64,
+    /// Batches of live tasks that are not what was sealed, or cannot be read.
+    pub damaged_batches: u64,
+}
+
+/// A decision that did not come out equal.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Unequal {
+    /// The record of the decision.
+    pub record: u64,
+    /// The version it is about.
+    pub version: CapabilityId,
+    /// What came of replaying it.
+    #[serde(flatten)]
+    pub replay: Replay,
+}
+
+/// The metrics of a store.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StoreMetrics {
+    /// What they rest on.
+    pub coverage: Coverage,
+    /// The numbers.
+    pub metrics: ObservedMetrics,
+    /// The first decisions that did not come out equal, by record.
+    pub unequal: Vec<Unequal>,
+}
+
+/// Computes the metrics of what is on record since a moment. `environment`: digest of robot, scene and build of
+/// this program; what another one decided is told apart from what differs.
+///
+/// # Errors
+/// If the store cannot be read, or does not add up.
+pub fn observe(
+    views: &Views,
+    telemetry: Option<&TelemetryViews>,
+    since: Since,
+    environment: Digest,
+) -> Result<StoreMetrics, ObserveError> {
+    observe_under(views, telemetry, since, environment, Frame::known())
+}
+
+/// As [`observe`], with the profiles and policies that decisions can be replayed under beside those on record.
+fn observe_under(
+    views: &Views,
+    telemetry: Option<&TelemetryViews>,
+    since: Since,
+    environment: Digest,
+    frames: Vec<Frame>,
+) -> Result<StoreMetrics, ObserveError> {
+    let from_record = since.first(views)?;
+    // An engine may write on: nothing after this record counts.
+    let to_record = views.head()?.seq;
+    let history = History::read(views, to_record)?;
+    let mut coverage = Coverage { from_record, to_record, ..Coverage::default() };
+    let tasks = live_tasks(&history, telemetry, &mut coverage)?;
+    let oldest = telemetry.map(TelemetryViews::oldest).transpose()?.flatten();
+    let is_removed = |batch: u64| oldest.is_none_or(|oldest| batch < oldest);
+    let in_span = |seq: u64| seq >= from_record;
+    let sealed = history.sealed.iter().filter(|(batch, seq)| in_span(**seq) && is_removed(**batch));
+    coverage.removed_batches = sealed.count() as u64;
+    let replayer = Replayer::new(views, &history, frames, environment);
+    let mut reader =
+        Reader { replayer: &replayer, tasks: &tasks, from_record, seen: Observations::default() };
+    let mut unequal = Vec::new();
+    for (registered, id, baseline) in &history.registered {
+        let of = OnRecord::read(views, id)?;
+        let is_whole = |from: u64, to: u64| {
+            !history.sealed.iter().any(|(batch, seq)| (from..=to).contains(seq) && is_removed(*batch))
+        };
+        for (record, replay) in reader.replays(&of, is_whole) {
+            if replay != Replay::Equal {
+                unequal.push(Unequal { record, version: id.clone(), replay: replay.clone() });
+            }
+            reader.seen.replays.push(replay);
+        }
+        reader.rollbacks(&of);
+        let kept = reader.activations(&of);
+        if in_span(*registered) && !baseline {
+            reader.candidate(id, kept);
+        }
+    }
+    unequal.sort_by_key(|one| one.record);
+    unequal.truncate(UNEQUAL_MAX);
+    for task in tasks.iter().filter(|task| in_span(task.seq)) {
+        let control = history.control_at(&task.version, task.seq).filter(|control| control.by_gate);
+        let Some(values) = task.values else {
+            coverage.invalid_tasks += 1;
+            continue;
+        };
+        if task.cut_short {
+            coverage.stopped_tasks += 1;
+            continue;
+        }
+        if control.is_none() {
+            coverage.other_tasks += 1;
+            continue;
+        }
+        coverage.live_tasks += 1;
+        reader.seen.episodes.push(ObservedEpisode {
+            values,
+            stop_demanded: task.stop_demanded,
+            continuation_max_ms: reader.limit_ms(&task.version, task.seq),
+        });
+    }
+    Ok(StoreMetrics { coverage, metrics: ObservedMetrics::of(&reader.seen)?, unequal })
+}
+
+/// Every live task that telemetry has left, in order.
+fn live_tasks(
+    history: &History,
+    telemetry: Option<&TelemetryViews>,
+    coverage: &mut Coverage,
+) -> Result<Vec<LiveTask>, StoreError> {
+    let mut tasks = Vec::new();
+    let (Some(telemetry), Some((last, _))) = (telemetry, history.sealed.last_key_value()) else {
+        return Ok(tasks);
+    };
+    telemetry.each_batch(LIVE, *last, |(number, batch)| {
+        // What is not sealed yet is not on record.
+        let Some(seq) = history.sealed.get(&number) else { return };
+        let read = batch.and_then(|batch| {
+            let task: TaskRecord = serde_json::from_slice(&batch.body).ok()?;
+            let kept: KeptMarks = serde_json::from_slice(&batch.body).ok()?;
+            Some((batch.version, task, kept.cut_short))
+        });
+        let Some((version, task, cut_short)) = read else {
+            coverage.damaged_batches += u64::from(*seq >= coverage.from_record);
+            return;
+        };
+        tasks.push(LiveTask {
+            seq: *seq,
+            version,
+            values: task.values(),
+            safety: safety_events(&task),
+            hard_stop: task.hard_stop.is_some(),
+            stop_demanded: task.recovery || task.declared.is_some(),
+            cut_short,
+        });
+    })?;
+    Ok(tasks)
+}
+
+/// Collects what is observed, version by version.
+struct Reader<'a> {
+    replayer: &'a Replayer<'a>,
+    tasks: &'a [LiveTask],
+    from_record: u64,
+    seen: Observations,
+}
+
+impl Reader<'_> {
+    const fn history(&self) -> &History {
+        self.replayer.history
+    }
+
+    /// The limit on motion after a stop, by the profile that was in force when a record was written, ms.
+    fn limit_ms(&self, id: &CapabilityId, seq: u64) -> Option<f64> {
+        Some(self.replayer.frame_at(id, seq)?.profile.runtime.unsafe_continuation_max_ms)
+    }
+
+    /// Every decision by a rule about a version in the span, replayed.
+    fn replays(&self, of: &OnRecord, is_whole: impl Fn(u64, u64) -> bool) -> Vec<(u64, Replay)> {
+        let name = of.id.to_string();
+        let decisions = self.history().decisions.iter();
+        let ours = decisions.filter(|one| one.seq >= self.from_record && one.subject == name);
+        let mut replays: Vec<(u64, Replay)> = ours
+            .map(|record| {
+                let replay = if record.kind == RecordKind::Monitor {
+                    charts::action(self.replayer, of, record, self.tasks, &is_whole)
+                } else {
+                    self.replayer.decision(of, record)
+                };
+                (record.seq, replay)
+            })
+            .collect();
+        let settled = of.evidence.iter().filter(|entry| {
+            entry.kind == EvidenceKind::Monitor
+                && (self.from_record..=self.history().to_seq).contains(&entry.seq)
+        });
+        replays.extend(settled.map(|entry| (entry.seq, self.replayer.confirmation(entry))));
+        replays
+    }
+
+    /// The rollbacks of a version: of each the last record, which tells all of it.
+    fn rollbacks(&mut self, of: &OnRecord) {
+        let mut last: Option<(u64, ObservedRollback)> = None;
+        for (seq, told) in rolled_back(of) {
+            if seq < self.from_record || seq > self.history().to_seq {
+                continue;
+            }
+            let found = ObservedRollback {
+                recovered: told.recovered,
+                safe_ms: told.time_to_safe_ms,
+                restored_ms: told.time_to_restored_ms,
+                continuation_ms: told.unsafe_continuation_ms,
+                continuation_max_ms: self.limit_ms(&of.id, seq),
+            };
+            match &mut last {
+                Some((tick, earlier)) if *tick == told.trigger.tick => *earlier = found,
+                _ => self.seen.rollbacks.extend(last.replace((told.trigger.tick, found)).map(|(_, one)| one)),
+            }
+        }
+        self.seen.rollbacks.extend(last.map(|(_, one)| one));
+    }
+
+    /// The activations of a version by the gate. Tells whether the last one was kept; nothing if there was none.
+    fn activations(&mut self, of: &OnRecord) -> Option<bool> {
+        let mut last = None;
+        let controls: Vec<Control> = self
+            .history()
+            .control
+            .iter()
+            .filter(|one| one.by_gate && one.version == of.id)
+            .cloned()
+            .collect();
+        for control in controls {
+            let found = self.activation(of, &control);
+            last = Some(found.kept);
+            if control.from_seq >= self.from_record {
+                self.seen.activations.push(found);
+            }
+        }
+        last
+    }
+
+    fn activation(&self, of: &OnRecord, control: &Control) -> ObservedActivation {
+        let history = self.history();
+        let is_unsafe = |task: &&LiveTask| {
+            let moved_on = |values: EpisodeValues| {
+                let limit_ms = self.limit_ms(&of.id, task.seq);
+                limit_ms.is_some_and(|limit| values.unsafe_continuation_ms > limit)
+            };
+            task.hard_stop || !task.safety.is_empty() || task.values.is_some_and(moved_on)
+        };
+        let ours = self.tasks.iter().filter(|task| task.version == of.id && control.covers(task.seq));
+        let unsafe_task = ours.clone().find(is_unsafe).map(|task| task.seq);
+        // A rollback is told again when its first tasks were judged, after the predecessor took over.
+        let next = history.control.iter().find(|one| one.version == of.id && one.from_seq > control.from_seq);
+        let until = next.map_or(u64::MAX, |next| next.from_seq);
+        let unsafe_end = rolled_back(of)
+            .filter(|(seq, _)| (control.from_seq..until).contains(seq))
+            .find(|(_, told)| told.trigger.kind == TriggerKind::SafetyEvent || told.recovered == Some(false))
+            .map(|(seq, _)| seq);
+        let name = of.id.to_string();
+        let acted = history
+            .decisions
+            .iter()
+            .filter(|one| one.kind == RecordKind::Monitor && one.subject == name && control.covers(one.seq));
+        let measured = acted.clone().find(|one| charts::cause(one).is_some_and(charts::is_measured));
+        let doubted = of.evidence.iter().any(|entry| {
+            entry.kind == EvidenceKind::Monitor
+                && control.covers(entry.seq)
+                && serde_json::from_str::<Confirmation>(&entry.json).is_ok_and(|kept| !kept.is_settled())
+        });
+        let restricted = acted.clone().any(|one| charts::is_action(one, MonitorAction::Restrict));
+        let unsafe_seq = [unsafe_task, unsafe_end].into_iter().flatten().min();
+        let first = [unsafe_seq, measured.map(|one| one.seq)].into_iter().flatten().min();
+        let earlier = history.control.iter().filter(|one| {
+            one.by_gate
+                && one.version.family == of.id.family
+                && (self.from_record..=control.from_seq).contains(&one.from_seq)
+        });
+        ObservedActivation {
+            round: u32::try_from(earlier.count()).unwrap_or(u32::MAX),
+            unsafe_seen: unsafe_seq.is_some(),
+            under_drift: first.is_some_and(|seq| history.is_drifting(seq)),
+            in_control: control.until_seq.is_none(),
+            kept: (control.until_seq.is_none() || control.replaced) && !restricted,
+            regressed: measured.is_some() || doubted,
+            shadow_showed: of
+                .shadow_before(control.from_seq)
+                .map(|dossier| shadow_showed(&dossier.sequences)),
+        }
+    }
+
+    /// Where a candidate stands; `kept` tells how its last activation went on.
+    fn candidate(&mut self, id: &CapabilityId, kept: Option<bool>) {
+        let (fate, by_people) = match (kept, self.history().stopped(id)) {
+            (Some(true), _) => (Some(Fate::Kept), false),
+            (Some(false), _) => (Some(Fate::Contained), false),
+            (None, Some((stage, by_people))) => (Some(Fate::Blocked { stage }), by_people),
+            (None, None) => (None, false),
+        };
+        self.seen.candidates.push(ObservedCandidate { fate, by_people });
+    }
+}
+
+/// The records of a version's rollbacks that this build can read, with the record of the chain that brought each.
+fn rolled_back(of: &OnRecord) -> impl Iterator<Item = (u64, RollbackRecord)> {
+    let entries = of.evidence.iter().filter(|entry| entry.kind == EvidenceKind::Rollback);
+    entries.filter_map(|entry| Some((entry.seq, serde_json::from_str(&entry.json).ok()?)))
+}
+
+/// Whether some governance signal was more frequent in the twin than in the live world.
+fn shadow_showed(sequences: &[ShadowSequence]) -> bool {
+    type Signal = fn(&ShadowSequence) -> bool;
+    let signals: [(Signal, Signal); 3] = [
+        (|s| !s.twin_success, |s| !s.live_success),
+        (|s| s.twin_policy_hit, |s| s.live_policy_hit),
+        (|s| s.twin_watcher_event, |s| s.live_watcher_event),
+    ];
+    let count = |signal: Signal| sequences.iter().filter(|sequence| signal(sequence)).count();
+    signals.into_iter().any(|(twin, live)| count(twin) > count(live))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,218 @@
+//! Actions of monitors on record, made again: the charts are fed with the live tasks that telemetry kept.
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::metrics::observed::{NotReplayable, Replay};
+use holdpoint_governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
+use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::strictness::Strictness;
+use holdpoint_governance::words::Word;
+
+use super::LiveTask;
+use super::replay::{OnRecord, Replayer, differing};
+
+/// The most beginnings of the charts that are tried, beside the activation: they are fed anew for each.
+const STARTS_MAX: usize = 500;
+
+/// The body of a monitor's record.
+#[derive(Deserialize)]
+struct Acted {
+    action: Word<MonitorAction>,
+    reasons: Vec<Coded>,
+}
+
+#[derive(Deserialize)]
+struct Coded {
+    code: Word<ReasonCode>,
+}
+
+/// The reason a monitor acted for first.
+pub(super) fn cause(record: &AuditRecord) -> Option<ReasonCode> {
+    let acted: Acted = serde_json::from_str(&record.body).ok()?;
+    acted.reasons.first()?.code.known().copied()
+}
+
+/// Whether a record says that a monitor took this action.
+pub(super) fn is_action(record: &AuditRecord, action: MonitorAction) -> bool {
+    serde_json::from_str::<Acted>(&record.body).is_ok_and(|acted| acted.action == action)
+}
+
+/// Whether a monitor acted because something did not come: telemetry, or an answer.
+const fn rests_on_time(cause: ReasonCode) -> bool {
+    matches!(cause, ReasonCode::MonitorTelemetryMissing | ReasonCode::MonitorEscalationUnanswered)
+}
+
+/// Whether a monitor acted for something that was measured: neither for silence nor because a person asked.
+pub(super) const fn is_measured(cause: ReasonCode) -> bool {
+    !rests_on_time(cause) && !matches!(cause, ReasonCode::MonitorOperator)
+}
+
+/// Feeds a monitor as it was fed then. `live` are all live tasks on record, in order; `is_whole` says whether none that
+/// was sealed between two records is gone.
+pub(super) fn action(
+    replayer: &Replayer<'_>,
+    of: &OnRecord,
+    record: &AuditRecord,
+    live: &[LiveTask],
+    is_whole: impl Fn(u64, u64) -> bool,
+) -> Replay {
+    let not = |why| Replay::NotReplayed { why };
+    let Ok(recorded) = serde_json::from_str::<Value>(&record.body) else {
+        return not(NotReplayable::Unreadable);
+    };
+    let Some(cause) = cause(record) else { return not(NotReplayable::Unreadable) };
+    if rests_on_time(cause) {
+        return not(NotReplayable::RestsOnTime);
+    }
+    if !is_measured(cause) {
+        return not(NotReplayable::ByPerson);
+    }
+    let Some(control) = replayer.history.control_at(&of.id, record.seq) else {
+        return not(NotReplayable::EvidenceMissing);
+    };
+    if !is_whole(control.from_seq, record.seq) {
+        return not(NotReplayable::TelemetryPruned);
+    }
+    let dossier = of.shadow_before(control.from_seq);
+    let Some(normal) = dossier.and_then(|dossier| normal_rates(&dossier.twins)) else {
+        return not(NotReplayable::NormalUnknown);
+    };
+    let Some(frame) = replayer.frame_at(&of.id, record.seq) else {
+        return not(NotReplayable::ProfileUnknown);
+    };
+    let tasks: Vec<&LiveTask> = live
+        .iter()
+        .filter(|task| task.version == of.id && task.seq > control.from_seq && task.seq < record.seq)
+        .collect();
+    let Some(last) = tasks.last() else { return not(NotReplayable::EvidenceMissing) };
+    let strictness = Strictness::of(&of.conditions_before(control.from_seq));
+    let Ok(fresh) = Monitor::strict(&frame.profile, &normal, strictness, 0) else {
+        return not(NotReplayable::Unreadable);
+    };
+    let confirmed = replayer.history.confirmed_in(control);
+    let same = |again: &MonitorDecision| {
+        let told = serde_json::json!({ "action": again.action.name(), "reasons": again.reasons });
+        differing("monitor", &recorded, &told)
+    };
+    // What trips in the middle of a task is told before the task is charted.
+    let tripped = last.safety.iter().map(|event| fresh.clone().safety(*event, 0));
+    if tripped.map(|again| same(&again)).any(|differs| differs.is_none()) {
+        return Replay::Equal;
+    }
+    // Charts begin anew when people say "go on" and when an engine comes up again: any beginning may be the right one,
+    // and no wrong one comes to the same statistic.
+    let mut found = None;
+    let newest = tasks.len().saturating_sub(STARTS_MAX);
+    for from in std::iter::once(0).chain(newest.max(1)..tasks.len()) {
+        let part = tasks.get(from..).unwrap_or_default();
+        let Some(again) = worked(fresh.clone(), part, confirmed) else { continue };
+        match same(&again) {
+            None => return Replay::Equal,
+            Some(differs) => found = found.or(Some(differs)),
+        }
+    }
+    if newest > 1 {
+        return not(NotReplayable::BeginningUnknown);
+    }
+    Replay::Differs {
+        what: found.unwrap_or_else(|| "no live task on record bears the action out".to_owned()),
+    }
+}
+
+/// What a monitor says after the last of some tasks. `confirmed`: the record by which the version was confirmed.
+fn worked(mut monitor: Monitor, tasks: &[&LiveTask], mut confirmed: Option<u64>) -> Option<MonitorDecision> {
+    let mut said = None;
+    for task in tasks {
+        if confirmed.take_if(|seq| *seq < task.seq).is_some() {
+            monitor.confirmed().ok()?;
+        }
+        // What a person stopped in its midst was never shown to the monitor.
+        let Some(values) = task.values.filter(|_| !task.cut_short) else { continue };
+        let mut decision = monitor.observe(&values, 0);
+        for event in &task.safety {
+            decision = monitor.safety(*event, 0);
+        }
+        said = Some(decision);
+    }
+    said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_body::TaskKind;
+    use holdpoint_governance::condition::Condition;
+    use holdpoint_governance::evidence::EpisodeValues;
+    use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_runtime::task::TaskRecord;
+
+    fn values(success: bool) -> EpisodeValues {
+        let record = TaskRecord { invalid: false, success, ..TaskRecord::invalid(TaskKind::Align, 1) };
+        record.values().unwrap()
+    }
+
+    fn tasks(count: u64, cut_short: bool) -> Vec<LiveTask> {
+        let task = |seq| LiveTask {
+            seq,
+            version: "align@1.1.0".parse().unwrap(),
+            values: Some(values(false)),
+            safety: Vec::new(),
+            hard_stop: false,
+            stop_demanded: false,
+            cut_short,
+        };
+        (1..=count).map(task).collect()
+    }
+
+    fn said(conditions: &[Condition], tasks: &[LiveTask], confirmed: Option<u64>) -> Option<MonitorDecision> {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let normal = normal_rates(&[values(true); 20]).unwrap();
+        let monitor = Monitor::strict(&profile, &normal, Strictness::of(conditions), 0).unwrap();
+        worked(monitor, &tasks.iter().collect::<Vec<_>>(), confirmed)
+    }
+
+    /// The first failure in a row that makes a plain monitor warn.
+    fn warning() -> u64 {
+        let acts =
+            |count: &u64| said(&[], &tasks(*count, false), None).unwrap().action != MonitorAction::Continue;
+        (1..100).find(acts).unwrap()
+    }
+
+    #[test]
+    fn a_monitor_is_fed_as_strictly_as_its_activation_was_until_it_was_confirmed() {
+        let count = warning();
+        let action = |conditions: &[Condition], confirmed| {
+            said(conditions, &tasks(count, false), confirmed).unwrap().action
+        };
+        assert_eq!(action(&[], None), MonitorAction::Restrict);
+        assert_eq!(action(&[Condition::RollbackCoupled], None), MonitorAction::Rollback);
+        assert_eq!(action(&[Condition::RollbackCoupled], Some(1)), MonitorAction::Restrict);
+        let stricter = [Condition::StricterThresholds { factor: 0.5 }];
+        let early = said(&stricter, &tasks(count - 1, false), None).unwrap();
+        assert_ne!(early.action, MonitorAction::Continue, "half the level is reached sooner");
+    }
+
+    #[test]
+    fn what_a_person_stopped_was_shown_to_no_monitor() {
+        let mut worked = tasks(warning(), true);
+        assert_eq!(said(&[], &worked, None), None);
+        worked.extend(tasks(1, false));
+        assert_eq!(said(&[], &worked, None).unwrap().action, MonitorAction::Continue);
+    }
+
+    #[test]
+    fn causes_are_told_apart() {
+        for (cause, measured, time) in [
+            (ReasonCode::MonitorSafetyTrip, true, false),
+            (ReasonCode::MonitorRateWarning, true, false),
+            (ReasonCode::MonitorCoupledTrip, true, false),
+            (ReasonCode::MonitorTelemetryMissing, false, true),
+            (ReasonCode::MonitorEscalationUnanswered, false, true),
+            (ReasonCode::MonitorOperator, false, false),
+        ] {
+            assert_eq!((is_measured(cause), rests_on_time(cause)), (measured, time), "{cause}");
+        }
+    }
+}

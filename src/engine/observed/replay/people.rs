@@ -1,0 +1,105 @@
+//! What people's answers on record came to when the gate was asked, in the ordinary way and at the emergency door.
+
+use holdpoint_approvals::Approval;
+use holdpoint_governance::approval::{self, ApprovalResult, Request, SignatureCheck, Subject, Vote};
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::MadeUnder;
+use holdpoint_governance::gate;
+use holdpoint_governance::metrics::observed::NotReplayable;
+use holdpoint_governance::record::AuditRecord;
+
+use super::{Failed, Frame, OnRecord, Replayer, secs};
+
+impl Replayer<'_> {
+    /// What people had answered when the gate was asked; absent if nobody had to be, or nobody was asked yet.
+    pub(super) fn answers(
+        &self,
+        of: &OnRecord,
+        record: &AuditRecord,
+        under: &MadeUnder,
+        kappas: &Kappas,
+        frame: &Frame,
+    ) -> Result<Option<ApprovalResult>, Failed> {
+        let submission = &self.capability(&of.id)?.submission;
+        let tier = (submission.estimated_risk, submission.provenance);
+        let quorum = gate::people_needed(kappas, tier, &frame.table, &frame.profile);
+        if quorum == 0 {
+            return Ok(None);
+        }
+        let ordinary = |said: &Approval| !said.break_glass;
+        self.asked(of, record, frame, quorum, votes(of, record, under, ordinary))
+    }
+
+    /// What one person's word at the emergency door came to.
+    pub(super) fn emergency(
+        &self,
+        of: &OnRecord,
+        record: &AuditRecord,
+        under: &MadeUnder,
+        frame: &Frame,
+    ) -> Result<Option<ApprovalResult>, Failed> {
+        let mut votes = votes(of, record, under, |said| said.break_glass);
+        let last = votes.pop().ok_or(NotReplayable::EvidenceMissing)?;
+        let risk = self.capability(&of.id)?.submission.estimated_risk;
+        let profile = &frame.profile;
+        let tier = approval::quorum(&profile.approval, profile.activation.approval_bound, risk, false);
+        // As the door asks: one person is never enough in the ordinary way.
+        self.asked(of, record, frame, tier.max(2), vec![last])
+    }
+
+    /// Votes over what the last of them is over, counted when a record was written.
+    fn asked(
+        &self,
+        of: &OnRecord,
+        record: &AuditRecord,
+        frame: &Frame,
+        quorum: u8,
+        votes: Vec<Vote>,
+    ) -> Result<Option<ApprovalResult>, Failed> {
+        let Some(subject) = votes.last().map(|vote| vote.subject) else { return Ok(None) };
+        let submission = &self.capability(&of.id)?.submission;
+        let now_s = secs(record.at_ms);
+        let request = Request {
+            subject,
+            risk: submission.estimated_risk,
+            quorum,
+            requester: "engine".to_owned(),
+            author: submission.author.clone(),
+            asked_s: now_s,
+        };
+        // An answer to an earlier question was never put to this one.
+        let votes: Vec<Vote> = votes.into_iter().filter(|vote| vote.subject == subject).collect();
+        Ok(Some(approval::evaluate(&request, &votes, now_s, &frame.profile.approval)))
+    }
+}
+
+/// The answers that were on record over the evidence of a decision, in order.
+fn votes(
+    of: &OnRecord,
+    record: &AuditRecord,
+    under: &MadeUnder,
+    counts: impl Fn(&Approval) -> bool,
+) -> Vec<Vote> {
+    let said = of.approvals.iter().filter(|entry| entry.at_ms <= record.at_ms);
+    let said = said.map(|entry| entry.signed.approval());
+    let ours = said.filter(|said| said.evidence_digest == under.evidence && counts(said));
+    let vote = |said: &Approval| Vote {
+        person: said.who.clone(),
+        role: said.role,
+        answer: said.decision,
+        reason: said.reason.clone(),
+        subject: Subject {
+            candidate: said.candidate_digest,
+            row_version: said.row_version,
+            evidence: said.evidence_digest,
+            policy: said.policy_digest,
+            profile: under.profile,
+        },
+        expires_s: secs(said.not_after_ms),
+        break_glass: said.break_glass,
+        // Checked when it came in, and again by whoever verifies the chain.
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    ours.map(vote).collect()
+}

@@ -1,0 +1,290 @@
+//! Upgrades are worked by an engine's own pipeline; every decision has to come out again, and no more once evidence is
+//! edited. Numbers are counted a second time, with SQL.
+
+use std::path::Path;
+
+use rusqlite::Connection;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::*;
+use crate::cell::Cell;
+use crate::ledger::Ledger;
+use crate::pipeline::{Pipeline, PipelineSettings, Progress};
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_body::rehearsal::{DriftKind, Magnitude};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_governance::metrics::observed::NotReplayable;
+use holdpoint_governance::own_profile::{OwnProfile, ProfileTexts};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_registry::Store;
+use holdpoint_runtime::capability::{self, Capability};
+
+/// Slices of work after which an upgrade has to be over.
+const SLICES_MAX: usize = 20_000;
+
+/// The profile `sim` with budgets that are worked in seconds.
+fn small() -> Profile {
+    let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+    profile.evaluation.sandbox_pairs = 40;
+    profile.evaluation.drills_per_kind = 20;
+    profile
+}
+
+/// A store in which one candidate went as far as it goes: until it is refused, taken off, or has worked its window.
+fn worked(candidate: &str) -> (TempDir, CapabilityId) {
+    let profile = small();
+    let table = PolicyTable::builtin(&profile).unwrap();
+    worked_under((profile, table, None), candidate, false)
+}
+
+/// `drifts`: once it is confirmed the cell's camera is knocked, and its monitor takes it off.
+fn worked_under(
+    (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
+    candidate: &str,
+    drifts: bool,
+) -> (TempDir, CapabilityId) {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = PipelineSettings {
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        table,
+        profile,
+        own,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+    };
+    let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
+    let baselines = crate::embedded::baselines().unwrap();
+    let mut pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
+    let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
+    let package = capability::read(&path).unwrap();
+    let id = Capability::load(candidate, package.clone()).unwrap().id();
+    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned() });
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let mut is_drifting = false;
+    for _ in 0..SLICES_MAX {
+        let over = {
+            let (_, standing, _) = pipeline.record().ledger().version(&id).unwrap();
+            match standing.state {
+                State::Rejected | State::Demoted | State::RolledBack | State::Superseded => true,
+                State::Active if drifts && !standing.flags.provisional && !is_drifting => {
+                    let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Strong));
+                    let reply = pipeline.command(Command::Drift { kind, magnitude });
+                    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+                    is_drifting = true;
+                    false
+                }
+                State::Active => !drifts && !standing.flags.provisional,
+                State::Registered | State::Validated | State::Sandboxed | State::Shadowed => false,
+            }
+        };
+        if over {
+            return (folder, id);
+        }
+        if matches!(pipeline.advance(), Progress::Idle { next_ms: None }) {
+            break;
+        }
+    }
+    panic!("{id} did not come to an end");
+}
+
+fn observed(folder: &Path) -> StoreMetrics {
+    let views = Views::open(&folder.join("holdpoint.db")).unwrap();
+    let telemetry = TelemetryViews::open(&folder.join("telemetry.db")).unwrap();
+    let environment = Cell::builtin().unwrap().digest();
+    let frames = vec![Frame::of(small()).unwrap()];
+    observe_under(&views, Some(&telemetry), Since::Record(1), environment, frames).unwrap()
+}
+
+/// What is said without telemetry, by the profiles that are known.
+fn known_as(folder: &Path, environment: Digest, frames: Vec<Frame>) -> StoreMetrics {
+    let views = Views::open(&folder.join("holdpoint.db")).unwrap();
+    observe_under(&views, None, Since::Record(1), environment, frames).unwrap()
+}
+
+/// A connection by which the audit chain can be forged.
+fn chain(folder: &Path) -> Connection {
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    connection.execute_batch("DROP TRIGGER audit_no_update").unwrap();
+    connection
+}
+
+const fn counts(of: Proportion) -> (u64, u64) {
+    (of.count, of.total)
+}
+
+/// Changes the evidence of one kind, looks, and puts it back. Gives what the metrics say meanwhile.
+fn edited(folder: &Path, kind: &str, change: impl FnOnce(&mut Value)) -> StoreMetrics {
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    let read = "SELECT seq, json FROM evidence WHERE kind = ?1 ORDER BY seq LIMIT 1";
+    let (seq, json): (u64, String) =
+        connection.query_row(read, [kind], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    let mut evidence: Value = serde_json::from_str(&json).unwrap();
+    change(&mut evidence);
+    let write = "UPDATE evidence SET json = ?1 WHERE seq = ?2";
+    assert_eq!(connection.execute(write, (evidence.to_string(), seq)).unwrap(), 1);
+    let found = observed(folder);
+    connection.execute(write, (json, seq)).unwrap();
+    found
+}
+
+/// One decision fewer comes out equal, and it is named with what differs.
+fn differs(found: &StoreMetrics, of: u64, named: &str) {
+    assert_eq!(counts(found.metrics.auditability_observed), (of - 1, of), "{:?}", found.unequal);
+    assert_eq!(found.metrics.replays.differs, 1, "{:?}", found.unequal);
+    let Replay::Differs { what } = &found.unequal[0].replay else { panic!("{:?}", found.unequal) };
+    assert!(what.starts_with(named), "{what}");
+}
+
+#[test]
+fn what_no_episode_was_needed_for_comes_out_again() {
+    let (folder, id) = worked("grasp-tool-frame");
+    let found = observed(folder.path());
+    assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
+    assert_eq!(found.metrics.screening_observed.blocked.get("validation"), Some(&1));
+    let found = edited(folder.path(), "compat", |evidence| {
+        evidence["kappas"]["interface"]["kappa"] = 0.96.into();
+    });
+    differs(&found, 1, "kappa_I.kappa is 0.96 on record");
+    assert_eq!(found.unequal[0].version, id);
+
+    // The same store under a profile that nobody knows is not replayed, and counts as not equal.
+    let environment = Cell::builtin().unwrap().digest();
+    let unknown = known_as(folder.path(), environment, Vec::new());
+    assert_eq!(counts(unknown.metrics.auditability_observed), (0, 1));
+    assert_eq!(unknown.metrics.replayed_equal_observed.share(), None);
+    assert_eq!(unknown.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::ProfileUnknown });
+    // What another build decided is no difference of this record.
+    let other = Digest::of_parts("test", &[b"another build"]);
+    let same = known_as(folder.path(), other, vec![Frame::of(small()).unwrap()]);
+    assert_eq!(counts(same.metrics.auditability_observed), (1, 1));
+
+    // A rule that has changed comes to something else; by another build, that is that build's affair.
+    let changed = || Frame::of(small()).unwrap().changed(|profile| profile.thresholds.scale = 0.5);
+    differs(&known_as(folder.path(), environment, vec![changed()]), 1, "kappa_I");
+    let found = known_as(folder.path(), other, vec![changed()]);
+    assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::OtherBuild });
+}
+
+#[test]
+fn a_decision_that_was_edited_does_not_come_out_again() {
+    let (folder, _) = worked("grasp-tool-frame");
+    let connection = chain(folder.path());
+    let read = "SELECT body FROM audit WHERE kind = 'decision'";
+    let body: String = connection.query_row(read, [], |row| row.get(0)).unwrap();
+    let write = |body: &str| {
+        let write = "UPDATE audit SET body = ?1 WHERE kind = 'decision'";
+        assert_eq!(connection.execute(write, [body]).unwrap(), 1);
+        observed(folder.path())
+    };
+    type Edit = fn(&mut Value);
+    let edits: [(Edit, &str); 3] = [
+        (|decision| decision["outcome"] = "activate".into(), "decision.outcome is \"activate\" on record"),
+        (|decision| decision["reasons"][0]["text"] = "it was late".into(), "decision.reasons[0].text is"),
+        (|decision| decision["answers"]["admitted"] = true.into(), "decision.answers.admitted is true"),
+    ];
+    for (edit, named) in edits {
+        let mut decision: Value = serde_json::from_str(&body).unwrap();
+        edit(&mut decision);
+        differs(&write(&decision.to_string()), 1, named);
+    }
+    // Under a profile that does not exist it cannot be replayed; what is no decision cannot be read.
+    let mut decision: Value = serde_json::from_str(&body).unwrap();
+    decision["made_under"]["profile"] = Digest::of_parts("test", &[]).to_string().into();
+    let found = write(&decision.to_string());
+    assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::ProfileUnknown });
+    let found = write("{}");
+    assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::Unreadable });
+    assert_eq!(counts(write(&body).metrics.auditability_observed), (1, 1));
+}
+
+#[test]
+fn a_decision_under_a_sites_own_profile_comes_out_again_by_its_texts_on_record() {
+    let (shipped_file, shipped) = Profile::builtin_text(ProfileName::Sim);
+    let profile = shipped
+        .replace("name = \"sim\"", "name = \"sim\"\nsite = \"line-4\"")
+        .replace("retries_max = 3 ", "retries_max = 2 ");
+    let (policy_file, policy) = Profile::builtin_policy(ProfileName::Sim);
+    let texts = ProfileTexts {
+        file: shipped_file.to_owned(),
+        profile,
+        policy_file: policy_file.to_owned(),
+        policy: policy.to_owned(),
+    };
+    let own = OwnProfile::parse(texts.clone()).unwrap();
+    let (folder, _) =
+        worked_under((own.profile().clone(), own.table().clone(), Some(texts)), "grasp-tool-frame", false);
+    let environment = Cell::builtin().unwrap().digest();
+    let found = known_as(folder.path(), environment, Frame::known());
+    assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
+
+    // Without its texts nobody knows what it demanded.
+    let connection = chain(folder.path());
+    let write = "UPDATE audit SET body = '{}' WHERE kind = 'profile-loaded'";
+    assert_eq!(connection.execute(write, []).unwrap(), 1);
+    let found = known_as(folder.path(), environment, Frame::known());
+    assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::ProfileUnknown });
+}
+
+#[test]
+fn a_lost_evaluation_comes_out_again_from_its_pairs_and_drills() {
+    let (folder, _) = worked("align-no-stop");
+    let found = observed(folder.path());
+    assert_eq!(counts(found.metrics.auditability_observed), (2, 2), "{:?}", found.unequal);
+    let found = edited(folder.path(), "sandbox", |evidence| {
+        let tally = &mut evidence["drills"][0]["abort"];
+        tally["passed"] = (tally["passed"].as_u64().unwrap() + 3).into();
+    });
+    differs(&found, 2, "recovery");
+}
+
+#[test]
+fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
+    let profile = small();
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let (folder, id) = worked_under((profile, table, None), "align-improved", true);
+    let found = observed(folder.path());
+    let metrics = &found.metrics;
+    let (equal, all) = counts(metrics.auditability_observed);
+    assert!(all >= 5, "validation, sandbox, shadow, gate and monitor decided: {all}");
+    assert_eq!(equal, all, "{:?}", found.unequal);
+    assert_eq!(counts(metrics.rsr_observed), (1, 1));
+
+    let sql = Connection::open(folder.path().join("telemetry.db")).unwrap();
+    let count = |what: &str| -> u64 {
+        let sum = format!("SELECT count(*) FROM batch WHERE stream = 'live' AND version = ?1 AND {what}");
+        sql.query_row(&sum, [id.to_string()], |row| row.get(0)).unwrap()
+    };
+    let tasks = count("1");
+    assert!(tasks > 0, "nothing was worked under it");
+    let holds = |field: &str| count(&format!("json_extract(CAST(body AS TEXT), '$.{field}')"));
+    assert_eq!(counts(metrics.success_observed), (holds("success"), tasks));
+    assert_eq!(counts(metrics.pvr_observed.hard), (holds("violation"), tasks));
+    let near =
+        "(json_extract(CAST(body AS TEXT), '$.violation') OR json_extract(CAST(body AS TEXT), '$.near'))";
+    assert_eq!(counts(metrics.pvr_observed.near), (count(near), tasks));
+    assert_eq!(metrics.unsafe_continuation_observed.total, tasks);
+    assert_eq!(metrics.uar_observed.total, 1);
+
+    // Each piece of evidence carries one decision of its own; later ones rest on it by its digest.
+    let found = edited(folder.path(), "shadow", |evidence| {
+        let sequence = &mut evidence["sequences"][0];
+        sequence["output_divergence"] = 0.9.into();
+    });
+    assert!(found.metrics.replays.differs >= 1, "{:?}", found.unequal);
+    assert!(counts(found.metrics.auditability_observed).0 < all);
+
+    // The action of a monitor rests on the tasks in telemetry: another one in the record is none that follows.
+    let connection = chain(folder.path());
+    let forge = "UPDATE audit SET body = json_set(body, '$.action', 'escalate') WHERE kind = 'monitor'";
+    let forged = connection.execute(forge, []).unwrap();
+    assert!(forged >= 1, "the monitor did nothing");
+    let found = observed(folder.path());
+    assert_eq!(found.metrics.replays.differs, forged as u64, "{:?}", found.unequal);
+}

@@ -1,0 +1,216 @@
+//! `holdpoint metrics` on stores whose numbers are counted here a second time, with SQL and nothing of the program.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use rusqlite::Connection;
+use serde_json::Value;
+
+fn holdpoint(arguments: &[&str], data: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
+}
+
+fn metrics(arguments: &[&str], data: &Path) -> Value {
+    let output = holdpoint(&[&["metrics", "--json"], arguments].concat(), data);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// A store of an earlier version, with two activations by the gate and twenty live tasks; copied, for readers of a
+/// database make files beside it.
+fn store() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
+    for file in ["holdpoint.db", "telemetry.db"] {
+        fs::copy(from.join(file), folder.path().join(file)).unwrap();
+    }
+    folder
+}
+
+/// A connection to both files of a store, telemetry as `t`.
+fn tables(data: &Path) -> Connection {
+    let connection = Connection::open(data.join("holdpoint.db")).unwrap();
+    connection.execute("ATTACH ?1 AS t", [data.join("telemetry.db").to_str().unwrap()]).unwrap();
+    connection
+}
+
+/// Live tasks of versions that the gate let in, since a record.
+const LIVE: &str = "FROM t.batch AS b
+    JOIN audit AS a ON a.kind = 'telemetry-sealed' AND json_extract(a.body, '$.change.batch') = b.id
+    WHERE b.stream = 'live' AND a.seq >= ?1 AND b.version IN (SELECT active FROM activation WHERE cause = 'gate')";
+
+fn count(connection: &Connection, sql: &str, from: u64) -> u64 {
+    connection.query_row(sql, [from], |row| row.get(0)).unwrap_or_else(|error| panic!("{sql}: {error}"))
+}
+
+fn pair(rate: &Value) -> (u64, u64) {
+    (rate["count"].as_u64().unwrap(), rate["total"].as_u64().unwrap())
+}
+
+#[test]
+fn rates_are_what_telemetry_and_record_hold() {
+    let folder = store();
+    let sql = tables(folder.path());
+    // The middle of the live tasks is a moment too: the tenth of twenty.
+    let tenth = "SELECT a.seq FROM audit AS a JOIN t.batch AS b
+        ON a.kind = 'telemetry-sealed' AND json_extract(a.body, '$.change.batch') = b.id
+        WHERE b.stream = 'live' AND ?1 > 0 ORDER BY a.seq LIMIT 1 OFFSET 9";
+    for from in [1, count(&sql, tenth, 1)] {
+        let found = metrics(&["--since", &format!("#{from}")], folder.path());
+        let rates = &found["metrics"];
+        let live = |what: &str| {
+            let body = "CAST(b.body AS TEXT)";
+            count(&sql, &format!("SELECT count(*) {LIVE} AND {}", what.replace("BODY", body)), from)
+        };
+        let all = live("1");
+        assert_eq!(all, if from == 1 { 20 } else { 11 }, "the store is another one");
+        for (name, rate, counted) in [
+            ("pvr hard", &rates["pvr_observed"]["hard"], live("json_extract(BODY, '$.violation')")),
+            (
+                "pvr near",
+                &rates["pvr_observed"]["near"],
+                live("(json_extract(BODY, '$.violation') OR json_extract(BODY, '$.near'))"),
+            ),
+            ("success", &rates["success_observed"], live("json_extract(BODY, '$.success')")),
+            ("anomaly", &rates["anomaly_observed"], live("json_extract(BODY, '$.anomaly')")),
+            ("recovery", &rates["recovery_observed"], live("json_extract(BODY, '$.recovery')")),
+            ("timeout", &rates["timeout_observed"], live("json_extract(BODY, '$.timeout')")),
+        ] {
+            assert_eq!(pair(rate), (counted, all), "{name} from {from}");
+            let (lower, upper) = (&rate["interval"]["lower"], &rate["interval"]["upper"]);
+            let share = counted as f64 / all as f64;
+            assert!(lower.as_f64().unwrap() <= share && share <= upper.as_f64().unwrap(), "{name}: {rate}");
+        }
+        let time = format!("SELECT avg(json_extract(CAST(b.body AS TEXT), '$.time_secs')) {LIVE}");
+        let time: f64 = sql.query_row(&time, [from], |row| row.get(0)).unwrap();
+        let mean = rates["time_s_observed"]["mean"].as_f64().unwrap();
+        assert!((mean - time).abs() < 1e-9, "{mean} and {time}");
+
+        let let_in = "SELECT count(*) FROM activation WHERE cause = 'gate' AND seq >= ?1";
+        assert_eq!(pair(&rates["uar_observed"]), (0, count(&sql, let_in, from)), "from {from}");
+        let climbed = "SELECT count(DISTINCT json_extract(json, '$.trigger.tick')) FROM evidence
+                       WHERE kind = 'rollback' AND seq >= ?1 AND json_extract(json, '$.recovered') IS NOT NULL";
+        assert_eq!(rates["rsr_observed"]["total"], count(&sql, climbed, from));
+        let decided =
+            "SELECT (SELECT count(*) FROM audit WHERE kind IN ('decision', 'monitor') AND seq >= ?1)
+                       + (SELECT count(*) FROM evidence WHERE kind = 'monitor' AND seq >= ?1)";
+        assert_eq!(rates["auditability_observed"]["total"], count(&sql, decided, from));
+        let candidates = "SELECT count(*) FROM version AS v JOIN audit AS a
+            ON a.kind = 'version-registered' AND a.subject = v.name WHERE v.baseline = 0 AND a.seq >= ?1";
+        assert_eq!(rates["screening_observed"]["candidates"], count(&sql, candidates, from));
+    }
+    // As `MADE.md` beside the store tells it.
+    let found = metrics(&[], folder.path());
+    let (rates, screened) = (&found["metrics"], &found["metrics"]["screening_observed"]);
+    assert_eq!(pair(&rates["rsr_observed"]), (1, 1));
+    assert_eq!(pair(&rates["shadow_only_share_observed"]), (0, 1));
+    assert_eq!(screened["blocked"], serde_json::json!({ "sandbox": 1, "validation": 1 }));
+    let counts =
+        ["blocked_by_people", "contained", "kept", "open"].map(|name| screened[name].as_u64().unwrap());
+    assert_eq!(counts, [1, 1, 1, 1]);
+    assert_eq!(found["coverage"]["removed_batches"], 0);
+}
+
+#[test]
+fn without_a_case_there_is_no_rate() {
+    let folder = store();
+    let found = metrics(&["--since", "#100000"], folder.path());
+    for name in ["uar_observed", "rsr_observed", "success_observed", "srdr_observed", "auditability_observed"]
+    {
+        let rate = &found["metrics"][name];
+        assert_eq!((pair(rate), &rate["interval"]), ((0, 0), &Value::Null), "{name}");
+    }
+    assert_eq!(found["metrics"]["time_s_observed"]["mean"], Value::Null);
+    let printed = holdpoint(&["metrics", "--since", "#100000"], folder.path());
+    let printed = String::from_utf8(printed.stdout).unwrap();
+    assert!(printed.contains("no data") && !printed.contains("0.000"), "{printed}");
+    // Without its telemetry a store still has its record.
+    fs::remove_file(folder.path().join("telemetry.db")).unwrap();
+    let found = metrics(&[], folder.path());
+    assert_eq!(pair(&found["metrics"]["uar_observed"]), (0, 2));
+    assert_eq!(pair(&found["metrics"]["success_observed"]), (0, 0));
+    assert_eq!(found["coverage"]["removed_batches"], 80);
+}
+
+#[test]
+fn what_is_no_time_is_said_with_what_is_allowed() {
+    let folder = store();
+    let output = holdpoint(&["metrics", "--since", "last tuesday"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("last tuesday") && said.contains("2026-11-22T10:30"), "{said}");
+    let nowhere = folder.path().join("none");
+    let output = holdpoint(&["metrics"], &nowhere);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(!nowhere.exists(), "reading made a store");
+}
+
+/// Changes one number of the evidence that a decision rests on.
+fn edit(data: &Path, kind: &str, change: impl FnOnce(&mut Value)) -> u64 {
+    let connection = Connection::open(data.join("holdpoint.db")).unwrap();
+    let (seq, json): (u64, String) = connection
+        .query_row("SELECT seq, json FROM evidence WHERE kind = ?1", [kind], |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })
+        .unwrap();
+    let mut evidence: Value = serde_json::from_str(&json).unwrap();
+    change(&mut evidence);
+    let text = evidence.to_string();
+    assert_ne!(text, json, "nothing was changed");
+    connection.execute("UPDATE evidence SET json = ?1 WHERE seq = ?2", (text, seq)).unwrap();
+    let next = "SELECT min(seq) FROM audit WHERE kind = 'decision' AND seq > ?1";
+    connection.query_row(next, [seq], |row| row.get(0)).unwrap()
+}
+
+fn copied(from: &Path) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["holdpoint.db", "telemetry.db"] {
+        fs::copy(from.join(file), folder.path().join(file)).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn every_decision_comes_out_again_until_its_evidence_is_edited() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-recovery.toml");
+    let run = holdpoint(&["run", "--headless", "--no-recording", "--script", script], folder.path());
+    assert_eq!(run.status.code(), Some(1), "{}", String::from_utf8_lossy(&run.stderr));
+    let whole = metrics(&[], folder.path());
+    assert_eq!(pair(&whole["metrics"]["auditability_observed"]), (2, 2), "{}", whole["unequal"]);
+    assert_eq!(whole["unequal"], serde_json::json!([]));
+
+    // A drill that failed is said to have passed, and one value of an episode was another.
+    type Edit = fn(&mut Value);
+    let edits: [(&str, Edit, &str); 3] = [
+        (
+            "sandbox",
+            |evidence| {
+                let tally = &mut evidence["drills"][0]["rollback"];
+                tally["passed"] = (tally["passed"].as_u64().unwrap() + 1).into();
+            },
+            "recovery",
+        ),
+        (
+            "sandbox",
+            |evidence| {
+                let candidate = &mut evidence["pairs"][0]["candidate"];
+                candidate["success"] = (!candidate["success"].as_bool().unwrap()).into();
+            },
+            "behaviour",
+        ),
+        ("compat", |evidence| evidence["kappas"]["interface"]["kappa"] = 0.96.into(), "kappa_I"),
+    ];
+    for (kind, change, named) in edits {
+        let copy = copied(folder.path());
+        let record = edit(copy.path(), kind, change);
+        let found = metrics(&[], copy.path());
+        assert_eq!(pair(&found["metrics"]["auditability_observed"]), (1, 2), "{kind}: {}", found["unequal"]);
+        assert_eq!(found["metrics"]["replays"]["differs"], 1, "{kind}");
+        let unequal = found["unequal"].as_array().unwrap();
+        assert_eq!((unequal.len(), &unequal[0]["record"]), (1, &Value::from(record)), "{kind}");
+        let what = unequal[0]["what"].as_str().unwrap();
+        assert!(what.starts_with(named) && what.contains("on record"), "{what}");
+    }
+}
