@@ -19,9 +19,15 @@ pub(crate) struct KeptTask<'a> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct KeptMarks {
-    /// A person stopped the arm in its midst: no monitor was shown it.
+    /// A person stopped the arm in its midst: it is judged as no task.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) cut_short: bool,
+    /// The monitor was told that a person stepped in, and nothing else of it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) stepped_in: bool,
+    /// It was worked under a tighter envelope than the version was measured under.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) tightened: bool,
 }
 
 #[cfg(test)]
@@ -34,14 +40,14 @@ mod tests {
     fn a_task_without_a_mark_is_kept_as_its_record_alone() {
         let record = TaskRecord::invalid(TaskKind::Align, 7);
         let kept = |cut_short| {
-            let marks = KeptMarks { cut_short };
+            let marks = KeptMarks { cut_short, ..KeptMarks::default() };
             serde_json::to_vec(&KeptTask { record: &record, marks }).unwrap()
         };
         assert_eq!(kept(false), serde_json::to_vec(&record).unwrap());
         for cut_short in [false, true] {
-            let body = kept(cut_short);
+            let (body, marks) = (kept(cut_short), KeptMarks { cut_short, ..KeptMarks::default() });
             assert_eq!(serde_json::from_slice::<TaskRecord>(&body).unwrap(), record);
-            assert_eq!(serde_json::from_slice::<KeptMarks>(&body).unwrap(), KeptMarks { cut_short });
+            assert_eq!(serde_json::from_slice::<KeptMarks>(&body).unwrap(), marks);
         }
     }
 }

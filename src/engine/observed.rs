@@ -101,8 +101,7 @@ struct LiveTask {
     safety: Vec<SafetyEvent>,
     hard_stop: bool,
     stop_demanded: bool,
-    /// A person stopped the arm in its midst.
-    cut_short: bool,
+    marks: KeptMarks,
 }
 
 /// What the numbers rest on, and what is missing.
@@ -211,7 +210,7 @@ fn observe_under(
             coverage.invalid_tasks += 1;
             continue;
         };
-        if task.cut_short {
+        if task.marks.cut_short {
             coverage.stopped_tasks += 1;
             continue;
         }
@@ -245,9 +244,9 @@ fn live_tasks(
         let read = batch.and_then(|batch| {
             let task: TaskRecord = serde_json::from_slice(&batch.body).ok()?;
             let kept: KeptMarks = serde_json::from_slice(&batch.body).ok()?;
-            Some((batch.version, task, kept.cut_short))
+            Some((batch.version, task, kept))
         });
-        let Some((version, task, cut_short)) = read else {
+        let Some((version, task, marks)) = read else {
             coverage.damaged_batches += u64::from(*seq >= coverage.from_record);
             return;
         };
@@ -258,7 +257,7 @@ fn live_tasks(
             safety: safety_events(&task),
             hard_stop: task.hard_stop.is_some(),
             stop_demanded: task.recovery || task.declared.is_some(),
-            cut_short,
+            marks,
         });
     })?;
     Ok(tasks)

@@ -6,7 +6,7 @@ use serde_json::Value;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::metrics::observed::{NotReplayable, Replay};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
-use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::words::Word;
 
@@ -92,6 +92,7 @@ pub(super) fn action(
         return not(NotReplayable::Unreadable);
     };
     let confirmed = replayer.history.confirmed_in(control);
+    let stepped_in = restricted_by_people(replayer, of, |seq| control.covers(seq));
     let same = |again: &MonitorDecision| {
         let told = serde_json::json!({ "action": again.action.name(), "reasons": again.reasons });
         differing("monitor", &recorded, &told)
@@ -107,7 +108,9 @@ pub(super) fn action(
     let newest = tasks.len().saturating_sub(STARTS_MAX);
     for from in std::iter::once(0).chain(newest.max(1)..tasks.len()) {
         let part = tasks.get(from..).unwrap_or_default();
-        let Some(again) = worked(fresh.clone(), part, confirmed) else { continue };
+        let begun_seq = if from == 0 { 0 } else { part.first().map_or(0, |task| task.seq) };
+        let steps = stepped_in.get(stepped_in.partition_point(|seq| *seq < begun_seq)..).unwrap_or_default();
+        let Some(again) = worked(fresh.clone(), part, confirmed, steps) else { continue };
         match same(&again) {
             None => return Replay::Equal,
             Some(differs) => found = found.or(Some(differs)),
@@ -121,15 +124,38 @@ pub(super) fn action(
     }
 }
 
+/// Records by which a person restricted a version.
+fn restricted_by_people(replayer: &Replayer<'_>, of: &OnRecord, covers: impl Fn(u64) -> bool) -> Vec<u64> {
+    let name = of.id.to_string();
+    let acted = replayer.history.decisions.iter();
+    acted
+        .filter(|one| one.kind == RecordKind::Monitor && one.subject == name && covers(one.seq))
+        .filter(|one| cause(one) == Some(ReasonCode::MonitorOperator))
+        .map(|one| one.seq)
+        .collect()
+}
+
 /// What a monitor says after the last of some tasks. `confirmed`: the record by which the version was confirmed.
-fn worked(mut monitor: Monitor, tasks: &[&LiveTask], mut confirmed: Option<u64>) -> Option<MonitorDecision> {
+/// `stepped_in`: records by which a person restricted it, which the monitor was told of.
+fn worked(
+    mut monitor: Monitor,
+    tasks: &[&LiveTask],
+    mut confirmed: Option<u64>,
+    mut stepped_in: &[u64],
+) -> Option<MonitorDecision> {
     let mut said = None;
     for task in tasks {
+        while let Some((first, rest)) = stepped_in.split_first().filter(|(first, _)| **first < task.seq) {
+            monitor.stepped_in(*first);
+            stepped_in = rest;
+        }
         if confirmed.take_if(|seq| *seq < task.seq).is_some() {
             monitor.confirmed().ok()?;
         }
-        // What a person stopped in its midst was never shown to the monitor.
-        let Some(values) = task.values.filter(|_| !task.cut_short) else { continue };
+        // Of what a person stopped in its midst the monitor was told that, if anything.
+        let shown = !task.marks.cut_short || task.marks.stepped_in;
+        let Some(values) = task.values.filter(|_| shown) else { continue };
+        monitor.set_tightened(task.marks.tightened);
         let mut decision = monitor.observe(&values, 0);
         for event in &task.safety {
             decision = monitor.safety(*event, 0);
@@ -142,6 +168,7 @@ fn worked(mut monitor: Monitor, tasks: &[&LiveTask], mut confirmed: Option<u64>)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kept_task::KeptMarks;
     use holdpoint_body::TaskKind;
     use holdpoint_governance::condition::Condition;
     use holdpoint_governance::evidence::EpisodeValues;
@@ -161,7 +188,7 @@ mod tests {
             safety: Vec::new(),
             hard_stop: false,
             stop_demanded: false,
-            cut_short,
+            marks: KeptMarks { cut_short, ..KeptMarks::default() },
         };
         (1..=count).map(task).collect()
     }
@@ -170,7 +197,7 @@ mod tests {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let normal = normal_rates(&[values(true); 20]).unwrap();
         let monitor = Monitor::strict(&profile, &normal, Strictness::of(conditions), 0).unwrap();
-        worked(monitor, &tasks.iter().collect::<Vec<_>>(), confirmed)
+        worked(monitor, &tasks.iter().collect::<Vec<_>>(), confirmed, &[])
     }
 
     /// The first failure in a row that makes a plain monitor warn.
@@ -200,6 +227,41 @@ mod tests {
         assert_eq!(said(&[], &worked, None), None);
         worked.extend(tasks(1, false));
         assert_eq!(said(&[], &worked, None).unwrap().action, MonitorAction::Continue);
+    }
+
+    #[test]
+    fn a_person_who_stepped_in_is_charted_as_then_and_a_tighter_envelope_is_known() {
+        let stepped = |mut task: LiveTask| {
+            task.marks.stepped_in = true;
+            task.values = task.values.map(|values| EpisodeValues { intervention: true, ..values });
+            task
+        };
+        let stopped: Vec<_> = tasks(50, true).into_iter().map(stepped).collect();
+        let action = |said: Option<MonitorDecision>| said.unwrap().action;
+        assert_ne!(action(said(&[], &stopped, None)), MonitorAction::Continue, "fifty stops");
+        let monitor = || {
+            let profile = Profile::builtin(ProfileName::Sim).unwrap();
+            let normal = [EpisodeValues { time_s: 2.0, ..values(true) }; 20];
+            Monitor::strict(&profile, &normal_rates(&normal).unwrap(), Strictness::of(&[]), 0).unwrap()
+        };
+        let acts = |count: &usize| action(said(&[], &stopped[..*count], None)) != MonitorAction::Continue;
+        let enough = (1..=50).find(acts).unwrap();
+        assert!(enough > 1, "once is no habit");
+        // As often in all, but for one task by a restriction.
+        let last: Vec<&LiveTask> = stopped[enough - 1..enough].iter().collect();
+        let restricted = vec![0; enough - 1];
+        assert_ne!(action(worked(monitor(), &last, None, &restricted)), MonitorAction::Continue);
+        assert_eq!(action(worked(monitor(), &last, None, &[])), MonitorAction::Continue);
+        let slow = |tightened| {
+            let mut slow = tasks(60, false);
+            for task in &mut slow {
+                task.marks.tightened = tightened;
+                task.values = Some(EpisodeValues { time_s: 500.0, ..values(true) });
+            }
+            action(worked(monitor(), &slow.iter().collect::<Vec<_>>(), None, &[]))
+        };
+        assert_ne!(slow(false), MonitorAction::Continue);
+        assert_eq!(slow(true), MonitorAction::Continue);
     }
 
     #[test]

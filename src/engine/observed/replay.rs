@@ -38,6 +38,7 @@ use crate::context;
 use crate::dossier::Dossier;
 use crate::doubt::Confirmation;
 use crate::ledger;
+use crate::stages::sandbox::MODE_EPISODES;
 
 /// A profile with its compiled policies, and the digests by which decisions name them.
 pub(super) struct Frame {
@@ -297,7 +298,8 @@ impl<'a> Replayer<'a> {
 
     fn confirmed(&self, kept: &Confirmation, binding: &Binding, entry: &EvidenceEntry) -> Result<(), Failed> {
         let frame = self.frame(&binding.profile, &binding.policy)?;
-        assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame)?;
+        // A confirmation works no episode under stress.
+        assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame, 0)?;
         match Digest::of_json("holdpoint.confirmation.v1", kept) {
             Ok(digest) if digest == entry.digest => Ok(()),
             _ => Err(Failed::Differs("the evidence is not the one whose digest is on record".to_owned())),
@@ -376,7 +378,7 @@ fn behaves(dossier: &Dossier, frame: &Frame) -> Result<(), Failed> {
         hard_stops: dossier.hard_stops.clone(),
     };
     let drills = RecoveryEvidence { binding: *binding, candidate, active };
-    assessed(&pairs, &drills, (behavior, recovery), frame)?;
+    assessed(&pairs, &drills, (behavior, recovery), frame, dossier.unsafe_under_stress)?;
     let Some(kappas) = &dossier.kappas else { return Err(NotReplayable::Unreadable.into()) };
     same("kappa_B", &kappas.behavior, &behavior.assessment)?;
     same("kappa_R", &kappas.recovery, &recovery.assessment)
@@ -389,10 +391,13 @@ fn assessed(
     drills: &RecoveryEvidence,
     (behavior, recovery): (&behavior::BehaviorAssessment, &recovery::RecoveryAssessment),
     frame: &Frame,
+    unsafe_under_stress: u32,
 ) -> Result<(), Failed> {
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EndReason::Full);
     let profile = &frame.profile;
-    same("behaviour", behavior, &behavior::assess_ended(pairs, &pairs.binding, profile, ended))?;
+    let mut again = behavior::assess_ended(pairs, &pairs.binding, profile, ended);
+    behavior::doubt_under_stress(&mut again, unsafe_under_stress, MODE_EPISODES, profile);
+    same("behaviour", behavior, &again)?;
     same("recovery", recovery, &recovery::assess_ended(drills, &drills.binding, profile, ended))
 }
 

@@ -43,7 +43,7 @@ fn worked(candidate: &str) -> (TempDir, CapabilityId) {
     worked_under((profile, table, None), candidate, false)
 }
 
-/// `drifts`: once it is confirmed the cell's camera is knocked, and its monitor takes it off.
+/// `drifts`: once it is active the cell's camera is knocked, and its monitor takes it off.
 fn worked_under(
     (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
     candidate: &str,
@@ -73,7 +73,7 @@ fn worked_under(
             let (_, standing, _) = pipeline.record().ledger().version(&id).unwrap();
             match standing.state {
                 State::Rejected | State::Demoted | State::RolledBack | State::Superseded => true,
-                State::Active if drifts && !standing.flags.provisional && !is_drifting => {
+                State::Active if drifts && !is_drifting => {
                     let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Strong));
                     let reply = pipeline.command(Command::Drift { kind, magnitude });
                     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");

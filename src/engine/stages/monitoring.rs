@@ -114,8 +114,13 @@ impl Live<'_> {
             let id = &dispatched.id;
             let cut_short = stopped && place + 1 == report.tasks.len();
             // Nothing of a task reaches the monitors while the link is down.
+            // Of work that a person cut short the monitor learns that, and nothing else. An operation that the arm
+            // stands for is counted with the version it is about.
+            let stepped_in = cut_short && halted && dispatched.record.intervention;
+            let tightened = self.is_tightened(id);
             if link_up {
-                let kept = KeptTask { record: &dispatched.record, marks: KeptMarks { cut_short } };
+                let marks = KeptMarks { cut_short, stepped_in, tightened };
+                let kept = KeptTask { record: &dispatched.record, marks };
                 keep_telemetry(self.record, self.monitors, id, &kept, report.duration_ms)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
@@ -127,22 +132,23 @@ impl Live<'_> {
             if link_up && !cut_short {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
-            // Of work that a person cut short the monitor learns that, and nothing else. An operation that the arm
-            // stands for is counted with the version it is about.
-            let stepped_in = halted && dispatched.record.intervention;
             if link_up && !tripped && (!cut_short || stepped_in) {
-                self.watch(id, &dispatched.record)?;
+                self.watch(id, &dispatched.record, tightened)?;
             }
         }
         Ok(report)
     }
 
+    /// Whether a version works under a tighter envelope than it was measured under.
+    fn is_tightened(&self, id: &CapabilityId) -> bool {
+        self.record.is_restricted(id) || self.monitors.of(id).is_some_and(|watched| watched.restricted)
+    }
+
     /// Feeds one live task to the monitor of its version.
-    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord) -> Result<(), Fault> {
+    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord, tightened: bool) -> Result<(), Fault> {
         let now_tick = self.record.now_tick();
-        let is_restricted = self.record.is_restricted(id);
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
-        watched.monitor.set_tightened(is_restricted || watched.restricted);
+        watched.monitor.set_tightened(tightened);
         let Some(values) = record.values() else { return Ok(()) };
         watched.monitor.telemetry(now_tick);
         watched.episodes = watched.episodes.saturating_add(u32::from(!values.intervention));

@@ -29,7 +29,7 @@ use crate::trial::stress;
 use crate::trial::trace::keep_trace;
 
 /// Episodes of the canonical and of the adversarial mode.
-const MODE_EPISODES: u64 = 10;
+pub(crate) const MODE_EPISODES: u64 = 10;
 
 /// A mode in which the candidate runs alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
