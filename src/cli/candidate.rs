@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
 
+use super::chosen::{AskedProfile, AskedProfileParser, chosen, last};
 use super::output::Table;
 use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
@@ -18,7 +19,8 @@ use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::own_profile::ChosenProfile;
+use holdpoint_governance::profile::{Profile, ProfileName, titled};
 use holdpoint_runtime::capability::{self, Capability, PackageError, Parsed};
 use holdpoint_text::Untrusted;
 
@@ -42,7 +44,7 @@ pub enum CandidateVerb {
     /// Prints a candidate's manifest in its canonical form.
     Show(FolderArgs),
     /// Checks a candidate's folder without registering it; says nothing about its compatibility.
-    Check(FolderArgs),
+    Check(CheckArgs),
     /// Compares two candidates' manifests and parameters field by field.
     Diff(DiffArgs),
     /// Runs the compatibility checks of a registered candidate, and no other stage.
@@ -88,11 +90,26 @@ pub struct RegisterArgs {
     pub folder: PathBuf,
 }
 
-/// The arguments of `candidate show` and `candidate check`.
+/// The arguments of `candidate check`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
+  holdpoint candidate check manifests/candidates/grasp-improved --profile profiles/real.toml")]
+pub struct CheckArgs {
+    /// The folder with manifest.toml and submission.toml.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// The one profile to judge it under [default: those that come with the program, and the site's own that the store
+    /// was last used with].
+    #[arg(long, value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
+    pub profile: Option<AskedProfile>,
+}
+
+/// The arguments of `candidate show`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
   holdpoint candidate show manifests/candidates/grasp-improved")]
 pub struct FolderArgs {
     /// The folder with manifest.toml and submission.toml.
@@ -123,13 +140,13 @@ struct CandidateReport {
     provenance: &'static str,
     estimated_risk: &'static str,
     summary: Untrusted,
-    /// Against the embedded baseline, profile by profile.
+    /// Against the embedded baseline, profile by profile; a site's own by class and name.
     verdicts: Vec<CheckVerdict>,
 }
 
 #[derive(Serialize)]
 struct CheckVerdict {
-    profile: &'static str,
+    profile: String,
     admitted: bool,
     interface: InterfaceOutcome,
     policy: PolicyOutcome,
@@ -162,7 +179,7 @@ pub fn run(
             {
                 return Err(CliError::usage(unknown));
             }
-            return check(&candidate, out);
+            return check(&candidate, &judged_under(&context.data, args.profile.as_ref())?, out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
@@ -200,9 +217,9 @@ fn show(parsed: &Parsed, out: &mut Output<'_>) -> Result<(), CliError> {
 }
 
 impl CheckVerdict {
-    fn new(profile: ProfileName, found: &StaticFindings) -> Self {
+    fn new(profile: &Profile, found: &StaticFindings) -> Self {
         Self {
-            profile: profile.name(),
+            profile: titled(profile.name, profile.site.as_ref()),
             admitted: found.admits(),
             interface: found.interface.outcome,
             policy: found.policy.outcome,
@@ -211,12 +228,22 @@ impl CheckVerdict {
     }
 }
 
+/// The profiles a folder is judged under: the one that was asked for, else those that come with the program and the
+/// site's own that the store goes on under.
+fn judged_under(data: &Path, asked: Option<&AskedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
+    if asked.is_some() {
+        return Ok(vec![chosen(data, asked)?]);
+    }
+    let own = Some(last(data)?).filter(|last| last.texts().is_some());
+    Ok(ProfileName::ALL.into_iter().map(ChosenProfile::from).chain(own).collect())
+}
+
 /// Well formed, and what the static checks say under each profile. The rest is measured, not read.
-fn check(candidate: &Capability, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn check(candidate: &Capability, profiles: &[ChosenProfile], out: &mut Output<'_>) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
-    let judged = check::against_baseline(candidate).map_err(CliError::internal)?;
+    let judged = check::against_baseline(candidate, profiles).map_err(CliError::internal)?;
     let verdicts: Vec<CheckVerdict> =
-        judged.iter().map(|(profile, found)| CheckVerdict::new(*profile, found)).collect();
+        judged.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
     let admitted = verdicts.iter().any(|verdict| verdict.admitted);
     let checked = CandidateReport {
         id: candidate.id().to_string(),

@@ -7,7 +7,6 @@ use std::path::PathBuf;
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
-use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditBody, Change, StoreError, Views};
 use holdpoint_sim::SimError;
@@ -84,7 +83,6 @@ impl std::fmt::Display for BoundRobot {
 /// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
 pub(crate) fn set_context(
     context: &Context,
-    own: Option<&ProfileTexts>,
     ledger: &mut Ledger,
     agent: Digest,
     at_ms: u64,
@@ -99,7 +97,7 @@ pub(crate) fn set_context(
         agent: Some(agent),
         computed_by: COMPUTED_BY.to_owned(),
         environment: Some(context.cell.digest()),
-        own: own.cloned(),
+        own: context.own.clone(),
         policy: context.table.digest,
         profile: context.profile_digest,
         robot: Some(BoundRobot::of(&context.cell)),

@@ -13,10 +13,10 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::interface::declared::{self, held_against};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
-use holdpoint_governance::policy::{self, PolicyError, PolicyInput, PolicyTable};
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
+use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
+use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, StaticInput};
-use holdpoint_governance::text_error::TextError;
 use holdpoint_protocol::detail::Changes;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
@@ -28,12 +28,9 @@ use holdpoint_text::Hint;
 /// Why a version could not be checked: something that comes with the program does not load.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckError {
-    /// A profile does not parse.
+    /// A profile does not parse, or its policies do not compile.
     #[error(transparent)]
-    Profile(#[from] TextError),
-    /// The policies do not compile.
-    #[error(transparent)]
-    Policy(#[from] PolicyError),
+    Profile(#[from] OwnProfileError),
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
@@ -185,18 +182,21 @@ pub(crate) fn assess(
     }
 }
 
-/// Judges a version against the embedded baseline of its family, profile by profile.
+/// Judges a version against the embedded baseline of its family, under each of these profiles and its policies.
 ///
 /// # Errors
 /// [`CheckError`].
-pub fn against_baseline(candidate: &Capability) -> Result<Vec<(ProfileName, StaticFindings)>, CheckError> {
+pub fn against_baseline(
+    candidate: &Capability,
+    profiles: &[ChosenProfile],
+) -> Result<Vec<(Profile, StaticFindings)>, CheckError> {
     let baselines = baselines()?;
     let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
     let registered: Vec<Registered> = baselines.iter().map(|baseline| entry(baseline, true)).collect();
-    let judged = ProfileName::ALL.into_iter().map(|name| {
-        let profile = Profile::builtin(name)?;
-        let table = PolicyTable::builtin(&profile)?;
-        Ok((name, judge(candidate, active, &registered, &profile, &table)))
+    let judged = profiles.iter().map(|chosen| {
+        let (profile, table) = chosen.rules()?;
+        let found = judge(candidate, active, &registered, &profile, &table);
+        Ok((profile, found))
     });
     judged.collect()
 }

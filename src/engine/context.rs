@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::ProfileTexts;
-use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::policy::{PolicyError, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, SiteName};
 use holdpoint_runtime::terms::SkillTerms;
 use serde::{Deserialize, Serialize};
@@ -47,6 +47,8 @@ pub struct Context {
     pub profile: Arc<Profile>,
     pub profile_digest: Digest,
     pub table: Arc<PolicyTable>,
+    /// The texts of a profile that does not come with the program.
+    pub own: Option<ProfileTexts>,
     /// Digest of profile, policies, robot, scene and what computes episodes: what prompts and approvals are bound to.
     pub digest: Digest,
     /// Robot, scene and distributions.
@@ -58,10 +60,29 @@ impl Context {
     ///
     /// # Errors
     /// If the profile has no canonical form.
-    pub fn new(profile: Profile, table: PolicyTable, cell: Cell) -> Result<Self, serde_json::Error> {
+    pub fn new(
+        profile: Profile,
+        table: PolicyTable,
+        own: Option<ProfileTexts>,
+        cell: Cell,
+    ) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
         let digest = digest(&profile_digest, &table.digest, &cell.digest());
-        Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), digest, cell })
+        Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), own, digest, cell })
+    }
+
+    /// The policies compiled again from the text in force, to hold the table against.
+    ///
+    /// # Errors
+    /// If the text does not compile, which it did once.
+    pub fn recompiled(&self) -> Result<PolicyTable, PolicyError> {
+        match &self.own {
+            None => PolicyTable::builtin(&self.profile),
+            Some(texts) => {
+                let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
+                PolicyTable::compile(&self.profile, &[source])
+            }
+        }
     }
 
     /// The profile's terms, before anything of a version caps them.

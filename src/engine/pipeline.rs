@@ -126,10 +126,10 @@ impl Pipeline {
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
         let PipelineSettings { seed, jobs, profile, table, own, cell, cache } = settings;
-        let context = Context::new(profile, table, cell)?;
+        let context = Context::new(profile, table, own, cell)?;
         let world = LiveWorld::new(context.cell.clone())?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
-        bound::set_context(&context, own.as_ref(), &mut ledger, agent, clock.now_ms())?;
+        bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
         let mut pipeline = Self {
             world,
             agent,

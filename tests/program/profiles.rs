@@ -146,6 +146,35 @@ fn check_names_each_numbers_reason() {
 }
 
 #[test]
+fn check_judges_under_a_sites_own_policies_too() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let path = line_4(&store, "", "");
+    let policies = path.with_extension("cedar");
+    let shipped = fs::read_to_string(&policies).unwrap();
+    let own = shipped + "\n@id(\"no-grip\")\nforbid (principal, action == Action::\"gripper\", resource);\n";
+    fs::write(&policies, own).unwrap();
+    // Asked for, it is the only one, and it refuses.
+    let check = ["candidate", "check", IMPROVED, "--json"];
+    let asked = on(&store, &[&check[..], &["--profile", "line-4"]].concat());
+    assert_eq!(asked.status.code(), Some(1), "{}", text(&asked));
+    let asked: Value = serde_json::from_slice(&asked.stdout).unwrap();
+    let verdicts = asked["verdicts"].as_array().unwrap();
+    assert_eq!(verdicts.len(), 1, "{verdicts:?}");
+    assert_eq!(verdicts[0]["profile"], "human (line-4)");
+    assert!(verdicts[0]["admitted"] == false && verdicts[0]["reasons"].to_string().contains("no-grip"));
+    // A store that is used under it says so of its own accord, beside those that come with the program.
+    assert_eq!(on(&store, &["run", "--plain", "--profile", "line-4"]).status.code(), Some(5));
+    fs::remove_dir_all(store.join("profiles")).unwrap();
+    let checked = on(&store, &check);
+    let checked: Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let of = |verdict: &Value| (verdict["profile"].to_string(), verdict["admitted"].as_bool().unwrap());
+    let verdicts: Vec<_> = checked["verdicts"].as_array().unwrap().iter().map(of).collect();
+    assert_eq!(verdicts.len(), 4, "{verdicts:?}");
+    assert!(verdicts[0].1 && !verdicts[3].1 && verdicts[3].0.contains("line-4"), "{verdicts:?}");
+}
+
+#[test]
 fn a_family_or_a_controller_that_is_not_built_in_is_refused_where_it_is_checked() {
     let root = tempfile::tempdir().unwrap();
     for (from, to, parts) in [

@@ -7,7 +7,6 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
-use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
@@ -215,8 +214,7 @@ impl Rollback<'_> {
 
     /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
     fn policy_failure(&self) -> Option<RungFailure> {
-        let same = PolicyTable::builtin(&self.context.profile)
-            .is_ok_and(|table| table.digest == self.context.table.digest);
+        let same = self.context.recompiled().is_ok_and(|table| table.digest == self.context.table.digest);
         let Ok(context) = self.record.ledger().store().views().and_then(|views| views.context()) else {
             return Some(RungFailure::StoreFailed);
         };

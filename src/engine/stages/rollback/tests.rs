@@ -23,6 +23,8 @@ use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::SafetyEvent;
+use holdpoint_governance::own_profile::{ChosenProfile, ProfileTexts};
+use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::clock::Clock;
@@ -62,6 +64,12 @@ impl Bench {
         Self::opened(tempfile::tempdir().unwrap(), profile)
     }
 
+    /// Under a site's own profile.
+    pub(crate) fn under_own(texts: ProfileTexts) -> Self {
+        let (profile, table) = ChosenProfile::of(texts.clone()).unwrap().rules().unwrap();
+        Self::opened_under(tempfile::tempdir().unwrap(), profile, table, Some(texts))
+    }
+
     /// The same store under another profile, as an engine that comes up again finds it.
     pub(crate) fn reopened(self, profile: Profile) -> Self {
         let Self { folder, pipeline } = self;
@@ -70,12 +78,22 @@ impl Bench {
     }
 
     fn opened(folder: TempDir, profile: Profile) -> Self {
+        let table = PolicyTable::builtin(&profile).unwrap();
+        Self::opened_under(folder, profile, table, None)
+    }
+
+    fn opened_under(
+        folder: TempDir,
+        profile: Profile,
+        table: PolicyTable,
+        own: Option<ProfileTexts>,
+    ) -> Self {
         let settings = PipelineSettings {
             seed: CALIBRATION_FROM_RUN,
             jobs: 1,
-            table: PolicyTable::builtin(&profile).unwrap(),
+            table,
             profile,
-            own: None,
+            own,
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
@@ -400,6 +418,34 @@ fn policies_that_are_not_the_profiles_end_the_ladder() {
     let id = bench.activate("align-improved");
     let other = Profile::builtin(ProfileName::Human).unwrap();
     bench.pipeline.context_mut().table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
+    let record = bench.by_operator(&id);
+    bench.assert_stopped(&record, RungFailure::PolicyMismatch);
+}
+
+/// The shipped profile of class sim under a name of its own, with a policy text of its own.
+fn line_4() -> ProfileTexts {
+    let (file, profile) = Profile::builtin_text(ProfileName::Sim);
+    let (policy_file, policy) = Profile::builtin_policy(ProfileName::Sim);
+    let own = profile.replace("name = \"sim\"", "name = \"sim\"\nsite = \"line-4\"");
+    let policy = format!("{policy}\n// the site's own\n");
+    ProfileTexts { file: file.to_owned(), profile: own, policy_file: policy_file.to_owned(), policy }
+}
+
+#[test]
+fn a_rollback_under_a_sites_own_policies_restores() {
+    let mut bench = Bench::under_own(line_4());
+    let id = bench.activate("align-improved");
+    let record = bench.by_operator(&id);
+    bench.assert_restored(&record);
+}
+
+#[test]
+fn own_policies_that_are_not_those_in_force_end_the_ladder() {
+    let mut bench = Bench::under_own(line_4());
+    let id = bench.activate("align-improved");
+    // What the program ships for the class is not what the site wrote.
+    let context = bench.pipeline.context_mut();
+    context.table = std::sync::Arc::new(PolicyTable::builtin(&context.profile).unwrap());
     let record = bench.by_operator(&id);
     bench.assert_stopped(&record, RungFailure::PolicyMismatch);
 }
