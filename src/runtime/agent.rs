@@ -94,12 +94,12 @@ struct DispatchState {
     in_flight: Option<TaskKind>,
 }
 
-/// What repairing the dispatch state came to.
+/// What was given up of a goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DispatchRepair {
+pub struct GivenUp {
     /// The invocation that was begun under the version that left; it counts as not done.
-    pub cancelled: Option<TaskKind>,
-    /// Invocations that are planned anew.
+    pub in_flight: Option<TaskKind>,
+    /// Invocations that were planned after it.
     pub planned: usize,
 }
 
@@ -171,11 +171,14 @@ impl Agent {
         self.dispatch.in_flight = None;
     }
 
-    /// After a rollback: what was in flight is cancelled, and the goal is planned anew for whoever is active now.
-    pub fn repair(&mut self) -> DispatchRepair {
-        let cancelled = self.dispatch.in_flight.take();
-        self.take_up(self.dispatch.goal);
-        DispatchRepair { cancelled, planned: self.dispatch.planned.len() }
+    /// After a rollback: what was in flight and what was planned after it are given up. Neither can be gone on with,
+    /// for between two sequences the cell is set up anew, another object on the table and the hand empty: whoever is
+    /// active then works the goal from its first primitive ([`Agent::take_up`]).
+    pub fn give_up(&mut self) -> GivenUp {
+        let DispatchState { planned, in_flight, .. } = &mut self.dispatch;
+        let given_up = GivenUp { in_flight: in_flight.take(), planned: planned.len() };
+        planned.clear();
+        given_up
     }
 
     pub(super) const fn note_episode(&mut self) {
@@ -204,17 +207,17 @@ mod tests {
     }
 
     #[test]
-    fn what_was_in_flight_is_cancelled_and_the_goal_planned_anew() {
+    fn what_was_in_flight_and_planned_is_given_up_until_a_goal_is_taken_up() {
         let mut agent = Agent::default();
         agent.take_up(Goal::PickAlignPlace);
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
         agent.finished();
         assert_eq!(agent.next_task(), Some(TaskKind::Align));
-        let repaired = agent.repair();
-        assert_eq!(repaired, DispatchRepair { cancelled: Some(TaskKind::Align), planned: 3 });
+        assert_eq!(agent.give_up(), GivenUp { in_flight: Some(TaskKind::Align), planned: 1 });
+        assert_eq!(agent.next_task(), None);
+        assert_eq!(agent.give_up(), GivenUp { in_flight: None, planned: 0 });
+        agent.take_up(Goal::PickAlignPlace);
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
-        agent.finished();
-        assert_eq!(agent.repair().cancelled, None);
     }
 
     #[test]

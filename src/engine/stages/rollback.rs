@@ -11,7 +11,7 @@ use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_registry::ActiveCause;
-use holdpoint_runtime::agent::DispatchRepair;
+use holdpoint_runtime::agent::GivenUp;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
@@ -123,7 +123,7 @@ impl Rollback<'_> {
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
-                let text = self.repair_dispatch(record.in_flight);
+                let text = self.give_up(record.in_flight);
                 rung(self.record, &mut record, Rung::SwapBinding, None, &text);
             }
             Err(Fault::Ledger(LedgerError::Store(error))) => {
@@ -222,19 +222,20 @@ impl Rollback<'_> {
         (!(same && bound)).then_some(RungFailure::PolicyMismatch)
     }
 
-    /// Whoever takes over begins with a plan of its own; what was in flight counts as not done.
-    fn repair_dispatch(&mut self, in_flight: bool) -> String {
-        let repaired = self.world.cell.rig_mut().map(Rig::repair_dispatch);
-        match repaired {
-            None => "the predecessor is bound again; the agent is at work and plans anew after it".to_owned(),
-            Some(DispatchRepair { cancelled, planned }) => {
-                // A task that failed and ended is in flight no more.
-                let cancelled = cancelled.filter(|_| in_flight).map_or_else(
-                    || "nothing was in flight".to_owned(),
-                    |task| format!("{} in flight is cancelled", task.name()),
-                );
-                format!("the predecessor is bound again; {cancelled}, {planned} tasks are planned anew")
+    /// What was under way ends with its sequence; whoever takes over works the goal from its first primitive.
+    fn give_up(&mut self, in_flight: bool) -> String {
+        const BOUND: &str = "the predecessor is bound again";
+        const ANEW: &str = "the next sequence plans the goal from its first task";
+        // A task that failed and ended is in flight no more.
+        let given_up = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
+        match given_up {
+            Some(GivenUp { in_flight: Some(task), planned }) => {
+                format!(
+                    "{BOUND}; {} in flight and {planned} planned after it are given up, {ANEW}",
+                    task.name()
+                )
             }
+            Some(GivenUp { in_flight: None, .. }) | None => format!("{BOUND}; nothing was in flight, {ANEW}"),
         }
     }
 

@@ -24,7 +24,7 @@ use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_protocol::clock::ms_of;
 use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
-use holdpoint_runtime::agent::{ActiveView, Agent, DispatchRepair, Goal};
+use holdpoint_runtime::agent::{ActiveView, Agent, GivenUp, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, Tick};
@@ -92,9 +92,9 @@ impl Rig {
         self.arm.body().world()
     }
 
-    /// As [`Agent::repair`].
-    pub(crate) fn repair_dispatch(&mut self) -> DispatchRepair {
-        self.agent.repair()
+    /// As [`Agent::give_up`].
+    pub(crate) fn give_up(&mut self) -> GivenUp {
+        self.agent.give_up()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use holdpoint_body::{Command as Motion, RATE_HZ};
+use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -283,9 +283,16 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     assert!(record.trigger.event.is_some());
     assert!(record.in_flight);
     let swap = record.rungs.iter().find(|rung| rung.rung == Rung::SwapBinding).unwrap();
-    let told = "align in flight is cancelled, 3 tasks are planned anew";
-    assert!(swap.text.ends_with(told), "the agent's dispatch state is repaired: {}", swap.text);
+    let told = "align in flight and 1 planned after it are given up, \
+                the next sequence plans the goal from its first task";
+    assert!(swap.text.ends_with(told), "{}", swap.text);
     bench.assert_restored(&record);
+    // And so it does: nothing of what was in flight is gone on with.
+    let report = bench.pipeline.live().sequence(None).unwrap();
+    let worked: Vec<TaskKind> = report.tasks.iter().map(|done| done.record.task).collect();
+    assert_eq!(worked, TaskKind::SEQUENCE[..worked.len()]);
+    assert!(worked.len() > 1 && report.planned == 3, "{worked:?}");
+    assert_eq!(Some(report.tasks[1].id.clone()), record.predecessor);
     let safe = record.time_to_safe_ticks.unwrap();
     assert!((1..u64::from(RATE_HZ)).contains(&safe), "the arm moved and was stopped: {safe} ticks");
 }
@@ -437,6 +444,24 @@ fn a_rollback_under_a_sites_own_policies_restores() {
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
+}
+
+#[test]
+fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
+    let mut bench = Bench::new();
+    let of = |bench: &Bench| {
+        let views = bench.pipeline.record().ledger().store().views().unwrap();
+        (bench.pipeline.snapshot().agent, crate::bound::agent(&views).unwrap().unwrap())
+    };
+    let before = of(&bench);
+    assert_eq!(before.0, before.1);
+    let id = bench.activate("align-improved");
+    bench.pipeline.live().sequence(None).unwrap();
+    assert_eq!(of(&bench), before, "after an upgrade, and work under it");
+    let record = bench.by_operator(&id);
+    bench.assert_restored(&record);
+    assert_eq!(of(&bench), before, "after a rollback");
+    assert_eq!(of(&bench.restart()), before, "after a restart");
 }
 
 #[test]
