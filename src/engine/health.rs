@@ -65,7 +65,8 @@ impl CellHealth {
         Ok(Self { charted: BTreeMap::new(), normal })
     }
 
-    /// Takes in one live task of an active version.
+    /// Takes in one live task of an active version. One that was refused, or in which the simulator failed, was not
+    /// done.
     ///
     /// # Errors
     /// If what it comes to cannot be written.
@@ -76,9 +77,6 @@ impl CellHealth {
         id: &CapabilityId,
         done: &TaskRecord,
     ) -> Result<(), Fault> {
-        if done.invalid {
-            return Ok(());
-        }
         self.look_who_works(context, record, id)?;
         let Some(charted) = self.charted.get_mut(&id.family) else { return Ok(()) };
         let values = HealthValues {

@@ -32,7 +32,10 @@ pub enum Condition {
         quorum: u8,
     },
     /// The dispatcher measures these inputs before each call and starts no task where the stronger precondition does
-    /// not hold. It is the one adaptation there is: calls carry no values that could be filled in or converted.
+    /// not hold. It is the one adaptation there is: calls carry no values that could be filled in or converted. What
+    /// acts is the dispatcher's check, which every declared precondition of every version gets, in sandbox, shadow and
+    /// live cell alike; the condition records that this version's is stronger. A call that is refused counts as a task
+    /// that was not done, so that a precondition that seldom holds costs the version its activation.
     #[serde(alias = "interface-adapter")]
     CheckedCall {
         /// Names of the input fields, in alphabetical order.

@@ -98,6 +98,9 @@ pub struct TaskRecord {
     pub used: PermissionsUsed,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
+    /// The dispatcher refused the call; the arm has not moved.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub refused: bool,
     /// Where the tool went until the skill's last word.
     pub path: Vec<PathPoint>,
 }
@@ -139,6 +142,12 @@ impl TaskRecord {
         }
     }
 
+    /// A record of a call that was refused before its first tick: the task was not done, and the arm has not moved.
+    #[must_use]
+    pub fn refused(task: TaskKind, seed: u64) -> Self {
+        Self { invalid: false, refused: true, ..Self::invalid(task, seed) }
+    }
+
     /// A record of a task that could not be carried out.
     #[must_use]
     pub fn invalid(task: TaskKind, seed: u64) -> Self {
@@ -166,6 +175,7 @@ impl TaskRecord {
             hard_stop: None,
             used: PermissionsUsed::default(),
             invalid: true,
+            refused: false,
             path: Vec::new(),
         }
     }

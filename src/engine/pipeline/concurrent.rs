@@ -202,7 +202,7 @@ impl Pipeline {
             self.world.cell.take_back(worked.running);
             return Ok(());
         }
-        let nothing = worked.report.tasks.is_empty();
+        let nothing = worked.report.tasks.iter().all(|done| done.record.refused || done.record.invalid);
         if let Some(thread) = &mut self.world.thread {
             thread.rest_if(nothing);
         }

@@ -95,7 +95,9 @@ pub(crate) fn takes_in(
 ) -> bool {
     let Resumption { predecessor, record: rollback, events, sequences, .. } = resumption;
     *sequences += 1;
-    for done in report.tasks.iter().filter(|done| done.id == *predecessor) {
+    // What was refused, or lost by the simulator, shows nothing of how it works.
+    let worked = report.tasks.iter().filter(|done| !done.record.refused && !done.record.invalid);
+    for done in worked.filter(|done| done.id == *predecessor) {
         rollback.resumed_tasks += 1;
         events.extend(safety_events(&done.record));
         events.extend(moved_on(&done.record, context.profile.runtime.unsafe_continuation_max_ms));

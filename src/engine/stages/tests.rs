@@ -1,3 +1,4 @@
 //! The stages together: every verb in every standing of a version.
 
+mod refused;
 mod standings;

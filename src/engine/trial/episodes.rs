@@ -41,6 +41,9 @@ pub fn episode(
 pub fn alone(worker: &mut Worker, trial: TrialCase<'_>) -> TaskRecord {
     let mut run = || -> Result<TaskRecord, SimError> {
         let arm = worker.arm(trial.cell, &trial.setup())?;
+        if !trial.is_admitted(arm) {
+            return Ok(trial.refused());
+        }
         Ok(trial.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
     run().unwrap_or_else(|_| failed(worker, &trial))
@@ -54,9 +57,15 @@ pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRe
     if setup != second.setup() {
         return [first, second].map(|trial| alone(worker, trial));
     }
+    // Who is not admitted works nothing, and the other works alone.
+    match worker.arm(first.cell, &setup).map(|arm| first.is_admitted(arm) && second.is_admitted(arm)) {
+        Ok(true) => {}
+        Ok(false) => return [first, second].map(|trial| alone(worker, trial)),
+        Err(_) => return [first, second].map(|trial| failed(worker, &trial)),
+    }
     let (mut one, mut other) = (first.start(), second.start());
     let mut begin = || -> Result<WorldCopy, SimError> {
-        let arm = worker.arm(first.cell, &setup)?;
+        let arm = worker.built_arm()?;
         TaskRun::work_together(&mut arm.handle(), &mut one, &mut other)?;
         Ok(arm.body().copy())
     };

@@ -6,11 +6,13 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-use holdpoint_body::Command;
+use holdpoint_body::{Body, Command};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
+use holdpoint_runtime::agent::dispatcher::admit;
+use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRun;
+use holdpoint_runtime::task::{TaskRecord, TaskRun};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
@@ -37,6 +39,18 @@ impl TrialCase<'_> {
         let guard = self.terms.guard(&version.manifest.permissions);
         let terms = self.terms.task(version.bundle.task(), self.seed, version.abort_secs());
         TaskRun::new(version.start(self.seed), guard, terms)
+    }
+
+    /// Whether the dispatcher would make this call, as the body stands.
+    #[must_use]
+    pub fn is_admitted<B: Body>(&self, arm: &Arm<B>) -> bool {
+        admit(&self.version.manifest, &arm.body().telemetry()).is_ok()
+    }
+
+    /// The record of a call that the dispatcher refused.
+    #[must_use]
+    pub fn refused(&self) -> TaskRecord {
+        TaskRecord::refused(self.version.bundle.task(), self.seed)
     }
 
     /// What is drawn for the episode.
@@ -67,7 +81,8 @@ pub struct Undisturbed {
 }
 
 impl Undisturbed {
-    /// Sets an episode up, to be worked as far as it is asked for and forked at some of `points` (ticks).
+    /// Sets an episode up, to be worked as far as it is asked for and forked at some of `points` (ticks). Of a call
+    /// that the dispatcher refuses no tick is reached.
     ///
     /// # Errors
     /// If the episode has no valid start.
@@ -75,8 +90,9 @@ impl Undisturbed {
         points.sort_unstable();
         // Nothing goes on from the last one but what begins there.
         points.pop();
-        let start = worker.arm(trial.cell, &trial.setup())?.body().copy();
-        Ok(Self { start, points, forks: Vec::new(), worked: None, drilled: Vec::new() })
+        let arm = worker.arm(trial.cell, &trial.setup())?;
+        let worked = (!trial.is_admitted(arm)).then_some(0);
+        Ok(Self { start: arm.body().copy(), points, forks: Vec::new(), worked, drilled: Vec::new() })
     }
 
     /// Brings the worker's arm and the task to a point, ticks. `None` if the work is over before.

@@ -27,7 +27,7 @@ use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
 use holdpoint_runtime::agent::{ActiveView, Agent, GivenUp, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::{Supervision, Tick};
+use holdpoint_runtime::task::{Supervision, TaskRecord, Tick};
 use holdpoint_runtime::terms::SkillTerms;
 
 /// Ground truth of a task: its sequence, the version at work, what the referee saw.
@@ -40,7 +40,8 @@ const VERDICTS_MAX: usize = 100_000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SequenceReport {
     pub seed: u64,
-    /// The tasks that were worked, in order; a failed one ends the sequence.
+    /// The tasks that were called for, in order; a failed one ends the sequence, and so does one that was refused or in
+    /// which the simulator failed.
     pub tasks: Vec<Dispatched>,
     /// Why a task was not started.
     pub refused: Option<Refused>,
@@ -284,6 +285,12 @@ impl RunningSequence {
         let world = arm.body_mut().world_mut();
         if world.reset(&setup).is_err() {
             report.failed = true;
+            let first = self.goal.plan().first().copied();
+            let called = first.and_then(|task| Some((task, view.active(&Agent::select(task))?)));
+            report.tasks.extend(called.map(|(task, active)| Dispatched {
+                id: active.id(),
+                record: TaskRecord::invalid(task, seed),
+            }));
             return report;
         }
         if self.fault == Some(LiveFault::CameraLost) {
@@ -315,6 +322,10 @@ impl RunningSequence {
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
             let verdict = arm.body_mut().verdict();
+            // What was not done counts against whoever was called, whatever it failed by.
+            let mut not_done = |record: TaskRecord| {
+                report.tasks.extend(at_work.clone().map(|id| Dispatched { id, record }));
+            };
             match worked {
                 Ok(dispatched) => {
                     if let Some(supervisor) = &mut supervisor {
@@ -332,10 +343,12 @@ impl RunningSequence {
                     agent.finished();
                 }
                 Err(DispatchError::Refused(refused)) => {
+                    not_done(TaskRecord::refused(task, seed));
                     report.refused = Some(refused);
                     break;
                 }
                 Err(DispatchError::Body(_)) => {
+                    not_done(TaskRecord::invalid(task, seed));
                     report.failed = true;
                     break;
                 }

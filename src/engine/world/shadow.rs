@@ -5,13 +5,14 @@
 //! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
 //! and 6.7; design rule 5.4.
 
-use holdpoint_body::{Command, GuardVerdict, Pose, TaskKind};
+use holdpoint_body::{Body, Command, GuardVerdict, Pose, TaskKind};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use super::listener::Listener;
 use holdpoint_governance::evidence::ShadowSequence;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::{Arm, Recorder};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
@@ -108,6 +109,8 @@ pub struct Shadow {
     terms: SkillTerms,
     fork: Option<World>,
     skill: Option<Box<dyn Skill>>,
+    /// The dispatcher would not call it, as the live world stands at its task.
+    refused: bool,
     recorder: Recorder,
     live_recorder: Recorder,
     live: Setpoints,
@@ -133,6 +136,7 @@ impl Shadow {
             terms,
             fork: Some(fork),
             skill: None,
+            refused: false,
             recorder: Recorder::default(),
             live_recorder: Recorder::default(),
             live: Setpoints::default(),
@@ -155,6 +159,11 @@ impl Shadow {
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
         let Some(fork) = self.fork.take() else { return };
         let mut twin_arm = Arm::new(fork);
+        if self.refused {
+            let record = Some(TaskRecord::refused(self.task(), seed));
+            self.twin = Some(Ran { world: Some(twin_arm.into_body()), record });
+            return;
+        }
         let guard = self.terms.guard(&self.candidate.manifest.permissions);
         let skill = self.candidate.start(seed);
         let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
@@ -232,6 +241,7 @@ impl Listener for Shadow {
         }
         let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy()).ok());
         if forked.is_some() {
+            self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
             self.skill = Some(self.candidate.start(seed));
         }
     }
@@ -240,6 +250,7 @@ impl Listener for Shadow {
         // The live skill is done: there is nothing left to compare with.
         if task == self.task()
             && !passed.settling
+            && !self.refused
             && let Some(skill) = &mut self.skill
         {
             let mut seen = passed.observation.clone();

@@ -1,0 +1,122 @@
+//! A call that the dispatcher refuses costs its version what a task that was not done costs: before its activation and
+//! after.
+
+use std::path::Path;
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::condition::Condition;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_runtime::task::TaskRecord;
+
+use crate::cell::Conditions;
+use crate::stages::rollback::tests::Bench;
+use crate::trial::episodes::{alone, pair};
+use crate::trial::undisturbed::{TrialCase, Undisturbed};
+use crate::trial::worker::Worker;
+use crate::world::listener::Listener as _;
+use crate::world::shadow::Shadow;
+
+/// The most sequences a version may fail in before it is taken off.
+const FEW: usize = 12;
+
+/// A version whose precondition no arm of this cell ever meets.
+fn never_admitted() -> Package {
+    let folder = Path::new(crate::MANIFESTS).join("candidates").join("align-improved");
+    let mut package = capability::read(&folder).unwrap();
+    let stronger = package.manifest.replace("tool-height]\nmin = 0.06", "tool-height]\nmin = 5.0");
+    assert_ne!(stronger, package.manifest);
+    package.manifest = stronger;
+    package
+}
+
+#[test]
+fn a_version_whose_calls_are_refused_alarms_and_is_taken_off() {
+    let mut bench = Bench::new();
+    let checked = Condition::CheckedCall { fields: vec!["tool-height".to_owned()] };
+    let id = bench.activate_package(never_admitted(), &[checked]);
+    let (mut rang, mut failed, mut taken_off) = (false, 0, None);
+    for sequence in 0..FEW {
+        bench.pipeline.advance();
+        for event in bench.pipeline.drain_events() {
+            match event {
+                EventKind::Sequence { tasks, refused, .. } if refused.is_some() => {
+                    let told = tasks.last().unwrap();
+                    assert!(told.version == id && !told.success, "{told:?}");
+                    failed += 1;
+                }
+                EventKind::Alarm { .. } => rang = true,
+                EventKind::RolledBack { record, .. } => taken_off = taken_off.or(Some((sequence, record))),
+                _ => {}
+            }
+        }
+    }
+    let (sequence, record) = taken_off.expect("it is taken off");
+    assert!(rang && failed > 0, "taken off after {sequence} sequences, {failed} refused");
+    assert_eq!(record.candidate, id);
+    let ledger = bench.pipeline.record().ledger();
+    assert_ne!(ledger.version(&id).unwrap().1.state, State::Active);
+}
+
+#[test]
+fn what_is_refused_and_what_the_simulator_fails_in_degrade_the_family() {
+    for lost in [TaskRecord::refused, TaskRecord::invalid] {
+        let mut bench = Bench::new();
+        let id = "align@1.0.0".parse().unwrap();
+        let live = bench.pipeline.live();
+        for seed in 0..FEW as u64 {
+            let done = lost(holdpoint_body::TaskKind::Align, seed);
+            live.health.observe(live.context, live.record, &id, &done).unwrap();
+        }
+        let alarm = live.record.alarms().get(&AlarmKey::Degraded(id));
+        assert!(alarm.is_some_and(|alarm| alarm.condition), "{alarm:?}");
+    }
+}
+
+#[test]
+fn sandbox_drill_and_twin_call_as_the_dispatcher_does() {
+    let mut bench = Bench::new();
+    let live = bench.pipeline.live();
+    let (cell, terms) = (live.context.cell.clone(), live.context.terms());
+    let strict = Capability::load("test", never_admitted()).unwrap();
+    let align = live.record.active_of(&strict.id().family).unwrap();
+    let mut worker = Worker::new();
+    let case = |version, seed| TrialCase {
+        cell: &cell,
+        terms: &terms,
+        version,
+        conditions: Conditions::Canonical,
+        seed,
+    };
+    let seed = 1_300_001;
+    let (one, other) = (case(&strict, seed), case(&align, seed));
+    let refused = TaskRecord::refused(align.bundle.task(), seed);
+    assert_eq!(alone(&mut worker, one), refused);
+    let worked = alone(&mut worker, other);
+    assert!(worked.success);
+    assert_eq!(pair(&mut worker, [one, other]), [refused.clone(), worked]);
+    let mut begun = Undisturbed::begin(&mut worker, &one, vec![10]).unwrap();
+    assert!(begun.reach(&mut worker, &one, 10).unwrap().is_none(), "no tick of it is worked");
+    // Whoever is active is admitted wherever it begins: the check costs nobody who asks for what there is.
+    for version in crate::embedded::baselines().unwrap() {
+        for conditions in [Conditions::Canonical, Conditions::Sandbox, Conditions::Live] {
+            for seed in 1_300_000..1_300_020 {
+                let trial = TrialCase { cell: &cell, terms: &terms, version: &version, conditions, seed };
+                let arm = worker.arm(&cell, &trial.setup()).unwrap();
+                assert!(trial.is_admitted(arm), "{} under {} on {seed}", version.id(), conditions.name());
+            }
+        }
+    }
+    // The twin of a candidate in shadow, at a task that the active version did.
+    let mut world = cell.world().unwrap();
+    world.reset(&other.setup()).unwrap();
+    let mut shadow = Shadow::new(strict, terms.clone(), cell.world().unwrap());
+    shadow.before_task(&world, align.bundle.task(), seed);
+    let live = TaskRecord { success: true, ..refused.clone() };
+    let (trace, fork) = shadow.conclude(Some(&live), seed);
+    let trace = trace.unwrap();
+    assert_eq!(trace.twin, refused);
+    assert!(trace.values.live_success && !trace.values.twin_success && fork.is_some());
+}
