@@ -11,7 +11,7 @@ use clap::error::ErrorKind;
 
 use super::audit;
 use crate::error::CliError;
-use holdpoint_engine::context::ContextRecord;
+use holdpoint_engine::bound;
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfile, OwnProfileError, ProfileTexts};
 use holdpoint_governance::policy::POLICY_BYTES_MAX;
 use holdpoint_governance::profile::{PROFILE_BYTES_MAX, ProfileName, SiteName};
@@ -107,10 +107,11 @@ pub(super) fn last(data: &Path) -> Result<ChosenProfile, CliError> {
     if !Layout::new(data).database().exists() {
         return Ok(ProfileName::Sim.into());
     }
-    let Some((name, _, json)) = audit::open(data)?.context().map_err(CliError::usage)? else {
+    let views = audit::open(data)?;
+    let Some((name, _, _)) = views.context().map_err(CliError::usage)? else {
         return Ok(ProfileName::Sim.into());
     };
-    let record: Option<ContextRecord> = serde_json::from_str(&json).ok();
+    let record = bound::context_record(&views).map_err(CliError::usage)?;
     match record.and_then(|record| record.own) {
         None => Ok(name.into()),
         Some(texts) => {

@@ -336,10 +336,26 @@ mod tests {
             unreviewed: false,
             held: false,
             closed: Vec::new(),
+            stale: Vec::new(),
             kappas: [None; 4],
             progress: None,
             reason: None,
         }
+    }
+
+    #[test]
+    fn stale_evidence_is_said_with_its_cause() {
+        use holdpoint_governance::evidence::StaleCause;
+        let fresh = row(State::Shadowed, false);
+        assert!(!fresh.line().contains("STALE"));
+        let stale = VersionRow { stale: vec![StaleCause::Profile, StaleCause::ActiveVersion], ..fresh };
+        assert!(
+            stale.line().contains("STALE evidence (another profile, active-version)"),
+            "{}",
+            stale.line()
+        );
+        let json = serde_json::to_value(&stale).unwrap();
+        assert_eq!(json["stale"], serde_json::json!(["profile", "active-version"]));
     }
 
     #[test]

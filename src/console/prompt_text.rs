@@ -61,6 +61,7 @@ impl Prompt {
         if let Some(deployment) = self.evidence.deployment {
             lines.push(format!("Deployment outcome so far: {deployment}"));
         }
+        lines.extend(self.evidence.stale_line());
         self.evidence_lines(&mut lines);
         let listed = |items: &[String]| if items.is_empty() { "none".to_owned() } else { items.join(", ") };
         lines.push(format!("New permissions: {}", listed(&seen.new_permissions)));

@@ -28,21 +28,70 @@ pub struct BoundRobot {
     pub file: Option<PathBuf>,
 }
 
-fn read(views: &Views) -> Result<Option<ContextRecord>, StoreError> {
-    Ok(views.context()?.and_then(|(_, _, json)| serde_json::from_str(&json).ok()))
+/// The agent a store is for beside the one that dispatches.
+#[derive(Clone, Copy, Debug)]
+pub struct BoundAgent {
+    /// Hash of the identity on record.
+    pub recorded: Digest,
+    /// Hash of the identity of the agent at work.
+    pub present: Digest,
 }
+
+impl BoundAgent {
+    /// Whether they are the same.
+    #[must_use]
+    pub fn is_same(&self) -> bool {
+        self.recorded == self.present
+    }
+
+    /// Nothing becomes active under another agent.
+    ///
+    /// # Errors
+    /// If it is another one, which makes the engine hold.
+    pub(crate) fn check(&self) -> Result<(), Fault> {
+        if self.is_same() {
+            return Ok(());
+        }
+        Err(Fault::Impossible(format!(
+            "the agent is not the one this store is for: its identity is {}, {} is on record; use the program that \
+             made the store, or another store",
+            self.present.short(),
+            self.recorded.short()
+        )))
+    }
+}
+
+/// What a store says it was judged under; absent if nobody has started on it. A record that cannot be read is an error:
+/// whatever it names must not be bound anew.
+///
+/// # Errors
+/// If the store or the record cannot be read.
+pub fn context_record(views: &Views) -> Result<Option<ContextRecord>, StoreError> {
+    let Some((_, _, json)) = views.context()? else { return Ok(None) };
+    let read = serde_json::from_str(&json).map_err(|error| StoreError::Invalid {
+        what: "the store's context record",
+        value: json.chars().take(SHOWN_CHARS).collect(),
+        allowed: format!(
+            "JSON with profile and policy, as an engine writes it ({error}); restore the store from a copy"
+        ),
+    });
+    read.map(Some)
+}
+
+/// The most characters of an unreadable record that an error repeats.
+const SHOWN_CHARS: usize = 80;
 
 /// The robot that a store is for; absent if nobody has started on it, or an earlier version did.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub fn robot(views: &Views) -> Result<Option<BoundRobot>, StoreError> {
-    Ok(read(views)?.and_then(|context| context.robot))
+    Ok(context_record(views)?.and_then(|context| context.robot))
 }
 
 /// The agent that a store is for; absent as for [`robot`].
 pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
-    Ok(read(views)?.and_then(|context| context.agent))
+    Ok(context_record(views)?.and_then(|context| context.agent))
 }
 
 impl BoundRobot {
@@ -80,19 +129,55 @@ impl std::fmt::Display for BoundRobot {
     }
 }
 
-/// Sets profile, policies and build in the store if they changed; what was gathered under others is void.
+/// What was voided at a start.
+pub(crate) struct VoidedNow {
+    pub(crate) families: Vec<Family>,
+    /// What changed, one sentence.
+    pub(crate) reason: String,
+}
+
+/// What is another now than in a store's last context, in a sentence.
+fn what_changed(before: &ContextRecord, context: &Context) -> String {
+    let another_build = before.computed_by != COMPUTED_BY;
+    let another_robot = before.robot.as_ref().is_some_and(|robot| !robot.is(&BoundRobot::of(&context.cell)));
+    // The environment is the digest of robot, scene and build together.
+    let environment = before.environment != Some(context.cell.digest());
+    let own_policies = before.policy != context.table.digest && before.profile == context.profile_digest;
+    let all = [
+        (before.profile != context.profile_digest, "the profile"),
+        (own_policies, "the policies"),
+        (another_robot, "the robot"),
+        (another_build, "the build that computes evidence"),
+        (environment && !another_build && !another_robot, "the scene"),
+    ];
+    let changed: Vec<&str> = all.into_iter().filter_map(|(differs, what)| differs.then_some(what)).collect();
+    if changed.is_empty() {
+        return "what evidence is bound to changed; what was gathered before is void".to_owned();
+    }
+    format!("another than before: {}; what was gathered under the former is void", changed.join(", "))
+}
+
+/// Sets profile, policies and build in the store if they changed; what was gathered under others is void. Tells what
+/// was voided, if there was anything before.
 pub(crate) fn set_context(
     context: &Context,
     ledger: &mut Ledger,
     agent: Digest,
     at_ms: u64,
-) -> Result<(), Fault> {
+) -> Result<Option<VoidedNow>, Fault> {
     let name = context.profile.name;
-    let known = ledger.store().views()?.context()?;
+    let views = ledger.store().views()?;
+    let known = views.context()?;
+    let before = context_record(&views)?;
+    drop(views);
     let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
     if same {
-        return Ok(());
+        return Ok(None);
     }
+    let reason = before.as_ref().map_or_else(
+        || "a profile, policies and a robot are in force for the first time".to_owned(),
+        |before| what_changed(before, context),
+    );
     let json = serde_json::to_string(&ContextRecord {
         agent: Some(agent),
         computed_by: COMPUTED_BY.to_owned(),
@@ -112,12 +197,9 @@ pub(crate) fn set_context(
     let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
     ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
-    for family in families {
+    for family in &families {
         let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
-        let note = Note::because(
-            "the profile, its policies, the robot, the scene or the build that computes evidence changed",
-        );
-        ledger.transition(&family, event, at_ms, note)?;
+        ledger.transition(family, event, at_ms, Note::because(reason.clone()))?;
     }
-    Ok(())
+    Ok((before.is_some() && !families.is_empty()).then_some(VoidedNow { families, reason }))
 }

@@ -18,7 +18,8 @@ pub struct ContextRecord {
     /// The agent whose capabilities the store holds; an earlier version names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<Digest>,
-    /// What computed the evidence ([`crate::cell::COMPUTED_BY`]).
+    /// What computed the evidence ([`crate::cell::COMPUTED_BY`]); an earlier version names nothing.
+    #[serde(default)]
     pub computed_by: String,
     /// Robot, scene and distributions; an earlier version names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]

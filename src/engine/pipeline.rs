@@ -129,7 +129,7 @@ impl Pipeline {
         let context = Context::new(profile, table, own, cell)?;
         let world = LiveWorld::new(context.cell.clone())?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
-        bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
+        let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
         let mut pipeline = Self {
             world,
             agent,
@@ -149,14 +149,9 @@ impl Pipeline {
         if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.stay_halted(halted);
         }
-        pipeline.announce();
-        if !pipeline.is_same_agent() {
-            pipeline.hold(&format!(
-                "the agent is not the one this store is for: its identity is {}, {} is on record; use the program that \
-                 made the store, or another store",
-                pipeline.world.cell.agent_hash().short(),
-                agent.short()
-            ));
+        pipeline.announce(voided);
+        if let Err(fault) = pipeline.bound_agent().check() {
+            pipeline.hold(&fault.sentence());
             return Ok(pipeline);
         }
         for baseline in baselines {
@@ -195,7 +190,7 @@ impl Pipeline {
     pub(crate) fn activation(&mut self) -> Activation<'_> {
         Activation {
             context: &self.context,
-            same_agent: self.is_same_agent(),
+            agent: self.bound_agent(),
             sequence_runs: self.world.is_running() || self.world.is_halted(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,

@@ -8,15 +8,17 @@ use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Kappa;
+use holdpoint_governance::evidence::{EpisodeValues, StaleCause};
+use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::{
-    Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
+    Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{Change, Store};
@@ -107,7 +109,7 @@ fn another_agent_holds() {
     assert_eq!(first.record().holding(), None);
     // At each activation ...
     first.live().world.cell.replace_agent(Agent::called("another"));
-    assert!(!first.activation().same_agent);
+    assert!(!first.activation().agent.is_same());
     drop(first);
     // ... and at each start.
     let store = Store::open(folder.path()).unwrap();
@@ -147,6 +149,162 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
     assert!(pipeline.snapshot().candidates.is_empty());
 }
 
+/// Kappas that every limit is passed with, so that nothing but what is tested can stop a candidate at the gate.
+fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
+    let id = shadowed(pipeline, PolicyOutcome::Compatible, Vec::new());
+    let candidate = pipeline.record().capability(&id).unwrap();
+    let live = pipeline.live();
+    let bound = crate::binding::binding(live.context, live.record.ledger(), &candidate);
+    let sequences = live.context.profile.evaluation.shadow_sequences;
+    let dossier = live.dossiers.edit(&id);
+    dossier.bindings = vec![bound];
+    dossier.twins = vec![GOOD; 40];
+    dossier.shadow = Some(ShadowAssessment {
+        check: Check::Pass,
+        sequences,
+        output_divergence: None,
+        envelope_divergence: None,
+        alignment: None,
+        reasons: Vec::new(),
+    });
+    id
+}
+
+const GOOD: EpisodeValues = EpisodeValues {
+    success: true,
+    violation: false,
+    anomaly: false,
+    recovery: false,
+    intervention: false,
+    timeout: false,
+    near_violation: false,
+    retries: 0,
+    time_s: 2.0,
+    unsafe_continuation_ms: 0.0,
+};
+
+/// Works until nothing is left to do or the engine holds.
+fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
+    for _ in 0..4 {
+        pipeline.advance();
+        let state = pipeline.record().ledger().version(id).unwrap().1.state;
+        if state == State::Active || pipeline.record().holding().is_some() {
+            return Some(state);
+        }
+    }
+    None
+}
+
+#[test]
+fn under_another_agent_nothing_becomes_active_by_any_door() {
+    // The same candidate takes over where the agent is the store's.
+    let folder = tempfile::tempdir().unwrap();
+    let mut same = pipeline(folder.path(), ProfileName::Sim);
+    let id = at_the_gate(&mut same);
+    assert_eq!(work(&mut same, &id), Some(State::Active));
+
+    let folder = tempfile::tempdir().unwrap();
+    let mut other = pipeline(folder.path(), ProfileName::Sim);
+    let id = at_the_gate(&mut other);
+    let before = other.record().active_of(&id.family).unwrap().id();
+    other.live().world.cell.replace_agent(Agent::called("another"));
+    assert_eq!(work(&mut other, &id), Some(State::Shadowed));
+    let why = other.record().holding().map(ToOwned::to_owned);
+    assert!(why.is_some_and(|why| why.contains("the agent is not the one")));
+    assert_eq!(other.record().active_of(&id.family).unwrap().id(), before);
+    let events = other.drain_events();
+    assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");
+
+    // A stopped family is not armed again for it.
+    let folder = tempfile::tempdir().unwrap();
+    let mut stopped = pipeline(folder.path(), ProfileName::Sim);
+    let version: CapabilityId = "align@1.0.0".parse().unwrap();
+    let operation = |reason: &str| Operation {
+        version: version.clone(),
+        by: "ada".to_owned(),
+        reason: reason.to_owned(),
+    };
+    accepted(&stopped.command(Command::Vacate(operation("drill"))));
+    stopped.live().world.cell.replace_agent(Agent::called("another"));
+    let reply = stopped.command(Command::Rearm(operation("it is looked at")));
+    assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
+    assert!(stopped.record().holding().is_some());
+    assert!(stopped.record().active_of(&version.family).is_none());
+}
+
+#[test]
+fn a_context_that_cannot_be_read_is_an_error_and_nothing_is_bound_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(engine(folder.path(), "arm7").unwrap());
+    let store = Store::open(folder.path()).unwrap();
+    let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
+    let change = Change::SetContext { profile, policy_digest, json: "{\"robot\":7}".to_owned() };
+    let at_ms = store.opening().head.at_ms;
+    let transaction = holdpoint_registry::Transaction {
+        command_id: "test".to_owned(),
+        at_ms,
+        wall_ms: 0,
+        changes: vec![change],
+        audit: Vec::new(),
+    };
+    store.commit(transaction).unwrap();
+    drop(store);
+    let error = engine(folder.path(), "arm6").err().unwrap().to_string();
+    assert!(error.contains("context record") && error.contains("robot"), "{error}");
+    let kept = Store::open(folder.path()).unwrap().views().unwrap().context().unwrap().unwrap().2;
+    assert_eq!(kept, "{\"robot\":7}");
+}
+
+#[test]
+fn what_is_stale_is_told_and_shown_with_its_cause() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let id = at_the_gate(&mut first);
+    let dossier = first.live().dossiers.of(&id).unwrap().clone();
+    let (json, digest) = (serde_json::to_string(&dossier).unwrap(), dossier.digest().unwrap());
+    let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
+    first.live().record.write(vec![evidence], Vec::new()).unwrap();
+    let stale = |pipeline: &Pipeline| {
+        let candidates = pipeline.snapshot().candidates;
+        candidates.into_iter().find(|candidate| candidate.version == id).unwrap().stale
+    };
+    let voided = |pipeline: &mut Pipeline| {
+        let told = pipeline.drain_events().into_iter().filter_map(|event| match event {
+            EventKind::Voided { family, reason } => Some((family.to_string(), reason)),
+            _ => None,
+        });
+        told.collect::<Vec<_>>()
+    };
+    assert_eq!(stale(&first), []);
+    assert_eq!(voided(&mut first), [], "nothing was gathered before the first start");
+    drop(first);
+    let mut again = pipeline(folder.path(), ProfileName::Sim);
+    assert_eq!((stale(&again), voided(&mut again)), (Vec::new(), Vec::new()), "nothing has changed");
+    drop(again);
+    let mut second = pipeline(folder.path(), ProfileName::Human);
+    assert_eq!(stale(&second), [StaleCause::Profile]);
+    let told = voided(&mut second);
+    let families: Vec<&str> = told.iter().map(|(family, _)| family.as_str()).collect();
+    assert_eq!(families, ["align", "grasp", "park", "place"]);
+    assert!(told.iter().all(|(_, reason)| reason.contains("the profile; ")), "{told:?}");
+    let view = serde_json::to_value(second.snapshot().candidates.remove(0)).unwrap();
+    assert_eq!(view["stale"], serde_json::json!(["profile"]));
+    let line = second.snapshot().candidates.remove(0).stale_line();
+    assert_eq!(line.as_deref(), Some("STALE, measured under another profile"));
+    // Back under what it was measured under it counts again.
+    drop(second);
+    assert_eq!(stale(&pipeline(folder.path(), ProfileName::Sim)), []);
+    // Another active version is another comparison.
+    let mut third = pipeline(folder.path(), ProfileName::Sim);
+    let operation = Operation {
+        version: "align@1.0.0".parse().unwrap(),
+        by: "ada".to_owned(),
+        reason: "drill".to_owned(),
+    };
+    accepted(&third.command(Command::Vacate(operation)));
+    assert_eq!(stale(&third), [StaleCause::ActiveVersion]);
+}
+
 fn compatible<O>(outcome: O) -> Assessment<O> {
     let kappa = Kappa::new(0.97);
     Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
@@ -155,6 +313,17 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
 /// A candidate for which people are asked under these conditions, without its evaluation: what is tested comes after
 /// that.
 fn asked(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Condition>) -> CapabilityId {
+    let id = shadowed(pipeline, policy, conditions);
+    let version = pipeline.record().ledger().version(&id).unwrap().0;
+    let start = LifecycleEvent::Start { version, stage: Stage::Activation };
+    pipeline.live().record.transition(&id.family, start, Note::because("test")).unwrap();
+    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
+    approvals.ask(context, record, dossiers, &id).unwrap();
+    id
+}
+
+/// A candidate that has passed shadow, without its evaluation.
+fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Condition>) -> CapabilityId {
     const NAME: &str = "align-improved";
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
     let id = Capability::load(NAME, package.clone()).unwrap().id();
@@ -176,10 +345,6 @@ fn asked(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Conditi
     }
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
     live.record.write(vec![evidence], Vec::new()).unwrap();
-    let start = LifecycleEvent::Start { version, stage: Stage::Activation };
-    live.record.transition(&id.family, start, Note::because("test")).unwrap();
-    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
-    approvals.ask(context, record, dossiers, &id).unwrap();
     id
 }
 

@@ -22,6 +22,39 @@ pub struct Binding {
     pub environment: Digest,
 }
 
+crate::words! {
+    /// What evidence was gathered for that is another now: why it does not count any more.
+    StaleCause, "cause of stale evidence", {
+        /// The version itself is another.
+        Candidate = "candidate",
+        /// Another version of the family is active than the one it was compared with.
+        ActiveVersion = "active-version",
+        /// Another profile is in force, or a number of it is another.
+        Profile = "profile",
+        /// Other policies are in force.
+        Policies = "policies",
+        /// Robot, scene, perturbations or the build that computes episodes are others.
+        Environment = "environment",
+    }
+}
+
+impl Binding {
+    /// What of it is not so now; empty: the evidence holds.
+    #[must_use]
+    pub fn stale_against(&self, now: &Self) -> Vec<StaleCause> {
+        // A policy set is compiled under its profile: under another one it is another set of the same text.
+        let policies = self.policy != now.policy && self.profile == now.profile;
+        let all = [
+            (self.candidate != now.candidate, StaleCause::Candidate),
+            (self.active != now.active, StaleCause::ActiveVersion),
+            (self.profile != now.profile, StaleCause::Profile),
+            (policies, StaleCause::Policies),
+            (self.environment != now.environment, StaleCause::Environment),
+        ];
+        all.into_iter().filter_map(|(differs, cause)| differs.then_some(cause)).collect()
+    }
+}
+
 /// What one episode gave (design rule 5.1): read from physics and the watcher.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -396,7 +396,8 @@ pub enum EventKind {
         /// What is wrong, one sentence for the operator.
         text: String,
     },
-    /// A profile, policy or active version changed and voided a family's passes.
+    /// At a start: profile, policies, robot, scene or build are others than before, and what was gathered of a family
+    /// under the former is stale.
     Voided {
         /// The family whose gate passes and approvals no longer count.
         family: Family,

@@ -13,7 +13,7 @@ use holdpoint_body::rehearsal::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
-use holdpoint_governance::evidence::{Drills, Signature};
+use holdpoint_governance::evidence::{Drills, Signature, StaleCause};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::metrics::observed::ObservedCounts;
@@ -176,6 +176,22 @@ pub struct CandidateView {
     /// Profiles that are closed to it by a profile demotion.
     #[serde(default)]
     pub closed: Vec<ProfileName>,
+    /// Why what was measured of it does not count any more; empty while it does. The numbers beside it are those of
+    /// then.
+    #[serde(default)]
+    pub stale: Vec<StaleCause>,
+}
+
+impl CandidateView {
+    /// That its evidence does not count, and why; absent while it does.
+    #[must_use]
+    pub fn stale_line(&self) -> Option<String> {
+        if self.stale.is_empty() {
+            return None;
+        }
+        let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
+        Some(format!("STALE, measured under another {}", causes.join(", ")))
+    }
 }
 
 /// How far the running stage is.

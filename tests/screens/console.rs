@@ -14,6 +14,7 @@ use holdpoint::console::prompt::{Prompt, Stale};
 use holdpoint::console::theme;
 use holdpoint::governance::alarms::AlarmSummary;
 use holdpoint::governance::approval::Role;
+use holdpoint::governance::evidence::StaleCause;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::words::Word;
 use holdpoint::protocol::detail::Verified;
@@ -180,6 +181,24 @@ fn the_whole_decision_is_readable() {
                 words(&line).into_iter().filter(|word| !seen_words.contains(word)).collect();
             assert!(missing.is_empty(), "tier {tier}: {missing:?}");
         }
+    }
+}
+
+#[test]
+fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
+    const STALE: &str = "STALE, measured under another profile, environment";
+    let mut model = support::at(View::Candidate);
+    assert!(!shown(&model, (100, 30)).contains("STALE"));
+    let mut snapshot = support::snapshot();
+    for candidate in &mut snapshot.candidates {
+        candidate.stale = vec![StaleCause::Profile, StaleCause::Environment];
+    }
+    let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms).unwrap();
+    assert!(prompt.text().contains(&STALE.to_owned()), "{:#?}", prompt.text());
+    model.told.snapshot = Some(Arc::new(snapshot));
+    for size in SIZES {
+        let text = shown(&model, size);
+        assert!(text.contains(STALE), "{size:?}:\n{text}");
     }
 }
 

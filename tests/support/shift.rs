@@ -107,6 +107,7 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
         deployment: Some(Deployability::Conditionally),
         held: false,
         closed: Vec::new(),
+        stale: Vec::new(),
     }
 }
 

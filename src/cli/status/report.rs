@@ -12,6 +12,7 @@ use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::lifecycle::State;
@@ -71,6 +72,8 @@ pub(super) struct VersionRow {
     pub(super) held: bool,
     /// Profiles closed to it, if an engine runs.
     pub(super) closed: Vec<ProfileName>,
+    /// Why what was measured of it does not count any more, if an engine runs.
+    pub(super) stale: Vec<StaleCause>,
     /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent if not measured.
     pub(super) kappas: [Option<f64>; 4],
     /// What the running stage does: so many done of so many.
@@ -263,6 +266,7 @@ impl VersionRow {
             unreviewed: version.unreviewed,
             held: view.is_some_and(|view| view.held),
             closed: view.map_or_else(Vec::new, |view| view.closed.clone()),
+            stale: view.map_or_else(Vec::new, |view| view.stale.clone()),
             kappas: version.kappas,
             progress: progress.map(|progress| ProgressRow {
                 what: progress.what.clone(),
@@ -275,7 +279,7 @@ impl VersionRow {
         }
     }
 
-    fn line(&self) -> String {
+    pub(super) fn line(&self) -> String {
         let mut line = format!("version  {}: {}", self.version, self.state);
         if let Some(stage) = self.running {
             line.push_str(&format!(", running {stage}"));
@@ -296,6 +300,10 @@ impl VersionRow {
         if !self.closed.is_empty() {
             let closed: Vec<&str> = self.closed.iter().map(|profile| profile.name()).collect();
             line.push_str(&format!(", closed under {}", closed.join(", ")));
+        }
+        if !self.stale.is_empty() {
+            let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
+            line.push_str(&format!(", STALE evidence (another {})", causes.join(", ")));
         }
         if let Some(ProgressRow { what, done, budget }) = &self.progress {
             line.push_str(&format!(", {what} {done} of {budget}"));

@@ -21,6 +21,7 @@ use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_protocol::detail::Detail;
+use holdpoint_protocol::snapshot::CandidateView;
 
 /// The pane of the decisions, which stands beside the checks if there is room.
 const TIMELINE: usize = 4;
@@ -99,6 +100,7 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
             ),
         ));
     }
+    rows.extend(candidate.and_then(CandidateView::stale_line).map(|line| Row::of(ThemeRole::Warning, &line)));
     let mut outcome = Row::new();
     if let Some(deployment) = candidate.and_then(|candidate| candidate.deployment) {
         outcome.push(ThemeRole::Text, &format!("deployment {deployment}"));

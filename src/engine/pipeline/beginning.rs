@@ -6,17 +6,19 @@ use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
 
 use super::Pipeline;
+use crate::bound::{BoundAgent, VoidedNow};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::operations::registered_event;
 
 impl Pipeline {
-    /// Whether the agent that dispatches is the one the store is for.
-    pub(super) fn is_same_agent(&self) -> bool {
-        self.world.cell.agent_hash() == self.agent
+    /// The agent the store is for, and the one that dispatches.
+    pub(super) fn bound_agent(&self) -> BoundAgent {
+        BoundAgent { recorded: self.agent, present: self.world.cell.agent_hash() }
     }
 
-    pub(super) fn announce(&mut self) {
+    /// Who starts under what, and what is void by it.
+    pub(super) fn announce(&mut self, voided: Option<VoidedNow>) {
         let active = self
             .record
             .ledger()
@@ -32,6 +34,10 @@ impl Pipeline {
             agent: self.world.cell.agent_hash(),
             active,
         });
+        let Some(VoidedNow { families, reason }) = voided else { return };
+        for family in families {
+            self.record.tell(EventKind::Voided { family, reason: reason.clone() });
+        }
     }
 
     pub(super) fn bootstrap(&mut self, baseline: Capability) -> Result<(), Fault> {

@@ -93,8 +93,9 @@ impl Pipeline {
                 accepted(&id, "restricted")
             }
             Command::Rearm(operation) => {
-                operations::transition(record, &operation, "active again", |version| LifecycleEvent::Rearm {
-                    version,
+                self.bound_agent().check()?;
+                operations::transition(&mut self.record, &operation, "active again", |version| {
+                    LifecycleEvent::Rearm { version }
                 })
             }
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),

@@ -17,6 +17,7 @@ use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
 use super::release;
 use super::validation::registered;
 use crate::binding::{binding, made_under};
+use crate::bound::BoundAgent;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
@@ -36,8 +37,8 @@ pub struct Activation<'a> {
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
     pub sequence_runs: bool,
-    /// The agent that dispatches is the one the store is for.
-    pub same_agent: bool,
+    /// The agent the store is for, and the one that dispatches.
+    pub agent: BoundAgent,
 }
 
 impl Activation<'_> {
@@ -65,12 +66,10 @@ impl Activation<'_> {
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason = first_reason(decision);
         match (decision.outcome(), result.passed) {
-            (GateOutcome::Pass, Some(_)) if !self.same_agent => {
-                Err(Fault::Impossible("the agent is not the one this store is for".to_owned()))
-            }
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
-                let entry = Admission { passed: &passed, decision: body, emergency_until_ms: None };
+                let (agent, emergency_until_ms) = (self.agent, None);
+                let entry = Admission { passed: &passed, decision: body, agent, emergency_until_ms };
                 activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
@@ -231,20 +230,24 @@ pub(super) struct Admission<'a> {
     pub(super) passed: &'a GatePassed,
     /// The gate's decision, JSON text.
     pub(super) decision: String,
+    /// Whose capability it becomes.
+    pub(super) agent: BoundAgent,
     /// Until when one person's emergency approval holds unreviewed, virtual ms; absent in the ordinary way.
     pub(super) emergency_until_ms: Option<u64>,
 }
 
-/// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once.
+/// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once. Under another agent
+/// than the store's nothing is activated, by whatever door.
 pub(super) fn activate(
     context: &Context,
     record: &mut Record,
     monitors: &mut Monitors,
     dossier: &Dossier,
     id: &CapabilityId,
-    Admission { passed, decision, emergency_until_ms }: Admission<'_>,
+    Admission { passed, decision, agent, emergency_until_ms }: Admission<'_>,
     approvals: &[SignedApproval],
 ) -> Result<(), Fault> {
+    agent.check()?;
     let (version, _, _) = record.ledger().version(id)?;
     let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
     record.transition(&id.family, event, Note::because("the gate is passed"))?;

@@ -37,6 +37,8 @@ impl Activation<'_> {
         signed: SignedApproval,
         shown: Option<&str>,
     ) -> Result<Reply, Fault> {
+        // Before anything is written.
+        self.agent.check()?;
         let checked = emergencies::check(self.context, self.record, self.dossiers, signed, shown);
         let emergency = match checked {
             Ok(emergency) => emergency,
@@ -92,7 +94,8 @@ impl Activation<'_> {
         dossier.conditions.clone_from(&passed.terms().conditions);
         decided(self.context, self.record, dossier, &id, Stage::Activation, &judged.decision);
         let decision = serde_json::to_string(&judged.decision)?;
-        let entry = Admission { passed, decision, emergency_until_ms: Some(until_ms) };
+        let (agent, emergency_until_ms) = (self.agent, Some(until_ms));
+        let entry = Admission { passed, decision, agent, emergency_until_ms };
         activate(self.context, self.record, self.monitors, dossier, &id, entry, &[emergency.signed])?;
         // Like an engine's own fault it has one priority in every profile.
         let text = format!("{id} was let in by {} alone and is not reviewed", said.who);

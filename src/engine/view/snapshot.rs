@@ -1,6 +1,9 @@
 //! The snapshot: how things stand.
 
+use std::collections::BTreeSet;
+
 use super::evidence::{pairs, shadow};
+use crate::binding::binding;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::ledger::FamilyEntry;
@@ -9,8 +12,10 @@ use crate::people::approvals::Approvals;
 use crate::people::emergencies;
 use crate::record::Record;
 use crate::world::{self, LiveWorld};
+use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
+use holdpoint_runtime::capability::Capability;
 
 /// What a snapshot is taken of.
 pub(crate) struct SnapshotView<'a> {
@@ -62,6 +67,7 @@ impl SnapshotView<'_> {
                     deployment: dossier.deployment,
                     held: dossier.held,
                     closed: version.closed.union(&dossier.closed).copied().collect(),
+                    stale: self.stale(&member.capability, version.state, dossier),
                 });
             }
         }
@@ -87,6 +93,23 @@ impl SnapshotView<'_> {
             thresholds: self.context.thresholds(),
             observed: self.record.observed(),
         }
+    }
+
+    /// Why what was measured of a version does not count any more. Of history nothing counts; whoever took over was
+    /// compared with the one before.
+    fn stale(&self, of: &Capability, state: State, dossier: &Dossier) -> Vec<StaleCause> {
+        if dossier.bindings.is_empty() || state.is_terminal() {
+            return Vec::new();
+        }
+        let now = binding(self.context, self.record.ledger(), of);
+        let took_over = matches!(state, State::Active | State::Superseded);
+        let stale: BTreeSet<StaleCause> = dossier
+            .bindings
+            .iter()
+            .flat_map(|then| then.stale_against(&now))
+            .filter(|cause| !(took_over && *cause == StaleCause::ActiveVersion))
+            .collect();
+        stale.into_iter().collect()
     }
 
     fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &FamilyEntry) -> FamilyView {

@@ -6,6 +6,10 @@
 //! do to each other (without aborting, repeating, pausing, restricting and confirming, which look at one version only). With
 //! `HOLDPOINT_WALK=full` the whole space of two candidates is walked as well, which takes minutes.
 //!
+//! A robot, like a profile, is part of what [`LifecycleEvent::ContextChanged`] stands for, with the mutant
+//! `ContextChangeVoids`. The agent's identity is in no state of a family and moved by no event of it, so there is
+//! nothing here to walk: another agent is held back before an event is asked for; the engine's tests try each door.
+//!
 //! Counters are brought back to "the present one" or "an earlier one" after each step, so that the space is
 //! finite without a bound on the length of a history.
 
