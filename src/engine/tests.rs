@@ -178,6 +178,7 @@ const GOOD: EpisodeValues = EpisodeValues {
     intervention: false,
     timeout: false,
     near_violation: false,
+    policy_warning: false,
     retries: 0,
     time_s: 2.0,
     unsafe_continuation_ms: 0.0,
