@@ -83,10 +83,10 @@ pub const STAGES: [&str; 7] = ["register", "validate", "sandbox", "shadow", "gat
 /// The place of the monitor's stage in [`STAGES`].
 pub const MONITOR_PLACE: usize = 5;
 
-/// How far along [`STAGES`] a version is: stages done. One that was stopped got as far as the state it left, and it
-/// was stopped by the stage after.
+/// How far along [`STAGES`] a version is: stages done. One that was stopped got as far as the stage that ran then; if
+/// none did, as far as the state it left.
 #[must_use]
-pub const fn stages_done(state: State, left: Option<State>, flags: &Flags) -> usize {
+pub fn stages_done(state: State, left: Option<State>, ran: Option<Stage>, flags: &Flags) -> usize {
     match state {
         State::Registered => 1,
         State::Validated => 2,
@@ -95,13 +95,19 @@ pub const fn stages_done(state: State, left: Option<State>, flags: &Flags) -> us
         State::Active if flags.provisional => MONITOR_PLACE,
         State::Active | State::Superseded => STAGES.len(),
         State::RolledBack => MONITOR_PLACE,
-        State::Rejected | State::Demoted => match left {
-            None | Some(State::Registered | State::Rejected | State::Demoted) => 1,
-            Some(State::Validated) => 2,
-            Some(State::Sandboxed) => 3,
-            Some(State::Shadowed) => 4,
-            Some(State::Active | State::Superseded | State::RolledBack) => MONITOR_PLACE,
-        },
+        State::Rejected | State::Demoted => ran.map_or_else(|| stopped_after(left), stage_place),
+    }
+}
+
+/// Where nothing ran that stopped it: a person did.
+const fn stopped_after(left: Option<State>) -> usize {
+    match left {
+        None | Some(State::Registered | State::Rejected) => 1,
+        // What was demoted has its sandbox before it again.
+        Some(State::Validated | State::Demoted) => 2,
+        Some(State::Sandboxed) => 3,
+        Some(State::Shadowed) => 4,
+        Some(State::Active | State::Superseded | State::RolledBack) => MONITOR_PLACE,
     }
 }
 

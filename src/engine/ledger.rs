@@ -374,8 +374,12 @@ impl Ledger {
             }
         }
         for Moved { id, from, .. } in &moved {
-            if let Some(member) = entry.members.iter_mut().find(|member| member.capability.id() == *id) {
+            let found = entry.members.iter_mut().zip(&entry.state.versions);
+            if let Some((member, before)) =
+                found.into_iter().find(|(member, _)| member.capability.id() == *id)
+            {
                 member.course.left = Some(*from);
+                member.course.ran = before.flags.running;
             }
         }
         entry.state = state;

@@ -139,6 +139,9 @@ pub struct CandidateView {
     pub state: State,
     /// The state it was in before; absent while it is in its first.
     pub left: Option<State>,
+    /// The stage that ran when it left that state; absent if none did.
+    #[serde(default)]
+    pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
     /// Stage running, pauses, questions, restrictions.

@@ -4,7 +4,7 @@ use super::names::EvidenceKind;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
@@ -158,6 +158,8 @@ pub struct AuditFilter {
 pub struct Course {
     /// The state it was in before.
     pub left: Option<State>,
+    /// The stage that ran when it left that state.
+    pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
 }

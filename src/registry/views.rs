@@ -351,11 +351,20 @@ impl Views {
             from: State,
         }
         #[derive(serde::Deserialize)]
+        struct FlagsSetBody {
+            change: FlagsSetChange,
+        }
+        #[derive(serde::Deserialize)]
+        struct FlagsSetChange {
+            flags: Flags,
+        }
+        #[derive(serde::Deserialize)]
         struct ClosedBody {
             outcome: UpgradeEnd,
         }
-        let records = |kind, limit| {
+        let records = |kind, limit, before_seq| {
             self.audit(&AuditFilter {
+                before_seq,
                 kind: Some(kind),
                 subject: Some(id.to_string()),
                 limit,
@@ -364,14 +373,23 @@ impl Views {
             })
         };
         let unread = |error| StoreError::invalid("audit record", id, error);
-        let last = records(RecordKind::StateSet, 1)?;
-        let left = last.first().map(|record| serde_json::from_str::<StateSetBody>(&record.body)).transpose();
+        let last = records(RecordKind::StateSet, 1, None)?;
+        let last = last.first();
+        let mut ran = None;
+        if let Some(last) = last {
+            // What ran is in the flags as they stood before; the state is written first.
+            let flags = records(RecordKind::FlagsSet, 1, Some(last.seq))?;
+            let flags =
+                flags.first().map(|record| serde_json::from_str::<FlagsSetBody>(&record.body)).transpose();
+            ran = flags.map_err(unread)?.and_then(|body| body.change.flags.running);
+        }
+        let left = last.map(|record| serde_json::from_str::<StateSetBody>(&record.body)).transpose();
         let mut confirmed = false;
-        for record in records(RecordKind::AuditClosed, CLOSINGS_MAX)? {
+        for record in records(RecordKind::AuditClosed, CLOSINGS_MAX, None)? {
             let closed: ClosedBody = serde_json::from_str(&record.body).map_err(unread)?;
             confirmed |= closed.outcome == UpgradeEnd::Confirmed;
         }
-        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), confirmed })
+        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), ran, confirmed })
     }
 
     /// Audit records that pass the filter.

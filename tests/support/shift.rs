@@ -86,6 +86,7 @@ fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
         digest: digest(version),
         state,
         left: None,
+        ran: None,
         confirmed: false,
         flags,
         row_version: 7,

@@ -120,7 +120,7 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
 }
 
 fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
-    let done = stages_done(candidate.state, candidate.left, &candidate.flags);
+    let done = stages_done(candidate.state, candidate.left, candidate.ran, &candidate.flags);
     let running = candidate.flags.running.map(stage_place);
     let stopped = matches!(candidate.state, State::Rejected | State::RolledBack);
     // A version that was confirmed stays so: what stopped it later is the monitor.
@@ -204,6 +204,7 @@ fn expected_ms(view: &ProgressView, elapsed_ms: u64) -> Option<u64> {
 #[allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
 mod tests {
     use super::*;
+    use holdpoint_governance::lifecycle::Stage;
     use serde_json::json;
 
     fn candidate(state: &str, left: &str, confirmed: bool) -> CandidateView {
@@ -218,9 +219,12 @@ mod tests {
     }
 
     fn marks(state: &str, left: &str, confirmed: bool) -> Vec<&'static str> {
-        let candidate = candidate(state, left, confirmed);
-        let failed = |place: &usize| stage_mark(&candidate, *place) == Mark::FAILED;
-        let done = (0..STAGES.len()).take_while(|place| stage_mark(&candidate, *place) == Mark::DONE).count();
+        marks_of(&candidate(state, left, confirmed))
+    }
+
+    fn marks_of(candidate: &CandidateView) -> Vec<&'static str> {
+        let failed = |place: &usize| stage_mark(candidate, *place) == Mark::FAILED;
+        let done = (0..STAGES.len()).take_while(|place| stage_mark(candidate, *place) == Mark::DONE).count();
         let mut said = vec![STAGES.get(done).copied().unwrap_or("all done")];
         said.extend((0..STAGES.len()).filter(failed).map(|place| STAGES[place]));
         said
@@ -234,6 +238,20 @@ mod tests {
         assert_eq!(marks("rejected", "shadowed", false), ["gate", "gate"]);
         assert_eq!(marks("rolled-back", "active", false), ["monitor", "monitor"]);
         assert_eq!(marks("superseded", "active", true), ["all done"]);
+    }
+
+    /// It leaves from `demoted` whatever was repeated: the strip said that it was not valid.
+    #[test]
+    fn the_strip_marks_the_repeated_stage_that_stopped_it() {
+        for (ran, stage) in [(Stage::Sandbox, "sandbox"), (Stage::Shadow, "shadow")] {
+            let repeated = CandidateView { ran: Some(ran), ..candidate("rejected", "demoted", false) };
+            assert_eq!(marks_of(&repeated), [stage, stage]);
+        }
+        assert_eq!(
+            marks("rejected", "demoted", false),
+            ["sandbox", "sandbox"],
+            "nothing ran: a person did it"
+        );
     }
 
     #[test]

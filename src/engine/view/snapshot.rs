@@ -50,6 +50,7 @@ impl SnapshotView<'_> {
                     digest: member.capability.digest(),
                     state: version.state,
                     left: member.course.left,
+                    ran: member.course.ran,
                     confirmed: member.course.confirmed,
                     flags: version.flags,
                     row_version: member.row_version,
