@@ -8,6 +8,7 @@ use holdpoint_governance::condition::people_needed;
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
@@ -38,10 +39,38 @@ pub fn terms_of(
     if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
 }
 
-/// Whether a version's declaration admits the profile in force: what does not is never given the arm.
+/// Why a version is not given the arm under the profile in force; `None` if it is: its declaration admits the profile,
+/// and no demotion has closed it. What one person lets in past a closed profile acts until that is reviewed.
 #[must_use]
-pub fn is_admitted(context: &Context, capability: &Capability) -> bool {
-    capability.manifest.deployment.environments.contains(&context.profile.name)
+pub fn not_admitted(context: &Context, ledger: &Ledger, capability: &Capability) -> Option<NotAdmitted> {
+    let profile = context.profile.name;
+    if !capability.manifest.deployment.environments.contains(&profile) {
+        return Some(NotAdmitted::Undeclared);
+    }
+    let id = capability.id();
+    let (version, standing, _) = ledger.version(&id).ok()?;
+    let unreviewed = ledger.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
+    (standing.closed.contains(&profile) && !unreviewed).then_some(NotAdmitted::Closed)
+}
+
+/// Why a version is not given the arm under a profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotAdmitted {
+    /// Its manifest does not name the profile.
+    Undeclared,
+    /// A demotion has closed the profile to it.
+    Closed,
+}
+
+impl NotAdmitted {
+    /// The second half of a sentence that begins with the version.
+    #[must_use]
+    pub fn text(self, profile: ProfileName) -> String {
+        match self {
+            Self::Undeclared => format!("does not admit the profile {profile}"),
+            Self::Closed => format!("has the profile {profile} closed to it"),
+        }
+    }
 }
 
 /// A version with the terms and the fallback it has now.

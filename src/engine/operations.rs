@@ -5,6 +5,7 @@
 use holdpoint_body::TaskKind;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
+use crate::binding::{NotAdmitted, not_admitted};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -100,6 +101,22 @@ pub(crate) fn transition(
     accepted(&id, done)
 }
 
+/// A version that does not advance until it is resumed; one that is active works on.
+pub(crate) fn pause(record: &mut Record, operation: &Operation) -> Result<Reply, Fault> {
+    let id = checked(record, operation)?;
+    let (_, standing, _) = record.ledger().version(&id)?;
+    if standing.state == State::Active && !standing.flags.provisional {
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("{id} is active and confirmed: there is nothing it could be kept from"),
+            hint: Some(
+                "`holdpoint stop` stops the arm, `holdpoint restrict` has the version work slower".to_owned(),
+            ),
+        });
+    }
+    transition(record, operation, "paused", |version| LifecycleEvent::Pause { version })
+}
+
 /// A version that was paused, or that the gate or an unanswered question holds, goes on where it stands.
 pub(crate) fn resume(
     record: &mut Record,
@@ -127,6 +144,21 @@ pub(crate) fn resume(
     Ok(Reply::Accepted { text, version: Some(id) })
 }
 
+/// A stopped family gets a version again that the profile in force admits.
+pub(crate) fn rearm(context: &Context, record: &mut Record, operation: &Operation) -> Result<Reply, Fault> {
+    let id = checked(record, operation)?;
+    let profile = context.profile.name;
+    if let Some(why) = not_admitted(context, record.ledger(), &record.capability(&id)?) {
+        let opens = format!("`holdpoint release {id} --profile {profile}` opens it");
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("{id} {}", why.text(profile)),
+            hint: Some(opens).filter(|_| why == NotAdmitted::Closed),
+        });
+    }
+    transition(record, operation, "active again", |version| LifecycleEvent::Rearm { version })
+}
+
 /// What is done where nobody would take over.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum LastVersion {
@@ -137,10 +169,14 @@ pub(crate) enum LastVersion {
 }
 
 /// The question whether a family's last version is to be taken off; absent if somebody takes over.
-pub(crate) fn asks_for_last(record: &Record, id: &CapabilityId) -> Option<Reply> {
+pub(crate) fn asks_for_last(context: &Context, record: &Record, id: &CapabilityId) -> Option<Reply> {
     let entry = record.ledger().family(&id.family).ok()?;
     let (version, standing, _) = entry.find(id)?;
-    if standing.state != State::Active || entry.state.restorable_predecessor(version).is_some() {
+    let before = entry.state.restorable_predecessor(version);
+    let before = before.and_then(|before| entry.members.get(usize::from(before.0)));
+    let takes_over =
+        before.is_some_and(|before| not_admitted(context, record.ledger(), &before.capability).is_none());
+    if standing.state != State::Active || takes_over {
         return None;
     }
     let family = &id.family;
@@ -169,7 +205,7 @@ pub(crate) fn roll_back(
             hint: Some("reject or demote a candidate instead".to_owned()),
         });
     }
-    let asks = asks_for_last(live.record, &id);
+    let asks = asks_for_last(live.context, live.record, &id);
     if let Some(asks) = asks.filter(|_| last == LastVersion::Ask) {
         return Ok(asks);
     }

@@ -9,6 +9,7 @@ mod beginning;
 mod commands;
 pub(crate) mod concurrent;
 mod halted;
+mod parked;
 pub mod rehearsal;
 
 use std::sync::Arc;
@@ -109,6 +110,8 @@ pub struct Pipeline {
     /// The agent the store is for.
     agent: Digest,
     work: Option<Work>,
+    /// Stages of versions that a person paused meanwhile.
+    parked: Vec<Work>,
     /// Stages begin by a call alone.
     on_call: bool,
 }
@@ -142,6 +145,7 @@ impl Pipeline {
             resumptions: Vec::new(),
             health: CellHealth::default(),
             work: None,
+            parked: Vec::new(),
             on_call: false,
         };
         pipeline.record.recall_alarms()?;
@@ -220,6 +224,7 @@ impl Pipeline {
 
     fn slice(&mut self) -> Result<Progress, Fault> {
         self.look_at_alarms();
+        self.unpark();
         if self.world.is_halted() {
             return self.halted_slice();
         }
@@ -320,6 +325,7 @@ impl Pipeline {
     }
 
     fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+        self.parked.retain(|work| work.id() != id);
         let Self { context, record, dossiers, .. } = self;
         match stage {
             Stage::Validation => validation::run(context, record, dossiers, id)?,
@@ -448,6 +454,7 @@ impl Pipeline {
     fn forget_work(&mut self, id: &CapabilityId) {
         self.approvals.close(id);
         self.work.take_if(|work| work.id() == id);
+        self.parked.retain(|work| work.id() != id);
     }
 
     /// From now on pictures of the live world go to `pictures`, which must not wait.
@@ -553,6 +560,7 @@ impl Pipeline {
     /// From now on nothing is approved, activated or begun; what is active stays.
     pub(crate) fn hold(&mut self, why: &str) {
         self.work = None;
+        self.parked.clear();
         self.record.hold(why);
     }
 

@@ -1,7 +1,7 @@
 //! The clean-up after an interrupted engine: what ran does not count, what was asked is asked anew, a rollback that was
 //! under way is finished. It says all of it.
 
-use crate::binding::is_admitted;
+use crate::binding::{NotAdmitted, not_admitted};
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
@@ -53,18 +53,22 @@ pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<
     resume_questions(live, approvals)
 }
 
-/// What does not admit the profile that the store was opened under is taken off: a version for simulation alone gets
-/// no other arm.
+/// What does not admit the profile that the store was opened under, or has it closed, is taken off: a version for
+/// simulation alone gets no other arm.
 fn leave_unadmitted(live: &mut Live<'_>) -> Result<(), Fault> {
-    let active = live.record.ledger().families().filter_map(|(_, entry)| entry.active());
-    let stray: Vec<CapabilityId> = active
-        .filter(|member| !is_admitted(live.context, &member.capability))
-        .map(|member| member.capability.id())
+    let ledger = live.record.ledger();
+    let active = ledger.families().filter_map(|(_, entry)| entry.active());
+    let stray: Vec<(CapabilityId, NotAdmitted)> = active
+        .filter_map(|member| {
+            let why = not_admitted(live.context, ledger, &member.capability)?;
+            Some((member.capability.id(), why))
+        })
         .collect();
-    for id in stray {
+    for (id, why) in stray {
         let profile = live.context.profile.name;
-        say_recovered(live.record, &id, &format!("it does not admit the profile {profile} and is taken off"));
-        let text = format!("the store was opened under the profile {profile}, which it does not admit");
+        let why = why.text(profile);
+        say_recovered(live.record, &id, &format!("it {why} and is taken off"));
+        let text = format!("the store was opened under the profile {profile}: the version {why}");
         let trigger = trigger(live.record, TriggerKind::ProfileNotAdmitted, &text);
         live.take_off(&id, trigger, None, Leave::Demoted)?;
     }

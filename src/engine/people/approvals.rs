@@ -56,6 +56,7 @@ impl Approvals {
 
     /// Takes the question about a version away: it is answered, or void.
     pub fn close(&mut self, id: &CapabilityId) -> Option<PendingQuestion> {
+        self.granted.remove(id);
         self.prompts.remove(id)
     }
 
@@ -77,6 +78,16 @@ impl Approvals {
             waits && prompt.deadline_ms <= now_ms
         };
         self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
+    }
+
+    /// Questions about versions whose row has changed since; a review stands whatever becomes of its version.
+    #[must_use]
+    pub fn changed(&self, record: &Record) -> Vec<CapabilityId> {
+        let changed = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
+            let row = record.ledger().version(id).map(|(_, standing, _)| standing.row_version);
+            prompt.purpose != Purpose::Review && row.is_ok_and(|row| row != prompt.life_row_version)
+        };
+        self.prompts.iter().filter(changed).map(|(id, _)| id.clone()).collect()
     }
 
     /// The next deadline, virtual ms.

@@ -47,7 +47,13 @@ impl Pipeline {
         if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
         }
-        match self.carry_out(command) {
+        let carried_out = self.carry_out(command).and_then(|reply| {
+            if self.record.holding().is_none() {
+                self.activation().look_at_changed()?;
+            }
+            Ok(reply)
+        });
+        match carried_out {
             Ok(reply) => reply,
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
@@ -73,10 +79,17 @@ impl Pipeline {
             }
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
             Command::Release { operation, profiles } => self.operator_release(&operation, &profiles),
-            Command::Pause(operation) => operations::transition(record, &operation, "paused", |version| {
-                LifecycleEvent::Pause { version }
-            }),
-            Command::Resume(operation) => operations::resume(record, dossiers, &operation),
+            Command::Pause(operation) => {
+                let reply = operations::pause(record, &operation)?;
+                self.park();
+                Ok(reply)
+            }
+            Command::Resume(operation) => {
+                let reply = operations::resume(record, dossiers, &operation)?;
+                // What its window came to meanwhile counts now.
+                monitoring::maybe_confirm(record, dossiers, monitors, &operation.version)?;
+                Ok(reply)
+            }
             Command::Repeat { operation, stage } => {
                 let reply = operations::transition(record, &operation, "to be repeated", |version| {
                     LifecycleEvent::Repeat { version, stage }
@@ -94,9 +107,7 @@ impl Pipeline {
             }
             Command::Rearm(operation) => {
                 self.bound_agent().check()?;
-                operations::transition(&mut self.record, &operation, "active again", |version| {
-                    LifecycleEvent::Rearm { version }
-                })
+                operations::rearm(&self.context, &mut self.record, &operation)
             }
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),
             Command::LiveFault { fault } => operations::live_fault(record, world, fault),
@@ -247,7 +258,7 @@ impl Pipeline {
         let is_active = self.record.ledger().version(&id)?.1.state == State::Active;
         if is_active && (profiles.is_empty() || profiles.contains(&self.context.profile.name)) {
             let mut live = self.live();
-            if let Some(asks) = operations::asks_for_last(live.record, &id) {
+            if let Some(asks) = operations::asks_for_last(live.context, live.record, &id) {
                 return Ok(asks);
             }
             if !profiles.is_empty() {

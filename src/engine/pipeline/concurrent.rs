@@ -41,7 +41,7 @@ impl Pipeline {
         match command {
             // It only asks back; the arm works on.
             Command::Rollback(operation) | Command::Demote { operation, .. }
-                if asks_for_last(&self.record, &operation.version).is_some() =>
+                if asks_for_last(&self.context, &self.record, &operation.version).is_some() =>
             {
                 Timing::Now
             }

@@ -13,7 +13,7 @@ use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
 
-use super::closing::{abort_stage, decided, first_reason, rejected, stage_note};
+use super::closing::{abort_stage, decided, first_reason, rejected, stage_note, void_question};
 use super::release;
 use super::validation::registered;
 use crate::binding::{binding, made_under};
@@ -21,7 +21,7 @@ use crate::bound::BoundAgent;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
-use crate::ledger::Note;
+use crate::ledger::{LedgerError, Note};
 use crate::monitors::{Monitors, Watched};
 use crate::people::approvals::{Approvals, PendingQuestion, clear_alarm, closing_note};
 use crate::record::Record;
@@ -111,10 +111,18 @@ impl Activation<'_> {
                 Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
-                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
                 let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
-                let note = closing_note(self.context, id, &prompt, RequestState::Granted, &reason);
-                self.record.transition(&id.family, event, note)?;
+                let note = closing_note(self.context, id, prompt, RequestState::Granted, &reason);
+                match self.record.transition(&id.family, event, note) {
+                    Err(Fault::Ledger(LedgerError::Refused(refusal))) => {
+                        // Nothing is held for an answer that came too late.
+                        self.void(id, &refusal.to_string())?;
+                        return Ok(format!("{id} is not approved ({refusal}); people are asked anew"));
+                    }
+                    moved => moved.map(|_| ())?,
+                }
+                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
                 clear_alarm(self.record, id, prompt.last_voter());
                 // A question that an earlier engine asked: what ran then is not running now.
                 if self.record.ledger().version(id)?.1.flags.running.is_none() {
@@ -125,21 +133,23 @@ impl Activation<'_> {
                 Ok(format!("{id} is approved"))
             }
             ApprovalOutcome::Refused { person } => {
-                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
-                self.dossiers.edit(id).reasons.clone_from(&result.reasons);
-                let note = closing_note(self.context, id, &prompt, RequestState::Refused, &reason);
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
+                let note = closing_note(self.context, id, prompt, RequestState::Refused, &reason);
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
+                self.approvals.close(id);
+                self.dossiers.edit(id).reasons.clone_from(&result.reasons);
                 clear_alarm(self.record, id, Some(person.clone()));
                 rejected(self.context, self.record, id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
             }
             ApprovalOutcome::TimedOut => {
-                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
+                let note = closing_note(self.context, id, prompt, RequestState::Expired, &reason);
+                self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
+                self.approvals.close(id);
                 let dossier = self.dossiers.edit(id);
                 dossier.reasons.clone_from(&result.reasons);
                 dossier.held = true;
-                let note = closing_note(self.context, id, &prompt, RequestState::Expired, &reason);
-                self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 clear_alarm(self.record, id, None);
                 if self.record.ledger().version(id)?.1.flags.running.is_some() {
                     let why = "nobody answered in time; the version is held";
@@ -150,11 +160,31 @@ impl Activation<'_> {
         }
     }
 
+    /// Questions about versions that have changed since are void, and asked anew by the gate. Tells whether there was
+    /// one.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn look_at_changed(&mut self) -> Result<bool, Fault> {
+        let changed = self.approvals.changed(self.record);
+        for id in &changed {
+            self.void(id, "it has changed since")?;
+        }
+        Ok(!changed.is_empty())
+    }
+
+    fn void(&mut self, id: &CapabilityId, why: &str) -> Result<(), Fault> {
+        void_question(self.context, self.record, self.dossiers, self.approvals, id, why)
+    }
+
     /// Acts on questions whose time is over. Tells whether there was one.
     ///
     /// # Errors
     /// If what it comes to cannot be written.
     pub fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+        if self.look_at_changed()? {
+            return Ok(true);
+        }
         let due = self.approvals.due(self.record.now_ms());
         for id in &due {
             match self.approvals.of(id).map(PendingQuestion::purpose) {
@@ -292,4 +322,4 @@ pub(super) fn activate(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

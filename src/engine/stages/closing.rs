@@ -8,13 +8,14 @@ use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
 
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
+use crate::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::record::Record;
 
 /// Keeps and tells how far a stage is.
@@ -121,6 +122,35 @@ pub(crate) fn abort_stage(
     let (version, _, _) = record.ledger().version(id)?;
     dossiers.edit(id).progress = None;
     record.transition(&id.family, LifecycleEvent::Abort { version }, Note::because(why))?;
+    Ok(())
+}
+
+/// A question to people about a version that has changed since is void: on record, told, and asked anew as soon as the
+/// version may go on.
+pub(crate) fn void_question(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    approvals: &mut Approvals,
+    id: &CapabilityId,
+    why: &str,
+) -> Result<(), Fault> {
+    let Some(asked) = approvals.of(id) else { return Ok(()) };
+    let (version, standing, _) = record.ledger().version(id)?;
+    let flags = standing.flags;
+    let reason = format!("{id}: {why}; what people were asked is void");
+    let note = closing_note(context, id, asked, RequestState::Void, &reason);
+    if flags.awaiting_approval {
+        record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
+    } else {
+        record.write(note.before, Vec::new())?;
+    }
+    approvals.close(id);
+    clear_alarm(record, id, None);
+    record.tell(EventKind::Voided { family: id.family.clone(), reason: reason.clone() });
+    if flags.running == Some(Stage::Activation) {
+        abort_stage(record, dossiers, id, &reason)?;
+    }
     Ok(())
 }
 

@@ -180,8 +180,21 @@ pub(crate) fn settle_review(
     live.record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::Unreviewed(id.clone()) });
     live.record.tell(EventKind::Reviewed { version: id.clone(), upheld, by });
     if upheld {
+        open_profile(live, id)?;
         maybe_confirm(live.record, live.dossiers, live.monitors, id)?;
         return Ok(format!("the emergency activation of {id} is upheld"));
     }
     Ok(format!("the emergency activation of {id} is not upheld"))
+}
+
+/// Who reviewed a version that was let in past a closed profile, and upholds that, has opened the profile.
+fn open_profile(live: &mut Live<'_>, id: &CapabilityId) -> Result<(), Fault> {
+    let profile = live.context.profile.name;
+    live.dossiers.edit(id).closed.remove(&profile);
+    let (version, standing, _) = live.record.ledger().version(id)?;
+    if standing.state == State::Active && standing.closed.contains(&profile) {
+        let note = Note::because("the review of the emergency activation upheld it under this profile");
+        live.record.transition(&id.family, LifecycleEvent::Open { version, profile }, note)?;
+    }
+    Ok(())
 }

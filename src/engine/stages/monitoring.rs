@@ -402,7 +402,8 @@ pub fn restrict_on_demand(
     Ok(())
 }
 
-/// Confirms a version whose window passed without a trip and which is in no doubt.
+/// Confirms a version whose window passed without a trip and which is in no doubt. One that a person paused works on
+/// and is confirmed when it is resumed.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -416,15 +417,16 @@ pub fn maybe_confirm(
     if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
         return Ok(());
     }
-    if dossiers.has_open_doubt(id) || record.is_unreviewed(id) {
+    let (version, standing, _) = record.ledger().version(id)?;
+    let (provisional, paused) = (standing.flags.provisional, standing.flags.paused);
+    if paused || dossiers.has_open_doubt(id) || record.is_unreviewed(id) {
         return Ok(());
     }
     watched.confirmed = true;
     watched.monitor.confirmed().map_err(|error| Fault::Impossible(error.to_string()))?;
     dossiers.edit(id).conditions.retain(Condition::outlives_confirmation);
     let episodes = watched.episodes;
-    let (version, standing, _) = record.ledger().version(id)?;
-    if !standing.flags.provisional {
+    if !provisional {
         return Ok(());
     }
     let note = Note::because("the provisional window passed without a trip");

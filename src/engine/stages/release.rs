@@ -68,13 +68,15 @@ pub(crate) fn settle(
             Ok(format!("the release of {id} waits for {missing} more; {last}"))
         }
         ApprovalOutcome::Granted { people, .. } => {
-            let Some(prompt) = approvals.close(id) else { return Ok(last) };
+            let Some(prompt) = approvals.of(id) else { return Ok(last) };
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
             let (version, _, _) = live.record.ledger().version(id)?;
-            let note = closing_note(live.context, id, &prompt, RequestState::Granted, "people released it");
+            let note = closing_note(live.context, id, prompt, RequestState::Granted, "people released it");
             let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
+            let answered = prompt.last_voter();
             live.record.transition(&id.family, event, note)?;
-            clear_alarm(live.record, id, prompt.last_voter());
+            approvals.close(id);
+            clear_alarm(live.record, id, answered);
             lift(live, id, &by, "people approved its release", Note::default())?;
             Ok(format!("{id} is released"))
         }
@@ -114,8 +116,8 @@ fn close(
     state: RequestState,
     why: &str,
 ) -> Result<(), Fault> {
-    let Some(prompt) = approvals.close(id) else { return Ok(()) };
-    let note = closing_note(context, id, &prompt, state, why);
+    let Some(prompt) = approvals.of(id) else { return Ok(()) };
+    let note = closing_note(context, id, prompt, state, why);
     let (version, standing, _) = record.ledger().version(id)?;
     if standing.flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
@@ -123,6 +125,7 @@ fn close(
         // The version left its place meanwhile, and the question with it.
         record.write(note.before, Vec::new())?;
     }
+    approvals.close(id);
     clear_alarm(record, id, None);
     Ok(())
 }

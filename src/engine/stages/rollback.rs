@@ -18,7 +18,7 @@ use holdpoint_text::Hint;
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
-use crate::binding::terms_of;
+use crate::binding::{not_admitted, terms_of};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -182,7 +182,14 @@ impl Rollback<'_> {
             let member = entry.members.get(usize::from(target.0)).filter(|_| restorable)?;
             Some(member.capability.id())
         });
+        let profile = self.context.profile.name;
+        let shut = known.as_ref().and_then(|known| {
+            let ledger = self.record.ledger();
+            let why = not_admitted(self.context, ledger, &ledger.version(known).ok()?.2.capability)?;
+            Some(format!("there is no version to go back to: {known} {}", why.text(profile)))
+        });
         let loaded = match &known {
+            Some(_) if shut.is_some() => Err((RungFailure::PredecessorMissing, shut.unwrap_or_default())),
             None => Err((RungFailure::PredecessorMissing, "there is no version to go back to".to_owned())),
             Some(known) => self.record.ledger().reload(known).map_err(|error| {
                 let failure = match error {

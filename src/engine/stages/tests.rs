@@ -1,4 +1,5 @@
 //! The stages together: every verb in every standing of a version.
 
+mod paused;
 mod refused;
 mod standings;

@@ -21,7 +21,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::RecoveryReport;
 use holdpoint_runtime::terms::SkillTerms;
 
-use crate::binding::is_admitted;
+use crate::binding::not_admitted;
 use crate::context::Context;
 use crate::fault::Fault;
 use crate::monitors::Monitors;
@@ -151,7 +151,7 @@ pub(crate) fn begin(
         .ledger()
         .families()
         .filter_map(|(family, entry)| Some((family.clone(), entry.active()?.capability.clone())))
-        .filter(|(_, active)| is_admitted(context, active))
+        .filter(|(_, active)| not_admitted(context, record.ledger(), active).is_none())
         .collect();
     let terms = TaskKind::SEQUENCE
         .into_iter()

@@ -11,8 +11,7 @@ use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::command::Operation;
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::words;
 use holdpoint_registry::AuditFilter;
@@ -20,9 +19,10 @@ use holdpoint_runtime::capability;
 
 use super::*;
 use crate::pipeline::Pipeline;
+use crate::stages::emergency;
 use crate::stages::rollback::tests::Bench;
 
-fn package(name: &str, changes: &[(&str, &str)]) -> Package {
+pub(crate) fn package(name: &str, changes: &[(&str, &str)]) -> Package {
     let mut package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
     for (from, to) in changes {
         assert!(package.manifest.contains(from), "{from}");
@@ -36,7 +36,7 @@ fn profile(name: ProfileName) -> Profile {
 }
 
 /// Registers a version, lets the rules validate it, and puts it before people.
-fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
+pub(crate) fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
     let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
     let register = holdpoint_protocol::command::Command::Register { package, name: "test".to_owned() };
     let reply = pipeline.command(register);
@@ -171,6 +171,105 @@ fn a_version_for_simulation_alone_gets_no_other_arm() {
         let state = bench.pipeline.record().ledger().version(&id).unwrap().1.state;
         assert_eq!(state, State::Demoted, "{name}");
         assert!(!works(&mut bench.pipeline), "{name}");
+    }
+}
+
+fn operation(version: &CapabilityId) -> Operation {
+    Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
+}
+
+fn close(bench: &mut Bench, id: &CapabilityId, name: ProfileName) {
+    let close = Command::Demote { operation: operation(id), profiles: vec![name] };
+    let reply = bench.pipeline.command(close);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+fn works(bench: &mut Bench, id: &CapabilityId) -> bool {
+    (0..8).any(|_| {
+        let report = bench.pipeline.live().sequence(None).unwrap();
+        report.tasks.iter().any(|done| done.id == *id)
+    })
+}
+
+fn active(bench: &Bench, id: &CapabilityId) -> Option<String> {
+    bench.pipeline.record().active_of(&id.family).map(|active| active.id().to_string())
+}
+
+/// A profile that was closed to an active version held back its candidates alone: under it the version worked on.
+#[test]
+fn a_version_with_a_closed_profile_does_not_act_under_it() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    close(&mut bench, &id, ProfileName::Human);
+    assert!(works(&mut bench, &id), "it acts where it is not closed");
+    bench = bench.reopened(profile(ProfileName::Sim));
+    assert_eq!(active(&bench, &id), Some(id.to_string()));
+    bench = bench.reopened(profile(ProfileName::Human));
+    assert_eq!(active(&bench, &id).as_deref(), Some("align@1.0.0"));
+    assert_eq!(bench.pipeline.record().ledger().version(&id).unwrap().1.state, State::Demoted);
+    assert!(!works(&mut bench, &id));
+}
+
+/// Whom a version would go back to is held to the same, and so is whoever makes a stopped family work again.
+#[test]
+fn nobody_goes_back_to_a_version_with_a_closed_profile() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let before: CapabilityId = "align@1.0.0".parse().unwrap();
+    for id in [&id, &before] {
+        close(&mut bench, id, ProfileName::Human);
+    }
+    bench = bench.reopened(profile(ProfileName::Human));
+    assert_eq!(active(&bench, &id), None, "the family is stopped");
+    let rearm = || Command::Rearm(operation(&before));
+    let reply = bench.pipeline.command(rearm());
+    let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
+    assert_eq!(hint, "`holdpoint release align@1.0.0 --profile human` opens it");
+    let open = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
+    for command in [open, rearm()] {
+        let reply = bench.pipeline.command(command);
+        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    }
+    assert!(works(&mut bench, &before));
+}
+
+/// An operator who takes a version off is told first that nobody would take over.
+#[test]
+fn a_predecessor_with_a_closed_profile_does_not_take_over() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    close(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
+    let reply = bench.pipeline.command(Command::Rollback(operation(&id)));
+    assert!(matches!(&reply, Reply::Refused { hint: Some(hint), .. } if hint.contains("--stop-family")));
+    assert_eq!(active(&bench, &id), Some(id.to_string()));
+}
+
+/// No sequence gives the arm to what is closed, however it became so; what the emergency door let in acts until it is
+/// reviewed.
+#[test]
+fn a_sequence_holds_versions_to_their_closed_profiles() {
+    for unreviewed in [false, true] {
+        let mut bench = Bench::new();
+        let id = bench.pass("align-improved", &Stage::ALL);
+        let version = bench.pipeline.record().ledger().version(&id).unwrap().0;
+        let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
+        bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+        bench.enter(&id, |version| {
+            if unreviewed {
+                LifecycleEvent::ActivateUnreviewed { version, until_ms: 1_000_000 }
+            } else {
+                LifecycleEvent::Activate { version }
+            }
+        });
+        assert_eq!(works(&mut bench, &id), unreviewed);
+        if unreviewed {
+            let people = ["carl", "dora"].map(ToOwned::to_owned).into();
+            let outcome = ApprovalOutcome::Granted { people, expires_s: 1.0e9, break_glass: false };
+            let upheld = ApprovalResult { outcome, reasons: Vec::new() };
+            let mut live = bench.pipeline.live();
+            emergency::settle_review(&mut live, &mut Approvals::default(), &id, &upheld).unwrap();
+            assert!(works(&mut bench, &id), "whoever upholds it has opened the profile");
+        }
     }
 }
 

@@ -18,6 +18,7 @@ use holdpoint_registry::AuditFilter;
 
 use crate::binding::terms_of;
 use crate::ledger::Note;
+use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
 
@@ -68,11 +69,15 @@ fn number(bench: &Bench, id: &CapabilityId) -> holdpoint_governance::lifecycle::
     bench.pipeline.record().ledger().version(id).unwrap().0
 }
 
+fn close(id: &CapabilityId, profile: ProfileName) -> Command {
+    Command::Demote { operation: operation(id), profiles: vec![profile] }
+}
+
 fn baseline() -> CapabilityId {
     "align@1.0.0".parse().unwrap()
 }
 
-const SETTINGS: [Setting; 21] = [
+const SETTINGS: [Setting; 29] = [
     ("registered", |bench| bench.pass(CANDIDATE, &[])),
     ("validated", |bench| bench.pass(CANDIDATE, &Stage::ALL[..1])),
     ("sandboxed", |bench| bench.pass(CANDIDATE, &Stage::ALL[..2])),
@@ -82,11 +87,21 @@ const SETTINGS: [Setting; 21] = [
         bench.pipeline.live().dossiers.edit(&id).held = true;
         id
     }),
-    ("shadowed, people are asked", |bench| {
+    ("shadowed, people are asked", |bench| asked(&mut bench.pipeline, package(CANDIDATE, &[]))),
+    ("shadowed, paused while people were asked", |bench| {
+        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        done(bench, Command::Pause(operation(&id)));
+        id
+    }),
+    ("shadowed, paused while people were asked, and resumed", |bench| {
+        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        done(bench, Command::Pause(operation(&id)));
+        done(bench, Command::Resume(operation(&id)));
+        id
+    }),
+    ("shadowed, a profile is closed to it", |bench| {
         let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
-        let version = number(bench, &id);
-        apply(bench, &id, LifecycleEvent::Start { version, stage: Stage::Activation });
-        apply(bench, &id, LifecycleEvent::RequestApproval { version });
+        done(bench, close(&id, ProfileName::Human));
         id
     }),
     ("sandbox running", |bench| {
@@ -95,15 +110,45 @@ const SETTINGS: [Setting; 21] = [
         apply(bench, &id, LifecycleEvent::Start { version, stage: Stage::Sandbox });
         id
     }),
+    ("shadow running", |bench| {
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..2]);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::Start { version, stage: Stage::Shadow });
+        id
+    }),
     ("a candidate, paused", |bench| {
         let id = bench.pass(CANDIDATE, &Stage::ALL[..2]);
         done(bench, Command::Pause(operation(&id)));
         id
     }),
     ("active, provisional", |bench| bench.activate(CANDIDATE)),
+    ("active, provisional, paused", |bench| {
+        let id = bench.activate(CANDIDATE);
+        done(bench, Command::Pause(operation(&id)));
+        id
+    }),
+    ("active, another profile is closed to it", |bench| {
+        let id = bench.activate(CANDIDATE);
+        done(bench, close(&id, ProfileName::Human));
+        id
+    }),
     ("active, restricted", |bench| {
         let id = bench.activate(CANDIDATE);
         done(bench, Command::Restrict(operation(&id)));
+        id
+    }),
+    ("active, restricted, people are asked to release it", |bench| {
+        let id = bench.activate(CANDIDATE);
+        let human = Profile::builtin(ProfileName::Human).unwrap();
+        *bench = std::mem::replace(bench, Bench::new()).reopened(human);
+        done(bench, Command::Restrict(operation(&id)));
+        done(bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
+        id
+    }),
+    ("active, its rollback under way", |bench| {
+        let id = bench.activate(CANDIDATE);
+        let version = number(bench, &id);
+        apply(bench, &id, LifecycleEvent::BeginRollback { version });
         id
     }),
     ("active, its monitor asks", |bench| {
@@ -206,6 +251,7 @@ fn change(before: &Standing, after: &Standing) -> String {
     for (was, is, on, off) in [
         (was.paused, is.paused, "is paused", "is paused no more"),
         (was.restricted, is.restricted, "is restricted", "works at its full envelope"),
+        (was.awaiting_approval, is.awaiting_approval, "people are asked", "what people were asked is void"),
         (before.held, after.held, "is held", "goes on"),
         (before.asks, after.asks, "is asked about", "the question is closed"),
     ] {

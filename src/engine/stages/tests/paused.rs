@@ -1,0 +1,220 @@
+//! What a pause, and whatever else changes a version, does to what was under way with it: nothing is lost, and the
+//! engine does not hold for it.
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Flags, LifecycleEvent, Stage, State};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::event::EventKind;
+
+use crate::ledger::Note;
+use crate::pipeline::Progress;
+use crate::stages::activation::tests::{asked, package};
+use crate::stages::rollback::tests::Bench;
+
+const CANDIDATE: &str = "align-improved";
+
+fn operation(version: &CapabilityId) -> Operation {
+    Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
+}
+
+fn done(bench: &mut Bench, command: Command) {
+    let reply = bench.pipeline.command(command.clone());
+    assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
+}
+
+fn pause(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Pause(operation(id)));
+}
+
+fn resume(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Resume(operation(id)));
+}
+
+fn stands(bench: &Bench, id: &CapabilityId) -> (State, Flags) {
+    let (_, standing, _) = bench.pipeline.record().ledger().version(id).unwrap();
+    (standing.state, standing.flags)
+}
+
+fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
+    bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+}
+
+/// The pipeline does what it does by itself, and never holds.
+fn work(bench: &mut Bench, slices: usize) {
+    for _ in 0..slices {
+        let progress = bench.pipeline.advance();
+        assert_eq!(bench.pipeline.record().holding(), None);
+        if progress == (Progress::Idle { next_ms: None }) {
+            break;
+        }
+    }
+}
+
+/// No question is open, neither here nor in the store.
+fn nobody_is_asked(bench: &Bench) -> bool {
+    let open = bench.pipeline.record().ledger().store().views().unwrap().open_requests().unwrap();
+    open.is_empty() && bench.pipeline.snapshot().prompts.is_empty()
+}
+
+fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
+    bench.pipeline.drain_events();
+    work(bench, 3);
+    let begun = |event: &EventKind| matches!(event, EventKind::StageStarted { version, stage: Stage::Activation, .. } if version == id);
+    bench.pipeline.drain_events().iter().any(begun)
+}
+
+/// The window of a paused version ended in a confirmation that the lifecycle refuses, and the engine held.
+#[test]
+fn a_paused_active_version_works_on_and_is_confirmed_when_it_is_resumed() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    pause(&mut bench, &id);
+    let over = |bench: &mut Bench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
+    for _ in 0..200 {
+        work(&mut bench, 1);
+        if over(&mut bench) {
+            break;
+        }
+    }
+    assert!(over(&mut bench), "it works on");
+    work(&mut bench, 3);
+    let (state, flags) = stands(&bench, &id);
+    assert!(state == State::Active && flags.provisional && flags.paused, "{flags:?}");
+    resume(&mut bench, &id);
+    let (state, flags) = stands(&bench, &id);
+    assert!(state == State::Active && !flags.provisional && !flags.paused, "{flags:?}");
+    let told = |event: &EventKind| matches!(event, EventKind::Confirmed { version, .. } if *version == id);
+    assert!(bench.pipeline.drain_events().iter().any(told));
+}
+
+/// A pause of a confirmed version was accepted and changed nothing.
+#[test]
+fn a_confirmed_version_is_not_paused_and_what_helps_is_named() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let version = bench.pipeline.record().ledger().version(&id).unwrap().0;
+    transition(&mut bench, &id, LifecycleEvent::Confirm { version });
+    let reply = bench.pipeline.command(Command::Pause(operation(&id)));
+    let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
+    assert!(hint.contains("holdpoint stop") && hint.contains("holdpoint restrict"), "{hint}");
+    assert!(!stands(&bench, &id).1.paused);
+}
+
+/// The sandbox of a paused version was worked to its end, which the lifecycle refuses, and the engine held.
+#[test]
+fn the_stage_of_a_paused_version_rests_and_goes_on() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    work(&mut bench, 3);
+    assert_eq!(stands(&bench, &id).1.running, Some(Stage::Sandbox));
+    let done = |bench: &Bench| {
+        let candidates = bench.pipeline.snapshot().candidates;
+        candidates.into_iter().find(|view| view.version == id).unwrap().progress.unwrap().done
+    };
+    pause(&mut bench, &id);
+    let before = done(&bench);
+    work(&mut bench, 20);
+    assert_eq!(done(&bench), before, "nothing of it is worked while it is paused");
+    // Another version does not wait behind it.
+    let other = bench.pass("place-refined", &[]);
+    work(&mut bench, 1);
+    assert_eq!(stands(&bench, &other).0, State::Validated);
+    done_with(&mut bench, &other);
+    resume(&mut bench, &id);
+    for _ in 0..20 {
+        work(&mut bench, 1);
+    }
+    assert!(done(&bench) > before, "it goes on from where it rested");
+    assert_eq!(stands(&bench, &id).1.running, Some(Stage::Sandbox));
+}
+
+fn done_with(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Reject(operation(id)));
+}
+
+/// An answer over a row that had changed was refused, the question was gone, and nobody could be asked again.
+#[test]
+fn a_pause_voids_what_people_were_asked_and_they_are_asked_anew() {
+    let mut bench = Bench::new();
+    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    assert!(!nobody_is_asked(&bench));
+    bench.pipeline.drain_events();
+    pause(&mut bench, &id);
+    assert!(nobody_is_asked(&bench));
+    let events = bench.pipeline.drain_events();
+    let told = |event: &EventKind| matches!(event, EventKind::Voided { reason, .. } if reason.contains(&id.to_string()));
+    assert!(events.iter().any(told), "{events:?}");
+    assert!(!begins_the_gate(&mut bench, &id), "it is paused");
+    resume(&mut bench, &id);
+    assert!(begins_the_gate(&mut bench, &id), "the gate looks at it anew");
+}
+
+/// The pause came after the approval and before the end of the sequence: the engine held.
+#[test]
+fn an_approval_that_waits_for_the_end_of_a_sequence_does_not_outlive_a_pause() {
+    for by_command in [true, false] {
+        let mut bench = Bench::new();
+        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        bench.pipeline.activation().approvals.grant_later(&id);
+        if by_command {
+            pause(&mut bench, &id);
+        } else {
+            // As if it changed while nobody looked.
+            let version = bench.pipeline.record().ledger().version(&id).unwrap().0;
+            transition(&mut bench, &id, LifecycleEvent::Pause { version });
+            bench.pipeline.activation().take_granted().unwrap();
+        }
+        work(&mut bench, 5);
+        assert!(nobody_is_asked(&bench));
+        let (state, flags) = stands(&bench, &id);
+        assert!(state == State::Shadowed && flags.paused && !flags.awaiting_approval, "{flags:?}");
+        resume(&mut bench, &id);
+        assert!(begins_the_gate(&mut bench, &id));
+    }
+}
+
+/// A closed profile changes the version's row as well.
+#[test]
+fn a_closed_profile_voids_what_people_were_asked() {
+    let mut bench = Bench::new();
+    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    done(&mut bench, Command::Demote { operation: operation(&id), profiles: vec![ProfileName::Human] });
+    assert!(nobody_is_asked(&bench));
+    assert!(begins_the_gate(&mut bench, &id), "under another profile it may go on");
+}
+
+/// Whoever was asked about beside the version that took over was asked for ever, and at the deadline the engine held.
+#[test]
+fn a_question_beside_the_version_that_takes_over_is_asked_anew() {
+    let mut bench = Bench::new();
+    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    let deadline_ms = bench.pipeline.snapshot().prompts[0].deadline_ms;
+    bench.activate("align-low-transit");
+    assert!(bench.pipeline.look_at_deadlines().unwrap());
+    assert!(nobody_is_asked(&bench));
+    assert_eq!(stands(&bench, &id).1.running, None, "the gate may look at it again");
+    bench.pipeline.jump_to(deadline_ms);
+    while bench.pipeline.look_at_deadlines().unwrap() {}
+    assert_eq!(bench.pipeline.record().holding(), None);
+}
+
+/// The strip says which stage stopped a version: known at once, and after a restart.
+#[test]
+fn what_ran_when_a_version_was_rejected_is_on_record() {
+    for repeated in [Stage::Sandbox, Stage::Shadow] {
+        let mut bench = Bench::new();
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+        done(&mut bench, Command::Repeat { operation: operation(&id), stage: repeated });
+        let version = bench.pipeline.record().ledger().version(&id).unwrap().0;
+        transition(&mut bench, &id, LifecycleEvent::Reject { version });
+        let ran = |bench: &Bench| {
+            let candidates = bench.pipeline.snapshot().candidates;
+            let view = candidates.into_iter().find(|view| view.version == id).unwrap();
+            (view.left, view.ran)
+        };
+        let left = (Some(State::Demoted), Some(repeated));
+        assert_eq!(ran(&bench), left);
+        assert_eq!(ran(&bench.restart()), left);
+    }
+}
