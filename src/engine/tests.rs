@@ -392,3 +392,56 @@ fn a_question_that_a_condition_asks_is_open_after_a_restart() {
         assert_eq!(after, before, "{profile:?}");
     }
 }
+
+/// The paper's seven calls, each by its name on an engine that a program holds, and nothing that they do not ask for.
+#[test]
+fn a_candidate_goes_through_all_seven_calls() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut engine = engine(folder.path(), "arm7").unwrap();
+    engine.begin_on_call();
+    let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates/align-improved")).unwrap();
+    let id = Capability::load("test", package.clone()).unwrap().id();
+    let view = |engine: &Engine| {
+        let candidates = engine.snapshot().candidates;
+        candidates.into_iter().find(|view| view.version == id).unwrap()
+    };
+    let until = |engine: &mut Engine, state: State| {
+        for _ in 0..20_000 {
+            if view(engine).state == state {
+                return;
+            }
+            engine.advance();
+            assert_eq!(engine.holding(), None);
+        }
+        panic!("it is {} and not {state}", view(engine).state);
+    };
+    let rests = |engine: &mut Engine, state: State| {
+        for _ in 0..3 {
+            engine.advance();
+        }
+        let found = view(engine);
+        assert_eq!((found.state, found.flags.running), (state, None), "nothing begins without a call");
+    };
+    let operation = || Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() };
+
+    accepted(&engine.register_candidate(package, "test"));
+    rests(&mut engine, State::Registered);
+    let early = engine.launch_shadow_eval(&id);
+    assert!(matches!(early, Reply::Refused { .. }), "no stage is jumped over: {early:?}");
+    accepted(&engine.run_compat_checks(&id));
+    rests(&mut engine, State::Validated);
+    accepted(&engine.launch_sandbox_eval(&id));
+    until(&mut engine, State::Sandboxed);
+    rests(&mut engine, State::Sandboxed);
+    accepted(&engine.launch_shadow_eval(&id));
+    until(&mut engine, State::Shadowed);
+    rests(&mut engine, State::Shadowed);
+    accepted(&engine.activate_candidate(&id));
+    until(&mut engine, State::Active);
+    accepted(&engine.restrict_candidate(operation()));
+    assert!(view(&engine).flags.restricted);
+    accepted(&engine.rollback_candidate(operation()));
+    assert_eq!(view(&engine).state, State::RolledBack);
+    let family = engine.snapshot().families.into_iter().find(|view| view.family == id.family).unwrap();
+    assert_eq!(family.active.map(|active| active.to_string()).as_deref(), Some("align@1.0.0"));
+}
