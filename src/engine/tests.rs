@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use holdpoint_approvals::Identity;
+use holdpoint_approvals::{Approval, Identity, Nonce};
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::composition::Kappas;
@@ -215,6 +215,35 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
     assert_eq!(other.record().active_of(&id.family).unwrap().id(), before);
     let events = other.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");
+
+    // Nor by the emergency door, before its approval is looked at.
+    let folder = tempfile::tempdir().unwrap();
+    let mut locked = pipeline(folder.path(), ProfileName::Sim);
+    let id = at_the_gate(&mut locked);
+    let identities = locked.record().ledger().store().layout().identities();
+    let ana = Identity::create(&identities, "ana", Role::Safety).unwrap();
+    let digest = locked.record().capability(&id).unwrap().digest();
+    let approval = Approval {
+        who: String::new(),
+        role: Role::Safety,
+        decision: Answer::Approve,
+        reason: "the line stands".to_owned(),
+        version: id.clone(),
+        candidate_digest: digest,
+        row_version: 1,
+        evidence_digest: digest,
+        policy_digest: digest,
+        profile: ProfileName::Sim,
+        store_id: String::new(),
+        nonce: Nonce::random().unwrap(),
+        not_after_ms: u64::MAX,
+        break_glass: true,
+    };
+    let signed = ana.sign(approval);
+    assert!(locked.activation().break_glass(signed.clone(), None).is_ok(), "it is answered");
+    locked.live().world.cell.replace_agent(Agent::called("another"));
+    assert!(locked.activation().break_glass(signed, None).is_err(), "and held");
+    assert_eq!(locked.record().active_of(&id.family).unwrap().id(), before);
 
     // A stopped family is not armed again for it.
     let folder = tempfile::tempdir().unwrap();
