@@ -77,6 +77,14 @@ impl SkillTerms {
         Self { table, geometry, zones, envelope, watch, limit_ticks, meter, stress, reviewed, detect_ticks }
     }
 
+    /// All that they have to do with how a task runs, in a text that differs wherever they differ.
+    #[must_use]
+    pub fn in_full(&self) -> String {
+        let Self { table, envelope, watch, limit_ticks, stress, reviewed, detect_ticks, .. } = self;
+        let policy = table.digest;
+        format!("{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{detect_ticks}")
+    }
+
     /// The same terms on an arm that real time does not wait for: computing longer than `cpu_us_per_tick` counts.
     #[must_use]
     pub fn on_a_clock(mut self, cpu_us_per_tick: u32) -> Self {

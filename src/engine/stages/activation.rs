@@ -129,7 +129,7 @@ impl Activation<'_> {
                     self.record.start_stage(id, Stage::Activation, 1)?;
                 }
                 let gate = gate(self.context, self.record, self.dossiers, id, Some(result))?;
-                self.conclude(id, gate, prompt.into_approvals())?;
+                self.conclude(id, gate, prompt.into_counted(result, self.record.now_ms()))?;
                 Ok(format!("{id} is approved"))
             }
             ApprovalOutcome::Refused { person } => {

@@ -118,9 +118,9 @@ pub fn cache_key(
     conditions: Conditions,
     seed: u64,
 ) -> Digest {
-    let under = format!("{:?}|{:?}|{}|{}", terms.envelope(), terms.watch(), conditions.name(), seed);
+    let under = format!("{}|{}|{seed}", terms.in_full(), conditions.name());
     Digest::of_parts(
-        "holdpoint.episode.v1",
+        "holdpoint.episode.v2",
         &[cell.digest().bytes(), capability.digest().bytes(), under.as_bytes()],
     )
 }

@@ -1,7 +1,9 @@
 //! One question that waits for people, and what they said so far.
 
+use std::collections::BTreeSet;
+
 use holdpoint_approvals::SignedApproval;
-use holdpoint_governance::approval::{self, Answer, ApprovalResult, Request, Subject, Vote};
+use holdpoint_governance::approval::{self, Answer, ApprovalOutcome, ApprovalResult, Request, Subject, Vote};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_protocol::snapshot::Purpose;
 
@@ -123,11 +125,18 @@ impl PendingQuestion {
         self.signed.last().map(|signed| signed.approval().who.clone())
     }
 
-    /// The signed approvals, refusals left out.
+    /// The signed approvals that counted: of each of these people the first that has not run out. Whatever else was
+    /// answered is put aside, for the store takes none of it for an approval.
     #[must_use]
-    pub fn into_approvals(self) -> Vec<SignedApproval> {
+    pub fn into_counted(self, result: &ApprovalResult, now_ms: u64) -> Vec<SignedApproval> {
+        let ApprovalOutcome::Granted { people, .. } = &result.outcome else { return Vec::new() };
+        let mut left: BTreeSet<&str> = people.iter().map(String::as_str).collect();
         let mut signed = self.signed;
-        signed.retain(|signed| signed.approval().decision == Answer::Approve);
+        signed.retain(|signed| {
+            let said = signed.approval();
+            let counts = said.decision == Answer::Approve && now_ms < said.not_after_ms;
+            counts && left.remove(said.who.as_str())
+        });
         signed
     }
 
@@ -135,5 +144,77 @@ impl PendingQuestion {
     #[must_use]
     pub fn result(&self, context: &Context, now_s: f64) -> ApprovalResult {
         approval::evaluate(&self.request, &self.votes, now_s, &context.profile.approval)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_approvals::{Approval, Identity, Nonce};
+    use holdpoint_governance::approval::Role;
+    use holdpoint_governance::profile::ProfileName;
+    use holdpoint_governance::submission::Risk;
+
+    /// One answer that had run out was used all the same, the store refused it, and the engine held.
+    #[test]
+    fn what_does_not_count_is_put_aside() {
+        let folder = tempfile::tempdir().unwrap();
+        let digest = Digest::of_parts("test", &[b"question"]);
+        let signed = |who: &Identity, decision: Answer, not_after_ms: u64| {
+            who.sign(Approval {
+                who: String::new(),
+                role: Role::Engineer,
+                decision,
+                reason: "a test".to_owned(),
+                version: "align@1.1.0".parse().unwrap(),
+                candidate_digest: digest,
+                row_version: 1,
+                evidence_digest: digest,
+                policy_digest: digest,
+                profile: ProfileName::Human,
+                store_id: "a store".to_owned(),
+                nonce: Nonce::random().unwrap(),
+                not_after_ms,
+                break_glass: false,
+            })
+        };
+        let [ana, ben, eve] =
+            ["ana", "ben", "eve"].map(|name| Identity::create(folder.path(), name, Role::Engineer).unwrap());
+        let answers = vec![
+            signed(&ana, Answer::Approve, 100),
+            signed(&eve, Answer::Approve, 9_000),
+            signed(&ana, Answer::Approve, 9_000),
+            signed(&ben, Answer::Approve, 9_000),
+            signed(&ben, Answer::Approve, 9_500),
+        ];
+        let subject =
+            Subject { candidate: digest, row_version: 1, evidence: digest, policy: digest, profile: digest };
+        let question = PendingQuestion {
+            purpose: Purpose::Activation,
+            about: String::new(),
+            overdue: false,
+            id: "question".to_owned(),
+            request: Request {
+                subject,
+                risk: Risk::Low,
+                quorum: 2,
+                requester: "engine".to_owned(),
+                author: "eve".to_owned(),
+                asked_s: 0.0,
+            },
+            votes: Vec::new(),
+            signed: answers.clone(),
+            evidence: digest,
+            row_version: 1,
+            life_row_version: 1,
+            asked_ms: 0,
+            deadline_ms: 10_000,
+            replaces: None,
+            review: false,
+        };
+        let people = ["ana", "ben"].map(ToOwned::to_owned).into_iter().collect();
+        let outcome = ApprovalOutcome::Granted { people, expires_s: 9.0, break_glass: false };
+        let result = ApprovalResult { outcome, reasons: Vec::new() };
+        assert_eq!(question.into_counted(&result, 5_000), [answers[2].clone(), answers[3].clone()]);
     }
 }
