@@ -13,7 +13,7 @@ pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
 use super::audit;
 use super::side::{Side, running};
-use super::stop::{self, GoArgs, StopArgs};
+use super::stop::{self, GoArgs, GoalArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -49,6 +49,8 @@ pub enum AskedDecision {
     Stop(StopArgs),
     /// To let the stopped cell work again.
     Go(GoArgs),
+    /// To give the agent a goal.
+    Goal(GoalArgs),
     /// To evaluate a version again.
     Repeat(RepeatArgs),
     /// To lift a restriction, or to open a profile again.
@@ -211,6 +213,7 @@ pub(super) fn run(
         }
         AskedDecision::Stop(args) => stop::stop(context, args, out),
         AskedDecision::Go(args) => stop::go(context, args, out),
+        AskedDecision::Goal(args) => stop::goal(context, args, out),
     }
 }
 

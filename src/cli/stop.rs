@@ -1,4 +1,5 @@
-//! `holdpoint stop | go`: stops the cell, at any time and without ceremony, and lets it work again.
+//! `holdpoint stop | go | goal`: stops the cell, at any time and without ceremony, lets it work again, and says what it
+//! works towards.
 //!
 //! Stopping needs no identity, no key and no reason. Going on is a person's word: an identity of the store, and why.
 
@@ -43,6 +44,24 @@ pub struct GoArgs {
     pub signature: SigningArgs,
 }
 
+/// The arguments of `goal`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+A goal is pick-align-place, or the last primitive to work: grasp, align, place. It holds from the
+next sequence on, over restarts as well. A candidate of a family that the goal leaves out meets no
+task in shadow.
+
+Examples:
+  holdpoint goal align --as mara --reason 'the tray is being cleaned'
+  holdpoint goal pick-align-place --as mara --reason 'the tray is back'")]
+pub struct GoalArgs {
+    /// What the agent works towards.
+    pub goal: String,
+    /// Who sets it, and why.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
 fn parse_why(text: &str) -> Result<Untrusted, String> {
     if text.len() > REASON_BYTES_MAX {
         return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
@@ -65,4 +84,12 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
     Side::open(context)?.carry_out(Command::Go { by, reason }, out)
+}
+
+/// Gives the agent of the live cell a goal.
+pub(super) fn goal(context: &CliContext, args: &GoalArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let signature = &args.signature;
+    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)?;
+    let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
+    Side::open(context)?.carry_out(Command::Goal { goal: args.goal.clone(), by, reason }, out)
 }

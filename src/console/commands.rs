@@ -10,13 +10,14 @@ use holdpoint_governance::profile::ProfileName;
 pub const PACE_MAX: f64 = 1000.0;
 
 /// A command with an argument: name, argument, help.
-pub const WITH_ARGUMENT: [(&str, &str, &str); 10] = [
+pub const WITH_ARGUMENT: [(&str, &str, &str); 11] = [
     ("as", "NAME", "Sit down as this identity"),
     ("candidate", "VERSION", "Show a version in full"),
     ("close", "PROFILE", "Close a profile to the version under the cursor, reason required"),
     ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
     ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
+    ("goal", "GOAL", "Say what the agent of the live cell works towards, reason required"),
     ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
     ("register", "DIR", "Submit a candidate's folder"),
@@ -39,6 +40,8 @@ pub enum Asked {
     Candidate(CapabilityId),
     /// A profile is closed (or opened) to the version under the cursor.
     Profile(ProfileName, bool),
+    /// What the agent works towards, in words for its interpreter.
+    Goal(String),
 }
 
 impl Asked {
@@ -47,7 +50,12 @@ impl Asked {
     pub const fn changes_something(&self) -> bool {
         match self {
             Self::Action(action) => action.changes_something(),
-            Self::Demo(_) | Self::Register(_) | Self::Pace(_) | Self::Drift(_) | Self::Profile(..) => true,
+            Self::Demo(_)
+            | Self::Register(_)
+            | Self::Pace(_)
+            | Self::Drift(_)
+            | Self::Profile(..)
+            | Self::Goal(_) => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
         }
     }
@@ -71,6 +79,7 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "theme" => needs("a name; tab shows them").map(Asked::Theme),
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
+        "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
         "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
@@ -180,6 +189,7 @@ mod tests {
             ("candidate grasp@1.2.0", Asked::Candidate(version)),
             ("candidate", Asked::Action(Action::ShowCandidate)),
             ("drift off", Asked::Drift(None)),
+            ("goal align", Asked::Goal("align".to_owned())),
             ("close human", Asked::Profile(ProfileName::Human, true)),
             ("open human", Asked::Profile(ProfileName::Human, false)),
             ("open", Asked::Action(Action::Open)),
@@ -195,6 +205,7 @@ mod tests {
             ("pace -1", "not allowed"),
             ("pace 1e9", "not allowed"),
             ("as", "needs"),
+            ("goal", "needs a goal"),
             ("drift strong", "allowed are"),
             ("close", "needs a profile"),
             ("close moon", "moon"),

@@ -44,6 +44,8 @@ pub enum Intent {
     Rearm(CapabilityId),
     /// Let the stopped cell work again.
     Go,
+    /// Give the agent of the live cell a goal.
+    Goal(String),
     /// Set an alarm aside.
     Shelve(String),
     /// Close a latched alarm.
@@ -84,6 +86,7 @@ impl Intent {
             Self::Continue(_) => "Let go on unrestricted",
             Self::Rearm(_) => "Make active again",
             Self::Go => "Let it work again",
+            Self::Goal(_) => "Work towards",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
             Self::Quit => "End",
@@ -109,6 +112,7 @@ impl Intent {
             | Self::Rearm(id) => id.to_string(),
             Self::Shelve(alarm) | Self::ResetAlarm(alarm) => alarm.clone(),
             Self::Go => "the stopped cell".to_owned(),
+            Self::Goal(goal) => goal.clone(),
             Self::Quit => "Holdpoint".to_owned(),
         }
     }
@@ -275,6 +279,7 @@ impl Form {
             Intent::Continue(id) => Command::Continue(operation(id, &reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
             Intent::Go => Command::Go { by, reason },
+            Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason },
             Intent::Shelve(alarm) => {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
             }

@@ -80,6 +80,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::AlarmReset
             | RecordKind::Drift
             | RecordKind::LiveFault
+            | RecordKind::GoalSet
             | RecordKind::CellStopped
             | RecordKind::CellReleased
             | RecordKind::Commissioned

@@ -18,6 +18,7 @@ pub mod doubt;
 pub mod embedded;
 pub mod explain;
 pub mod fault;
+mod goal;
 pub mod halt;
 mod health;
 pub mod host;

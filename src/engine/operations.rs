@@ -2,7 +2,6 @@
 //!
 //! Functions over the parts they need. What is refused has changed nothing.
 
-use holdpoint_body::TaskKind;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
 use crate::binding::{NotAdmitted, not_admitted};
@@ -25,7 +24,6 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{ActiveCause, StoreError};
-use holdpoint_runtime::agent::Goal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Untrusted;
 
@@ -247,23 +245,6 @@ pub(crate) fn drift(
     record.note(RecordKind::Drift, String::new(), body)?;
     record.tell(EventKind::Drift { kind, magnitude });
     Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
-}
-
-/// What the agent works towards from the next sequence on, if its interpreter knows the words.
-pub(crate) fn set_goal(world: &mut LiveWorld, text: &str) -> Reply {
-    match Goal::interpret(text) {
-        Ok(goal) => {
-            world.cell.set_goal(goal);
-            let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
-            let text = format!("from the next sequence on the agent works {}", tasks.join(", "));
-            Reply::Accepted { text, version: None }
-        }
-        Err(error) => Reply::Refused {
-            code: Refusal::BadInput,
-            text: Untrusted::new(error.to_string()).line().into_string(),
-            hint: None,
-        },
-    }
 }
 
 /// How fast the live world works from the next sequence on.

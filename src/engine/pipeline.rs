@@ -33,6 +33,7 @@ use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::goal;
 use crate::halt;
 use crate::health::CellHealth;
 use crate::ledger::{FamilyEntry, Ledger};
@@ -152,6 +153,9 @@ impl Pipeline {
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
         if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.stay_halted(halted);
+        }
+        if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
+            pipeline.world.cell.set_goal(goal);
         }
         pipeline.announce(voided);
         if let Err(fault) = pipeline.bound_agent().check() {

@@ -17,11 +17,12 @@ use holdpoint_governance::outcome::{
 };
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{Change, Store};
+use holdpoint_registry::{AuditFilter, Change, Store};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
@@ -473,4 +474,40 @@ fn a_candidate_goes_through_all_seven_calls() {
     assert_eq!(view(&engine).state, State::RolledBack);
     let family = engine.snapshot().families.into_iter().find(|view| view.family == id.family).unwrap();
     assert_eq!(family.active.map(|active| active.to_string()).as_deref(), Some("align@1.0.0"));
+}
+
+/// The goal was set by a script alone, on no record, and forgotten with the engine.
+#[test]
+fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let goal = |goal: &str, reason: &str| Command::Goal {
+        goal: goal.to_owned(),
+        by: "ada".to_owned(),
+        reason: reason.to_owned(),
+    };
+    let works = |pipeline: &mut Pipeline| {
+        let report = pipeline.live().sequence(None).unwrap();
+        (report.planned, pipeline.snapshot().live.goal)
+    };
+    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    assert_eq!(works(&mut first), (3, "pick-align-place".to_owned()));
+    for wrong in [goal("fly", "a test"), goal("grasp", " ")] {
+        let reply = first.command(wrong);
+        assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
+    }
+    assert_eq!(works(&mut first).0, 3, "what is refused changes nothing");
+    first.drain_events();
+    accepted(&first.command(goal("grasp", "the tray is being cleaned")));
+    let told = |event: &EventKind| {
+        matches!(event, EventKind::GoalSet { goal, by, reason }
+            if goal == "grasp" && by == "ada" && reason == "the tray is being cleaned")
+    };
+    assert!(first.drain_events().iter().any(told));
+    assert_eq!(works(&mut first), (1, "grasp".to_owned()));
+    let filter = AuditFilter { kind: Some(RecordKind::GoalSet), ..AuditFilter::default() };
+    let kept = first.record().ledger().store().views().unwrap().audit(&filter).unwrap();
+    assert!(kept.len() == 1 && kept[0].body.contains("the tray is being cleaned"), "{kept:?}");
+    drop(first);
+    let mut second = pipeline(folder.path(), ProfileName::Sim);
+    assert_eq!(works(&mut second), (1, "grasp".to_owned()));
 }

@@ -72,6 +72,8 @@ crate::words! {
         Drift = "drift",
         /// Something in the simulated live world broke, or was mended.
         LiveFault = "live-fault",
+        /// The agent of the live cell was given a goal: by whom and why.
+        GoalSet = "goal-set",
         /// A person stopped the cell.
         CellStopped = "cell-stopped",
         /// A person let the stopped cell work again.

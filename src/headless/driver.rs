@@ -93,7 +93,8 @@ impl<'a> Driver<'a> {
         } else if let Some(drift) = &step.drift {
             self.drift(drift)
         } else if let Some(goal) = &step.goal {
-            self.accept(Command::Goal { goal: goal.clone() })
+            let (by, reason) = ("script".to_owned(), "the script says so".to_owned());
+            self.accept(Command::Goal { goal: goal.clone(), by, reason })
         } else if let Some(fault) = &step.fault {
             self.accept(Command::LiveFault { fault: Some(fault.kind) })
         } else if let Some(Say { who, reason }) = &step.stop {

@@ -142,6 +142,10 @@ pub enum Command {
         /// In the words of the agent's goal interpreter: `pick-align-place`, or the last primitive to work (`grasp`,
         /// `align`, `place`).
         goal: String,
+        /// Who sets it.
+        by: String,
+        /// Why, in the person's own words; a blank reason is refused.
+        reason: String,
     },
     /// How fast the simulated live world works.
     Pace {

@@ -284,6 +284,15 @@ pub enum EventKind {
         /// What is broken; absent if nothing is.
         fault: Option<LiveFault>,
     },
+    /// The agent of the live cell works towards another goal from the next sequence on.
+    GoalSet {
+        /// In the words of the agent's goal interpreter.
+        goal: String,
+        /// Who set it.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
     /// Somebody answered a monitor's question: the version goes on as it is.
     Continued {
         /// The active version the question was about.

@@ -360,6 +360,9 @@ pub struct LiveView {
     pub drift: Option<Drift>,
     /// What is broken at present, for a rehearsal.
     pub fault: Option<LiveFault>,
+    /// What the agent works towards, in the words of its goal interpreter; empty in snapshots of older builds.
+    #[serde(default)]
+    pub goal: String,
     /// Simulated seconds in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
     /// Success of the last sequences, the newest last; at most fifty.

@@ -33,6 +33,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::AlarmReset
         | RecordKind::Drift
         | RecordKind::LiveFault
+        | RecordKind::GoalSet
         | RecordKind::CellStopped
         | RecordKind::CellReleased
         | RecordKind::Commissioned

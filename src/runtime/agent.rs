@@ -49,6 +49,15 @@ impl Goal {
         }
     }
 
+    /// The word that asks for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::PickAlignPlace => "pick-align-place",
+            Self::Single(task) => task.name(),
+        }
+    }
+
     /// The planner: primitives in the order they are worked. A primitive needs those before it.
     #[must_use]
     pub fn plan(self) -> Vec<TaskKind> {

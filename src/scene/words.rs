@@ -40,6 +40,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Sequence { .. }
         | EventKind::Drift { .. }
         | EventKind::LiveFault { .. }
+        | EventKind::GoalSet { .. }
         | EventKind::Commissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }

@@ -301,6 +301,7 @@ fn live() -> LiveView {
         last: Vec::new(),
         drift: Some(Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong }),
         fault: None,
+        goal: "pick-align-place".to_owned(),
         pace: None,
         outcomes: (0..50).map(|index| index % 17 != 4).collect(),
         monitors: vec![MonitorView {

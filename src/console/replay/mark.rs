@@ -83,6 +83,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::StageStarted { .. }
         | EventKind::Progress { .. }
         | EventKind::StateChanged { .. }
+        | EventKind::GoalSet { .. }
         | EventKind::Commissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }

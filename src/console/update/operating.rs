@@ -166,6 +166,16 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
     }
 }
 
+/// Opens the form that gives the agent of the live cell a goal.
+pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
+    let now = model.told.snapshot.as_ref().map_or("", |snapshot| snapshot.live.goal.as_str());
+    let lines = vec![
+        format!("Now it works towards {now}; from the next sequence on, towards this"),
+        "A candidate of a family that the goal leaves out meets no task in shadow".to_owned(),
+    ];
+    open(model, Intent::Goal(goal), lines)
+}
+
 /// Opens the form that closes a profile to the version under the cursor, or opens it again.
 pub(super) fn on_profile(model: &mut Model, profile: ProfileName, close: bool) -> Vec<Effect> {
     let Some(id) = model.version_here() else {

@@ -357,7 +357,7 @@ fn read_only_refuses_everything_that_changes_something() {
     console.open_prompt();
     assert!(!decides(&console.keys("Y")));
     assert_eq!(console.block(), Some(Obstacle::ReadOnly));
-    for line in ["demo", "register x", "pace 5", "drift off"] {
+    for line in ["demo", "register x", "pace 5", "drift off", "goal grasp"] {
         console.model.entry.overlay = None;
         console.keys(":");
         console.keys(line);

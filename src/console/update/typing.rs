@@ -156,6 +156,7 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             asking::ask(model, "let a drift set in".to_owned(), question)
         }
         Asked::Profile(profile, close) => super::operating::on_profile(model, profile, close),
+        Asked::Goal(goal) => super::operating::goal(model, goal),
         Asked::Candidate(version) => {
             model.place.chosen = Some(version);
             show(model, View::Candidate)

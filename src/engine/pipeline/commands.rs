@@ -3,6 +3,7 @@
 use super::Pipeline;
 use crate::alarms;
 use crate::fault::Fault;
+use crate::goal;
 use crate::halt;
 use crate::operations::{self, LastVersion, accepted, checked};
 use crate::people::approvals::PendingQuestion;
@@ -132,7 +133,7 @@ impl Pipeline {
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
             Command::Go { by, reason } => Ok(halt::go(record, world, by, reason)?),
-            Command::Goal { goal } => Ok(operations::set_goal(world, &goal)),
+            Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
             Command::Registry { group, text, offset, limit } => {

@@ -174,6 +174,7 @@ impl SnapshotView<'_> {
             last: last.to_vec(),
             drift: self.world.cell.drift().copied(),
             fault: self.world.cell.fault(),
+            goal: self.world.cell.goal().name().to_owned(),
             pace: self.world.pace(),
             outcomes: recent,
             monitors: self.monitors.views(needed),

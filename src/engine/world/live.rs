@@ -160,6 +160,11 @@ impl LiveCell {
         self.goal = goal;
     }
 
+    /// What the agent works towards from the next sequence on.
+    pub const fn goal(&self) -> Goal {
+        self.goal
+    }
+
     #[must_use]
     pub const fn fault(&self) -> Option<LiveFault> {
         self.fault

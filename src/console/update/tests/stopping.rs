@@ -60,3 +60,22 @@ fn going_on_needs_a_name_and_a_reason() {
     let asked = confirmed.as_ref().clone().into_command();
     assert_eq!(asked, Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned() });
 }
+
+/// What the agent works towards is asked for with a reason, as whatever a person answers for.
+#[test]
+fn a_goal_takes_a_reason() {
+    let mut console = TestConsole::new(0);
+    console.keys(":goal grasp");
+    assert!(console.press(KeyCode::Enter).is_empty(), "a form opens");
+    console.keys("the tray is being cleaned");
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    let effects = console.press(KeyCode::Enter);
+    let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
+    let asked = Command::Goal {
+        goal: "grasp".to_owned(),
+        by: "ana".to_owned(),
+        reason: "the tray is being cleaned".to_owned(),
+    };
+    assert_eq!(confirmed.as_ref().clone().into_command(), asked);
+}

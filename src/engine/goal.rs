@@ -1,0 +1,69 @@
+//! What the agent of the live cell works towards: given by a person, on record, and remembered over restarts.
+
+use holdpoint_body::TaskKind;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_runtime::agent::Goal;
+use holdpoint_text::Untrusted;
+use serde::{Deserialize, Serialize};
+
+use crate::operations::REASON_BYTES_MAX;
+use crate::record::Record;
+use crate::world::LiveWorld;
+
+/// A goal, as the chain keeps it.
+#[derive(Serialize, Deserialize)]
+struct GoalOnRecord {
+    goal: String,
+    by: String,
+    reason: String,
+}
+
+/// The agent works towards `text` from the next sequence on, if its interpreter knows the words.
+///
+/// # Errors
+/// If it cannot be written; the goal is as before then.
+pub(crate) fn set(
+    record: &mut Record,
+    world: &mut LiveWorld,
+    text: &str,
+    by: String,
+    reason: String,
+) -> Result<Reply, StoreError> {
+    let refuse = |text: String| Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+    let goal = match Goal::interpret(text) {
+        Ok(goal) => goal,
+        Err(error) => return refuse(Untrusted::new(error.to_string()).line().into_string()),
+    };
+    let fits = |text: &str| !text.trim().is_empty() && text.len() <= REASON_BYTES_MAX;
+    if !fits(&by) || !fits(&reason) {
+        return refuse(format!("a name and a reason are needed, of 1 to {REASON_BYTES_MAX} bytes each"));
+    }
+    let kept = GoalOnRecord { goal: goal.name().to_owned(), by, reason };
+    let body = serde_json::json!(kept).to_string();
+    record.note(RecordKind::GoalSet, String::new(), body)?;
+    world.cell.set_goal(goal);
+    let GoalOnRecord { goal: name, by, reason } = kept;
+    record.tell(EventKind::GoalSet { goal: name, by, reason });
+    let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
+    let text = format!("from the next sequence on the agent works {}", tasks.join(", "));
+    Ok(Reply::Accepted { text, version: None })
+}
+
+/// The goal that was set last, from the chain; absent if nobody set one, or in words the interpreter has no more.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn recall(views: &Views) -> Result<Option<Goal>, StoreError> {
+    let newest = AuditFilter {
+        kind: Some(RecordKind::GoalSet),
+        limit: 1,
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let found = views.audit(&newest)?.into_iter().next();
+    let kept = found.and_then(|record| serde_json::from_str::<GoalOnRecord>(&record.body).ok());
+    Ok(kept.and_then(|kept| Goal::interpret(&kept.goal).ok()))
+}
