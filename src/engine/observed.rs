@@ -29,7 +29,7 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_text::Hint;
 
 use self::history::{Control, History};
-use self::replay::{Frame, OnRecord, Replayer};
+use self::replay::{Replayer, RulesInForce, VersionOnRecord};
 use crate::doubt::Confirmation;
 use crate::kept_task::{KeptMarks, LIVE};
 use crate::world::supervisor::safety_events;
@@ -159,7 +159,7 @@ pub fn observe(
     since: Since,
     environment: Digest,
 ) -> Result<StoreMetrics, ObserveError> {
-    observe_under(views, telemetry, since, environment, Frame::known())
+    observe_under(views, telemetry, since, environment, RulesInForce::known())
 }
 
 /// As [`observe`], with the profiles and policies that decisions can be replayed under beside those on record.
@@ -168,7 +168,7 @@ fn observe_under(
     telemetry: Option<&TelemetryViews>,
     since: Since,
     environment: Digest,
-    frames: Vec<Frame>,
+    frames: Vec<RulesInForce>,
 ) -> Result<StoreMetrics, ObserveError> {
     let from_record = since.first(views)?;
     // An engine may write on: nothing after this record counts.
@@ -183,10 +183,10 @@ fn observe_under(
     coverage.removed_batches = sealed.count() as u64;
     let replayer = Replayer::new(views, &history, frames, environment);
     let mut reader =
-        Reader { replayer: &replayer, tasks: &tasks, from_record, seen: Observations::default() };
+        StoreReader { replayer: &replayer, tasks: &tasks, from_record, seen: Observations::default() };
     let mut unequal = Vec::new();
     for (registered, id, baseline) in &history.registered {
-        let of = OnRecord::read(views, id)?;
+        let of = VersionOnRecord::read(views, id)?;
         let is_whole = |from: u64, to: u64| {
             !history.sealed.iter().any(|(batch, seq)| (from..=to).contains(seq) && is_removed(*batch))
         };
@@ -264,14 +264,14 @@ fn live_tasks(
 }
 
 /// Collects what is observed, version by version.
-struct Reader<'a> {
+struct StoreReader<'a> {
     replayer: &'a Replayer<'a>,
     tasks: &'a [LiveTask],
     from_record: u64,
     seen: Observations,
 }
 
-impl Reader<'_> {
+impl StoreReader<'_> {
     const fn history(&self) -> &History {
         self.replayer.history
     }
@@ -282,7 +282,7 @@ impl Reader<'_> {
     }
 
     /// Every decision by a rule about a version in the span, replayed.
-    fn replays(&self, of: &OnRecord, is_whole: impl Fn(u64, u64) -> bool) -> Vec<(u64, Replay)> {
+    fn replays(&self, of: &VersionOnRecord, is_whole: impl Fn(u64, u64) -> bool) -> Vec<(u64, Replay)> {
         let name = of.id.to_string();
         let decisions = self.history().decisions.iter();
         let ours = decisions.filter(|one| one.seq >= self.from_record && one.subject == name);
@@ -305,7 +305,7 @@ impl Reader<'_> {
     }
 
     /// The rollbacks of a version: of each the last record, which tells all of it.
-    fn rollbacks(&mut self, of: &OnRecord) {
+    fn rollbacks(&mut self, of: &VersionOnRecord) {
         let mut last: Option<(u64, ObservedRollback)> = None;
         for (seq, told) in rolled_back(of) {
             if seq < self.from_record || seq > self.history().to_seq {
@@ -327,7 +327,7 @@ impl Reader<'_> {
     }
 
     /// The activations of a version by the gate. Tells whether the last one was kept; nothing if there was none.
-    fn activations(&mut self, of: &OnRecord) -> Option<bool> {
+    fn activations(&mut self, of: &VersionOnRecord) -> Option<bool> {
         let mut last = None;
         let controls: Vec<Control> = self
             .history()
@@ -346,7 +346,7 @@ impl Reader<'_> {
         last
     }
 
-    fn activation(&self, of: &OnRecord, control: &Control) -> ObservedActivation {
+    fn activation(&self, of: &VersionOnRecord, control: &Control) -> ObservedActivation {
         let history = self.history();
         let is_unsafe = |task: &&LiveTask| {
             let moved_on = |values: EpisodeValues| {
@@ -409,7 +409,7 @@ impl Reader<'_> {
 }
 
 /// The records of a version's rollbacks that this build can read, with the record of the chain that brought each.
-fn rolled_back(of: &OnRecord) -> impl Iterator<Item = (u64, RollbackRecord)> {
+fn rolled_back(of: &VersionOnRecord) -> impl Iterator<Item = (u64, RollbackRecord)> {
     let entries = of.evidence.iter().filter(|entry| entry.kind == EvidenceKind::Rollback);
     entries.filter_map(|entry| Some((entry.seq, serde_json::from_str(&entry.json).ok()?)))
 }

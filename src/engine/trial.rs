@@ -22,7 +22,7 @@ use holdpoint_registry::Store;
 
 use self::cache::EpisodeCache;
 use self::crew::Crew;
-use self::lab::{Lab, Outcome};
+use self::lab::{ErrandOutcome, Lab};
 use self::undisturbed::Shelf;
 use crate::cell::Cell;
 
@@ -33,7 +33,7 @@ pub struct Trials {
     part: usize,
     cancel: Arc<AtomicBool>,
     cache: EpisodeCache,
-    crew: Crew<Outcome>,
+    crew: Crew<ErrandOutcome>,
     undisturbed: Arc<Shelf>,
 }
 

@@ -11,7 +11,7 @@ use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::words::Word;
 
 use super::LiveTask;
-use super::replay::{OnRecord, Replayer, differing};
+use super::replay::{Replayer, VersionOnRecord, differing};
 
 /// The most beginnings of the charts that are tried, beside the activation: they are fed anew for each.
 const STARTS_MAX: usize = 500;
@@ -53,7 +53,7 @@ pub(super) const fn is_measured(cause: ReasonCode) -> bool {
 /// was sealed between two records is gone.
 pub(super) fn action(
     replayer: &Replayer<'_>,
-    of: &OnRecord,
+    of: &VersionOnRecord,
     record: &AuditRecord,
     live: &[LiveTask],
     is_whole: impl Fn(u64, u64) -> bool,
@@ -125,7 +125,11 @@ pub(super) fn action(
 }
 
 /// Records by which a person restricted a version.
-fn restricted_by_people(replayer: &Replayer<'_>, of: &OnRecord, covers: impl Fn(u64) -> bool) -> Vec<u64> {
+fn restricted_by_people(
+    replayer: &Replayer<'_>,
+    of: &VersionOnRecord,
+    covers: impl Fn(u64) -> bool,
+) -> Vec<u64> {
     let name = of.id.to_string();
     let acted = replayer.history.decisions.iter();
     acted

@@ -47,7 +47,7 @@ impl Control {
 
 /// One person let a version in, and until when that was not reviewed.
 #[derive(Clone, Debug)]
-struct Emergency {
+struct EmergencySeen {
     version: CapabilityId,
     /// The activation it led to.
     opened_seq: Option<u64>,
@@ -76,23 +76,23 @@ pub(super) struct History {
     pub(super) own_profiles: Vec<ProfileTexts>,
     /// Profiles that were closed to a version from a record on.
     closed: BTreeMap<CapabilityId, Vec<(u64, BTreeSet<ProfileName>)>>,
-    emergencies: Vec<Emergency>,
+    emergencies: Vec<EmergencySeen>,
     /// When versions were confirmed.
     confirmed: BTreeMap<CapabilityId, Vec<u64>>,
 }
 
 #[derive(Deserialize)]
-struct Body<T> {
+struct ChangeBody<T> {
     change: T,
 }
 
 #[derive(Deserialize)]
-struct Registered {
+struct RegisteredBody {
     baseline: bool,
 }
 
 #[derive(Deserialize)]
-struct StateSet {
+struct StateChangeBody {
     from: State,
     to: State,
     #[serde(default)]
@@ -103,11 +103,11 @@ struct StateSet {
 struct ActiveSet {
     family: Family,
     active: Option<CapabilityId>,
-    cause: Cause,
+    cause: CauseBody,
 }
 
 #[derive(Deserialize)]
-struct Cause {
+struct CauseBody {
     cause: Word<ActivationCause>,
 }
 
@@ -151,12 +151,13 @@ impl History {
         let Some(kind) = record.kind.known() else { return };
         match kind {
             RecordKind::VersionRegistered => {
-                if let (Some(Registered { baseline }), Ok(id)) = (change(&record), record.subject.parse()) {
+                if let (Some(RegisteredBody { baseline }), Ok(id)) = (change(&record), record.subject.parse())
+                {
                     self.registered.push((record.seq, id, baseline));
                 }
             }
             RecordKind::StateSet => {
-                if let (Some(StateSet { from, to, reason }), Ok(id)) =
+                if let (Some(StateChangeBody { from, to, reason }), Ok(id)) =
                     (change(&record), record.subject.parse())
                 {
                     let by_people = BY_PEOPLE.iter().any(|mark| reason.starts_with(mark));
@@ -202,11 +203,11 @@ impl History {
             RecordKind::BreakGlass => {
                 if let Ok(version) = record.subject.parse() {
                     let (opened_seq, closed_seq) = (None, None);
-                    self.emergencies.push(Emergency { version, opened_seq, closed_seq });
+                    self.emergencies.push(EmergencySeen { version, opened_seq, closed_seq });
                 }
             }
             RecordKind::BreakGlassReviewed => {
-                let open = |one: &&mut Emergency| {
+                let open = |one: &&mut EmergencySeen| {
                     one.closed_seq.is_none() && one.version.to_string() == record.subject
                 };
                 if let Some(reviewed) = self.emergencies.iter_mut().rev().find(open) {
@@ -241,6 +242,7 @@ impl History {
             | RecordKind::CellReleased
             | RecordKind::Commissioned
             | RecordKind::Recording
+            | RecordKind::GoalSet
             | RecordKind::RecordingRemoved => {}
         }
     }
@@ -255,7 +257,7 @@ impl History {
             last.replaced = by_gate;
         }
         if let Some(version) = set.active {
-            let asked = |one: &&mut Emergency| one.opened_seq.is_none() && one.version == version;
+            let asked = |one: &&mut EmergencySeen| one.opened_seq.is_none() && one.version == version;
             if by_gate && let Some(emergency) = self.emergencies.iter_mut().rev().find(asked) {
                 emergency.opened_seq = Some(seq);
             }
@@ -339,5 +341,5 @@ impl History {
 
 /// The change a record of the store's own is about; nothing if it does not say what is asked for.
 fn change<T: for<'de> Deserialize<'de>>(record: &AuditRecord) -> Option<T> {
-    serde_json::from_str::<Body<T>>(&record.body).ok().map(|body| body.change)
+    serde_json::from_str::<ChangeBody<T>>(&record.body).ok().map(|body| body.change)
 }

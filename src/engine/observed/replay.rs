@@ -41,13 +41,13 @@ use crate::ledger;
 use crate::stages::sandbox::MODE_EPISODES;
 
 /// A profile with its compiled policies, and the digests by which decisions name them.
-pub(super) struct Frame {
+pub(super) struct RulesInForce {
     pub(super) profile: Profile,
     digest: Digest,
     table: PolicyTable,
 }
 
-impl Frame {
+impl RulesInForce {
     /// Those that come with the program; one that does not load is left out.
     pub(super) fn known() -> Vec<Self> {
         ProfileName::ALL.into_iter().filter_map(|name| Self::of(Profile::builtin(name).ok()?)).collect()
@@ -92,13 +92,13 @@ impl From<NotReplayable> for Failed {
 }
 
 /// What is on record about one version. It may be large, so one is looked at after the other.
-pub(super) struct OnRecord {
+pub(super) struct VersionOnRecord {
     pub(super) id: CapabilityId,
     pub(super) evidence: Vec<EvidenceEntry>,
     approvals: Vec<ApprovalEntry>,
 }
 
-impl OnRecord {
+impl VersionOnRecord {
     pub(super) fn read(views: &Views, id: &CapabilityId) -> Result<Self, StoreError> {
         let (evidence, approvals) = (views.evidence(id, None)?, views.approvals(id)?);
         Ok(Self { id: id.clone(), evidence, approvals })
@@ -124,7 +124,7 @@ impl OnRecord {
 pub(super) struct Replayer<'a> {
     pub(super) history: &'a History,
     /// Profiles that come with the program and those on record.
-    frames: Vec<Frame>,
+    frames: Vec<RulesInForce>,
     /// What was in force, by the digest that the chain names it by: a place in `frames`.
     in_force: BTreeMap<Digest, usize>,
     /// Robot, scene and build of this program.
@@ -138,10 +138,10 @@ impl<'a> Replayer<'a> {
     pub(super) fn new(
         views: &Views,
         history: &'a History,
-        mut frames: Vec<Frame>,
+        mut frames: Vec<RulesInForce>,
         environment: Digest,
     ) -> Self {
-        frames.extend(history.own_profiles.iter().filter_map(Frame::own));
+        frames.extend(history.own_profiles.iter().filter_map(RulesInForce::own));
         let decided_in = history.decisions.iter().filter_map(made_under).map(|under| under.environment);
         let environments: BTreeSet<Digest> = decided_in.chain([environment]).collect();
         let mut in_force = BTreeMap::new();
@@ -156,7 +156,7 @@ impl<'a> Replayer<'a> {
     }
 
     /// The decision of a stage.
-    pub(super) fn decision(&self, of: &OnRecord, record: &AuditRecord) -> Replay {
+    pub(super) fn decision(&self, of: &VersionOnRecord, record: &AuditRecord) -> Replay {
         let Some(under) = made_under(record) else {
             return Replay::NotReplayed { why: NotReplayable::Unreadable };
         };
@@ -184,7 +184,7 @@ impl<'a> Replayer<'a> {
         }
     }
 
-    fn replayed(&self, of: &OnRecord, record: &AuditRecord, under: MadeUnder) -> Result<(), Failed> {
+    fn replayed(&self, of: &VersionOnRecord, record: &AuditRecord, under: MadeUnder) -> Result<(), Failed> {
         let frame = self.frame(&under.profile, &under.policy)?;
         let before = of.evidence.iter().rev().filter(|entry| entry.seq < record.seq);
         let newest = before.clone().next().ok_or(NotReplayable::EvidenceMissing)?;
@@ -218,7 +218,13 @@ impl<'a> Replayer<'a> {
     }
 
     /// The four assessments without running anything, from what was registered and active before a record.
-    fn statically(&self, id: &CapabilityId, seq: u64, kappas: &Kappas, frame: &Frame) -> Result<(), Failed> {
+    fn statically(
+        &self,
+        id: &CapabilityId,
+        seq: u64,
+        kappas: &Kappas,
+        frame: &RulesInForce,
+    ) -> Result<(), Failed> {
         let candidate = self.capability(id)?;
         let registered = self.registered_before(seq)?;
         let active = registered.iter().find(|one| one.active && one.id.family == id.family);
@@ -262,11 +268,11 @@ impl<'a> Replayer<'a> {
     /// `asked_seq`: the first record of what the gate's decision moved; it was asked before.
     fn gated(
         &self,
-        of: &OnRecord,
+        of: &VersionOnRecord,
         (asked_seq, record): (u64, &AuditRecord),
         under: MadeUnder,
         dossier: &Dossier,
-        frame: &Frame,
+        frame: &RulesInForce,
     ) -> Result<(), Failed> {
         let kappas = dossier.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         let candidate = self.capability(&of.id)?;
@@ -306,7 +312,7 @@ impl<'a> Replayer<'a> {
         }
     }
 
-    fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&Frame, NotReplayable> {
+    fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&RulesInForce, NotReplayable> {
         let found = self.frames.iter().find(|one| one.digest == *profile && one.table.digest == *policy);
         found.ok_or(NotReplayable::ProfileUnknown)
     }
@@ -317,7 +323,7 @@ impl<'a> Replayer<'a> {
 
     /// What was in force when a record was written: by the chain, or in stores that do not say it in this build's
     /// form, by the last decision about the version before.
-    pub(super) fn frame_at(&self, id: &CapabilityId, seq: u64) -> Option<&Frame> {
+    pub(super) fn frame_at(&self, id: &CapabilityId, seq: u64) -> Option<&RulesInForce> {
         let named = self.history.context_at(seq).and_then(|digest| self.in_force.get(&digest));
         if let Some(frame) = named.and_then(|place| self.frames.get(*place)) {
             return Some(frame);
@@ -359,13 +365,18 @@ const fn bound(under: &MadeUnder) -> Binding {
 }
 
 /// `Psi` over the four assessments as recorded, against the decision.
-fn compose(kappas: &Kappas, frame: &Frame, under: MadeUnder, record: &AuditRecord) -> Result<(), Failed> {
+fn compose(
+    kappas: &Kappas,
+    frame: &RulesInForce,
+    under: MadeUnder,
+    record: &AuditRecord,
+) -> Result<(), Failed> {
     let context = PsiContext { has_approver: frame.profile.has_approver() };
     as_recorded(record, &psi(kappas, context, under))
 }
 
 /// Behaviour and recovery, from the raw pairs and drills of the sandbox.
-fn behaves(dossier: &Dossier, frame: &Frame) -> Result<(), Failed> {
+fn behaves(dossier: &Dossier, frame: &RulesInForce) -> Result<(), Failed> {
     let (Some(binding), Some((candidate, active))) = (dossier.bindings.first(), dossier.drills) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
@@ -390,7 +401,7 @@ fn assessed(
     pairs: &PairedEvidence,
     drills: &RecoveryEvidence,
     (behavior, recovery): (&behavior::BehaviorAssessment, &recovery::RecoveryAssessment),
-    frame: &Frame,
+    frame: &RulesInForce,
     unsafe_under_stress: u32,
 ) -> Result<(), Failed> {
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EndReason::Full);
@@ -402,7 +413,7 @@ fn assessed(
 }
 
 /// Shadow, from its raw sequences: what it came to.
-fn shadowed(dossier: &Dossier, frame: &Frame) -> Result<Check, Failed> {
+fn shadowed(dossier: &Dossier, frame: &RulesInForce) -> Result<Check, Failed> {
     let (Some(binding), Some(recorded)) = (dossier.bindings.last(), &dossier.shadow) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };

@@ -98,12 +98,12 @@ fn observed(folder: &Path) -> StoreMetrics {
     let views = Views::open(&folder.join("holdpoint.db")).unwrap();
     let telemetry = TelemetryViews::open(&folder.join("telemetry.db")).unwrap();
     let environment = Cell::builtin().unwrap().digest();
-    let frames = vec![Frame::of(small()).unwrap()];
+    let frames = vec![RulesInForce::of(small()).unwrap()];
     observe_under(&views, Some(&telemetry), Since::Record(1), environment, frames).unwrap()
 }
 
 /// What is said without telemetry, by the profiles that are known.
-fn known_as(folder: &Path, environment: Digest, frames: Vec<Frame>) -> StoreMetrics {
+fn known_as(folder: &Path, environment: Digest, frames: Vec<RulesInForce>) -> StoreMetrics {
     let views = Views::open(&folder.join("holdpoint.db")).unwrap();
     observe_under(&views, None, Since::Record(1), environment, frames).unwrap()
 }
@@ -162,11 +162,11 @@ fn what_no_episode_was_needed_for_comes_out_again() {
     assert_eq!(unknown.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::ProfileUnknown });
     // What another build decided is no difference of this record.
     let other = Digest::of_parts("test", &[b"another build"]);
-    let same = known_as(folder.path(), other, vec![Frame::of(small()).unwrap()]);
+    let same = known_as(folder.path(), other, vec![RulesInForce::of(small()).unwrap()]);
     assert_eq!(counts(same.metrics.auditability_observed), (1, 1));
 
     // A rule that has changed comes to something else; by another build, that is that build's affair.
-    let changed = || Frame::of(small()).unwrap().changed(|profile| profile.thresholds.scale = 0.5);
+    let changed = || RulesInForce::of(small()).unwrap().changed(|profile| profile.thresholds.scale = 0.5);
     differs(&known_as(folder.path(), environment, vec![changed()]), 1, "kappa_I");
     let found = known_as(folder.path(), other, vec![changed()]);
     assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::OtherBuild });
@@ -221,14 +221,14 @@ fn a_decision_under_a_sites_own_profile_comes_out_again_by_its_texts_on_record()
     let (folder, _) =
         worked_under((own.profile().clone(), own.table().clone(), Some(texts)), "grasp-tool-frame", false);
     let environment = Cell::builtin().unwrap().digest();
-    let found = known_as(folder.path(), environment, Frame::known());
+    let found = known_as(folder.path(), environment, RulesInForce::known());
     assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
 
     // Without its texts nobody knows what it demanded.
     let connection = chain(folder.path());
     let write = "UPDATE audit SET body = '{}' WHERE kind = 'profile-loaded'";
     assert_eq!(connection.execute(write, []).unwrap(), 1);
-    let found = known_as(folder.path(), environment, Frame::known());
+    let found = known_as(folder.path(), environment, RulesInForce::known());
     assert_eq!(found.unequal[0].replay, Replay::NotReplayed { why: NotReplayable::ProfileUnknown });
 }
 

@@ -34,7 +34,7 @@ use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
 use crate::record::Record;
 
-pub(super) use question::Asked;
+pub(super) use question::NewQuestion;
 pub use question::PendingQuestion;
 
 pub use super::signers::SHOWN_BYTES_MAX;
@@ -183,7 +183,7 @@ impl Approvals {
             ..Note::because("people are asked")
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
-        let asked = Asked {
+        let asked = NewQuestion {
             id: prompt_id,
             purpose,
             about,

@@ -14,7 +14,7 @@ use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 
-use super::approvals::{Approvals, Asked, PendingQuestion, closing_note, secs_to_ms, tier, view};
+use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, secs_to_ms, tier, view};
 use super::signers::signer;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -57,7 +57,7 @@ fn door(
     let (now_ms, submission) = (record.now_ms(), &member.capability.submission);
     let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
     let risk = submission.estimated_risk;
-    let asked = Asked {
+    let asked = NewQuestion {
         id: format!("{}-{}-emergency", id.family, id.version),
         purpose: Purpose::Emergency,
         about: String::new(),
@@ -188,7 +188,7 @@ impl Approvals {
         // A profile's times are seconds; the question's own deadline is the review's.
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
         let counted_from_s = review.until_ms as f64 / 1000.0 - context.profile.approval.timeout_s;
-        let asked = Asked {
+        let asked = NewQuestion {
             id: prompt_id.clone(),
             purpose: Purpose::Review,
             about,

@@ -32,7 +32,7 @@ pub struct Errand<R> {
 }
 
 /// What was worked, or how its worker panicked.
-type Worked<R> = Result<R, String>;
+type ErrandResult<R> = Result<R, String>;
 
 struct Books<R> {
     /// Asked for, in order.
@@ -40,13 +40,13 @@ struct Books<R> {
     /// Likely to be asked for, in order.
     ahead: VecDeque<Errand<R>>,
     running: BTreeSet<Digest>,
-    done: BTreeMap<Digest, Worked<R>>,
+    done: BTreeMap<Digest, ErrandResult<R>>,
     /// What of the running and done nobody has asked for yet.
     unasked: BTreeSet<Digest>,
     closed: bool,
 }
 
-struct Shared<R> {
+struct CrewShared<R> {
     books: Mutex<Books<R>>,
     changed: Condvar,
 }
@@ -54,7 +54,7 @@ struct Shared<R> {
 /// See the module's head.
 pub struct Crew<R> {
     jobs: usize,
-    shared: Arc<Shared<R>>,
+    shared: Arc<CrewShared<R>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     own: Mutex<Worker>,
 }
@@ -73,7 +73,7 @@ impl<R: Send + 'static> Crew<R> {
         };
         Self {
             jobs: jobs.clamp(1, JOBS_MAX),
-            shared: Arc::new(Shared { books: Mutex::new(books), changed: Condvar::new() }),
+            shared: Arc::new(CrewShared { books: Mutex::new(books), changed: Condvar::new() }),
             threads: Mutex::new(Vec::new()),
             own: Mutex::new(Worker::new()),
         }
@@ -198,7 +198,7 @@ impl<R> Books<R> {
     }
 }
 
-impl<R> Shared<R> {
+impl<R> CrewShared<R> {
     fn lock(&self) -> MutexGuard<'_, Books<R>> {
         self.books.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -83,7 +83,7 @@ const SLICES_AHEAD: usize = 2;
 
 /// How far an evaluation has come: whose turn it is follows from this and the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Standing {
+struct Reached {
     pairs: u64,
     pairs_tried: u64,
     drills: (Drills, Drills),
@@ -91,7 +91,7 @@ struct Standing {
     turns: usize,
 }
 
-impl Standing {
+impl Reached {
     /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
     /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
     /// rules hold, and a candidate that cannot recover is known sooner.
@@ -325,8 +325,8 @@ impl Evaluation {
         Ok(true)
     }
 
-    const fn standing(&self) -> Standing {
-        Standing {
+    const fn standing(&self) -> Reached {
+        Reached {
             pairs: self.pairs.len() as u64,
             pairs_tried: self.pairs_tried,
             drills: self.drills,
@@ -339,7 +339,7 @@ impl Evaluation {
         self.standing().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &Lab<'_>, standing: &Standing, slice: NextSlice) -> Vec<u64> {
+    fn seeds(&self, lab: &Lab<'_>, standing: &Reached, slice: NextSlice) -> Vec<u64> {
         let purpose = match slice {
             NextSlice::Pairs => self.plan.pair_seeds,
             NextSlice::Drills(_) => self.plan.drill_seeds,

@@ -23,7 +23,7 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
 /// What an errand of a lab comes to.
-pub enum Outcome {
+pub enum ErrandOutcome {
     /// An episode of one version.
     Alone(Box<TaskRecord>),
     /// The same episode of both: the candidate's, the active version's.
@@ -42,7 +42,7 @@ pub enum Outlook {
 pub struct Lab<'a> {
     /// Seed of the run.
     pub seed: u64,
-    pub crew: &'a Crew<Outcome>,
+    pub crew: &'a Crew<ErrandOutcome>,
     /// What several drills begin with.
     pub undisturbed: &'a Arc<Shelf>,
     /// The most pairs or drills worked before whoever asked is heard again.
@@ -68,7 +68,7 @@ pub struct Party {
 }
 
 /// Both parties and the cell, for work on another thread.
-struct Table {
+struct Matchup {
     cell: Cell,
     candidate: Party,
     active: Party,
@@ -107,7 +107,7 @@ impl Lab<'_> {
                 key: errand_key("episode", &[shared.1.key(&shared.0, conditions, seed)]),
                 work: Box::new(move |worker: &mut Worker| {
                     let (cell, party) = &*shared;
-                    Outcome::Alone(Box::new(alone(worker, party.trial(cell, conditions, seed))))
+                    ErrandOutcome::Alone(Box::new(alone(worker, party.trial(cell, conditions, seed))))
                 }),
             }
         };
@@ -156,7 +156,7 @@ impl Lab<'_> {
         let known = self.cached_drills(active, kind, seeds);
         let table = self.table(candidate, active);
         let outcomes = self.crew.work(table.drills(kind, seeds, known.is_some()), self.cancel)?;
-        let results = outcomes.into_iter().map(Outcome::drill).collect::<Result<Vec<_>, Fault>>()?;
+        let results = outcomes.into_iter().map(ErrandOutcome::drill).collect::<Result<Vec<_>, Fault>>()?;
         let mut of_candidate = results;
         let of_active = match known {
             Some(known) => known,
@@ -197,8 +197,8 @@ impl Lab<'_> {
         self.crew.expect(errands)
     }
 
-    fn table(&self, candidate: &Party, active: &Party) -> Arc<Table> {
-        Arc::new(Table {
+    fn table(&self, candidate: &Party, active: &Party) -> Arc<Matchup> {
+        Arc::new(Matchup {
             cell: self.cell.clone(),
             candidate: candidate.clone(),
             active: active.clone(),
@@ -240,24 +240,24 @@ impl Lab<'_> {
     }
 }
 
-impl Table {
+impl Matchup {
     /// The sandbox's episode of a seed: with both versions, or the candidate's alone where the other's is known.
-    fn pair(self: &Arc<Self>, seed: u64, known: bool) -> Errand<Outcome> {
+    fn pair(self: &Arc<Self>, seed: u64, known: bool) -> Errand<ErrandOutcome> {
         const CONDITIONS: Conditions = Conditions::Sandbox;
         let table = Arc::clone(self);
         let (candidate, active) =
             (self.candidate.key(&self.cell, CONDITIONS, seed), self.active.key(&self.cell, CONDITIONS, seed));
-        let (key, work): (_, Chore<Outcome>) = if known {
+        let (key, work): (_, Chore<ErrandOutcome>) = if known {
             let work = move |worker: &mut Worker| {
                 let trial = table.candidate.trial(&table.cell, CONDITIONS, seed);
-                Outcome::Alone(Box::new(alone(worker, trial)))
+                ErrandOutcome::Alone(Box::new(alone(worker, trial)))
             };
             (errand_key("episode", &[candidate]), Box::new(work))
         } else {
             let work = move |worker: &mut Worker| {
                 let both = [&table.candidate, &table.active];
                 let both = both.map(|party| party.trial(&table.cell, CONDITIONS, seed));
-                Outcome::Pair(Box::new(pair(worker, both)))
+                ErrandOutcome::Pair(Box::new(pair(worker, both)))
             };
             (errand_key("pair", &[candidate, active]), Box::new(work))
         };
@@ -265,7 +265,7 @@ impl Table {
     }
 
     /// Drills of one kind: the candidate's, then the active version's where they are not known.
-    fn drills(self: &Arc<Self>, kind: DrillKind, seeds: &[u64], known: bool) -> Vec<Errand<Outcome>> {
+    fn drills(self: &Arc<Self>, kind: DrillKind, seeds: &[u64], known: bool) -> Vec<Errand<ErrandOutcome>> {
         let drill = |of_candidate: bool, seed: u64| {
             let table = Arc::clone(self);
             let party = if of_candidate { &self.candidate } else { &self.active };
@@ -286,7 +286,7 @@ impl Table {
     }
 
     /// One drill, beginning with what other kinds of drill have worked of the same.
-    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, seed: u64) -> Outcome {
+    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, seed: u64) -> ErrandOutcome {
         let party = if of_candidate { &self.candidate } else { &self.active };
         // A version without predecessor reloads itself by digest.
         let predecessor = &self.active.version;
@@ -300,11 +300,11 @@ impl Table {
         {
             self.undisturbed.put(key, work);
         }
-        Outcome::Drill(result)
+        ErrandOutcome::Drill(result)
     }
 }
 
-impl Outcome {
+impl ErrandOutcome {
     /// An episode, and the other version's if it was worked too.
     fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), Fault> {
         match self {

@@ -161,6 +161,7 @@ impl LiveCell {
     }
 
     /// What the agent works towards from the next sequence on.
+    #[must_use]
     pub const fn goal(&self) -> Goal {
         self.goal
     }

@@ -8,17 +8,17 @@ use holdpoint_governance::gate;
 use holdpoint_governance::metrics::observed::NotReplayable;
 use holdpoint_governance::record::AuditRecord;
 
-use super::{Failed, Frame, OnRecord, Replayer, secs};
+use super::{Failed, Replayer, RulesInForce, VersionOnRecord, secs};
 
 impl Replayer<'_> {
     /// What people had answered when the gate was asked; absent if nobody had to be, or nobody was asked yet.
     pub(super) fn answers(
         &self,
-        of: &OnRecord,
+        of: &VersionOnRecord,
         record: &AuditRecord,
         under: &MadeUnder,
         kappas: &Kappas,
-        frame: &Frame,
+        frame: &RulesInForce,
     ) -> Result<Option<ApprovalResult>, Failed> {
         let submission = &self.capability(&of.id)?.submission;
         let tier = (submission.estimated_risk, submission.provenance);
@@ -33,10 +33,10 @@ impl Replayer<'_> {
     /// What one person's word at the emergency door came to.
     pub(super) fn emergency(
         &self,
-        of: &OnRecord,
+        of: &VersionOnRecord,
         record: &AuditRecord,
         under: &MadeUnder,
-        frame: &Frame,
+        frame: &RulesInForce,
     ) -> Result<Option<ApprovalResult>, Failed> {
         let mut votes = votes(of, record, under, |said| said.break_glass);
         let last = votes.pop().ok_or(NotReplayable::EvidenceMissing)?;
@@ -50,9 +50,9 @@ impl Replayer<'_> {
     /// Votes over what the last of them is over, counted when a record was written.
     fn asked(
         &self,
-        of: &OnRecord,
+        of: &VersionOnRecord,
         record: &AuditRecord,
-        frame: &Frame,
+        frame: &RulesInForce,
         quorum: u8,
         votes: Vec<Vote>,
     ) -> Result<Option<ApprovalResult>, Failed> {
@@ -75,7 +75,7 @@ impl Replayer<'_> {
 
 /// The answers that were on record over the evidence of a decision, in order.
 fn votes(
-    of: &OnRecord,
+    of: &VersionOnRecord,
     record: &AuditRecord,
     under: &MadeUnder,
     counts: impl Fn(&Approval) -> bool,

@@ -34,7 +34,7 @@ pub struct PendingQuestion {
 }
 
 /// What is asked about a version, of how many, and until when.
-pub(in crate::people) struct Asked {
+pub(in crate::people) struct NewQuestion {
     pub(in crate::people) id: String,
     pub(in crate::people) purpose: Purpose,
     pub(in crate::people) about: String,
@@ -57,11 +57,11 @@ impl PendingQuestion {
         context: &Context,
         record: &Record,
         id: &CapabilityId,
-        asked: Asked,
+        asked: NewQuestion,
     ) -> Result<Self, Fault> {
         let candidate = record.capability(id)?;
         let (_, standing, member) = record.ledger().version(id)?;
-        let Asked { id: question, purpose, about, requester, evidence, quorum, review, .. } = asked;
+        let NewQuestion { id: question, purpose, about, requester, evidence, quorum, review, .. } = asked;
         let [asked_ms, deadline_ms] = asked.time_ms;
         let row_version = member.row_version;
         let subject = Subject {

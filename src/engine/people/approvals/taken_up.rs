@@ -4,7 +4,7 @@ use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::{ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::ids::CapabilityId;
 
-use super::{Approvals, Asked, PendingQuestion, Purpose, activation_terms, secs_to_ms};
+use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -47,7 +47,7 @@ impl Approvals {
             context,
             record,
             id,
-            Asked {
+            NewQuestion {
                 id: asked.id,
                 purpose: Purpose::Activation,
                 about: String::new(),
