@@ -351,7 +351,7 @@ fn a_past_upgrade_is_replayed_on_the_terminal() {
     console.keys("d");
     console.wait_for("the rollback", |screen| {
         let text = screen.contents();
-        stands("480.3 s", &text) && text.contains("monitor  align@1.1.0: rollback")
+        stands("477.4 s", &text) && text.contains("monitor  align@1.1.0: rollback")
     });
     console.resize(80, 24);
     console.wait_for_repainted("a small screen", (80, 24), |screen| screen.contents().contains("REPLAY"));
