@@ -3,9 +3,12 @@
 //! A file that is foreign, newer, cut short or damaged gives one error and stays as it was. A new file is made
 //! under another name and renamed when it is whole, so that a crash leaves either no store or a complete one.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
@@ -32,12 +35,12 @@ pub(crate) enum Durability {
     Normal,
 }
 
-/// Opens a database for writing; makes it if there is none.
+/// Opens a database for writing; makes it if there is none. The mark is to be dropped after the connection.
 pub(crate) fn open_writer(
     path: &Path,
     schema: &Schema,
     durability: Durability,
-) -> Result<Connection, StoreError> {
+) -> Result<(Connection, WrittenHere), StoreError> {
     check_library()?;
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => create(path, schema)?,
@@ -56,16 +59,54 @@ pub(crate) fn open_writer(
     set(&connection, "wal_autocheckpoint", "1000", "1000")?;
     set(&connection, "journal_size_limit", "67108864", "67108864")?;
     migrate(&mut connection, schema)?;
-    Ok(connection)
+    Ok((connection, WrittenHere::mark(path)))
 }
 
 /// Opens a database for reading only. The file is checked first and never written.
 pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, StoreError> {
     check_library()?;
-    check_header(path, schema)?;
+    // To close any descriptor of a file takes away all locks that the process has on it (POSIX), SQLite's too: what is
+    // written here is looked at through SQLite alone. It was looked at when it was opened for writing.
+    if !file_id(path).is_some_and(|id| written_here().contains(&id)) {
+        check_header(path, schema)?;
+    }
     let connection = open_read_only(path)?;
     set(&connection, "query_only", "1", "1")?;
     Ok(connection)
+}
+
+/// Device and number of a file.
+type FileId = (u64, u64);
+
+fn file_id(path: &Path) -> Option<FileId> {
+    fs::symlink_metadata(path).ok().map(|found| (found.dev(), found.ino()))
+}
+
+/// Databases that this process has open for writing.
+static WRITTEN: Mutex<BTreeSet<FileId>> = Mutex::new(BTreeSet::new());
+
+fn written_here() -> MutexGuard<'static, BTreeSet<FileId>> {
+    WRITTEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A database is open for writing in this process as long as this lives.
+#[derive(Debug)]
+pub(crate) struct WrittenHere(Option<FileId>);
+
+impl WrittenHere {
+    fn mark(path: &Path) -> Self {
+        let id = file_id(path);
+        written_here().extend(id);
+        Self(id)
+    }
+}
+
+impl Drop for WrittenHere {
+    fn drop(&mut self) {
+        if let Some(id) = self.0 {
+            written_here().remove(&id);
+        }
+    }
 }
 
 /// Refuses a library with the known corruption bug.

@@ -19,7 +19,7 @@ use super::error::StoreError;
 use super::invariants::check_registry;
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
-use super::open::{Durability, damaged, open_reader, open_writer, quick_check};
+use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer, quick_check};
 use super::recovery::{Interrupted, interrupted};
 use super::telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
@@ -91,7 +91,7 @@ impl Store {
         if !created {
             check_existing(&layout, &key.verifying_key())?;
         }
-        let connection = open_writer(&layout.database(), &STORE, Durability::Full)?;
+        let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
         let store_id = store_id(&connection)?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
@@ -107,6 +107,7 @@ impl Store {
             identities: layout.identities(),
             checkpointed_seq: head.seq,
             checkpoint_problem: Arc::clone(&checkpoint_problem),
+            _written: written,
         };
         let writer = thread::Builder::new()
             .name("store-writer".to_owned())
@@ -261,6 +262,8 @@ struct StoreWriter {
     identities: PathBuf,
     checkpointed_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
+    // After the connection: fields are dropped in their order.
+    _written: WrittenHere,
 }
 
 impl StoreWriter {

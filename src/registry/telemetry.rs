@@ -10,7 +10,7 @@ use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, 
 use super::columns::parsed;
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
-use super::open::{Durability, open_reader, open_writer};
+use super::open::{Durability, WrittenHere, open_reader, open_writer};
 use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 
 /// How much the telemetry file keeps.
@@ -103,6 +103,8 @@ pub(crate) struct TelemetryFile {
     connection: Connection,
     limits: TelemetryLimits,
     unsealed: Vec<BatchReceipt>,
+    // After the connection: fields are dropped in their order.
+    _written: WrittenHere,
 }
 
 /// Batches between two seals at most; more than that is a caller that forgot to seal.
@@ -111,8 +113,8 @@ const UNSEALED_MAX: usize = 10_000;
 impl TelemetryFile {
     /// Opens the file; makes it if there is none.
     pub(crate) fn open(path: &Path, limits: TelemetryLimits) -> Result<Self, StoreError> {
-        let connection = open_writer(path, &TELEMETRY, Durability::Normal)?;
-        Ok(Self { connection, limits, unsealed: Vec::new() })
+        let (connection, written) = open_writer(path, &TELEMETRY, Durability::Normal)?;
+        Ok(Self { connection, limits, unsealed: Vec::new(), _written: written })
     }
 
     /// Keeps a batch; removes the oldest ones beyond the limit.

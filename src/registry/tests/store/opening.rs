@@ -201,3 +201,38 @@ fn a_half_made_database_is_made_again() {
     assert!(open(folder.path()).opening().created);
     made(folder.path());
 }
+
+/// The lines of the kernel's list of locks that are this process's on a file.
+#[cfg(target_os = "linux")]
+fn locks(path: &std::path::Path) -> usize {
+    use std::os::unix::fs::MetadataExt as _;
+    let inode = format!(":{}", std::fs::metadata(path).unwrap().ino());
+    let own = std::process::id().to_string();
+    let listed = std::fs::read_to_string("/proc/locks").unwrap();
+    let is_ours = |line: &&str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        words.contains(&own.as_str()) && words.iter().any(|word| word.ends_with(&inode))
+    };
+    listed.lines().filter(is_ours).count()
+}
+
+/// A descriptor of the database that was opened and closed beside SQLite's took its locks away: another program's
+/// connection could then delete the log under the engine, and what was acknowledged was lost by a kill.
+#[test]
+#[cfg(target_os = "linux")]
+fn whoever_reads_beside_the_writer_takes_no_lock_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    let layout = store.layout().clone();
+    assert!(locks(&layout.database()) > 0, "a writer holds its database");
+    for _ in 0..3 {
+        let views = store.views().unwrap();
+        assert!(locks(&layout.database()) > 0, "a reader beside it");
+        drop(views);
+        store.export(0, &mut Vec::new()).unwrap();
+        holdpoint_registry::verify(&layout.database(), None).unwrap();
+        assert!(locks(&layout.database()) > 0, "a reader that is gone");
+        assert!(locks(&layout.telemetry()) > 0, "the telemetry's reader");
+    }
+}
