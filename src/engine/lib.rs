@@ -54,6 +54,7 @@ use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::Switch;
+use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
@@ -66,6 +67,18 @@ use holdpoint_text::Hint;
 
 /// Answers remembered for retried commands.
 const ANSWERS_KEPT: usize = 1024;
+
+/// A request that was carried out, and what was answered.
+struct Answered {
+    id: String,
+    command: Digest,
+    reply: Reply,
+}
+
+/// What a command is known by, however large it is.
+fn fingerprint(command: &Command) -> Digest {
+    Digest::of_parts("holdpoint.command.v1", &[&serde_json::to_vec(command).unwrap_or_default()])
+}
 
 /// The most requests that wait for the end of a sequence.
 const WAITING_MAX: usize = 64;
@@ -144,7 +157,7 @@ pub struct Config<'a> {
 pub struct Engine {
     pipeline: Pipeline,
     next_seq: u64,
-    answers: VecDeque<(String, Reply)>,
+    answers: VecDeque<Answered>,
     waiting: VecDeque<Request>,
     /// Calls made by the program that holds it.
     calls: u64,
@@ -205,11 +218,19 @@ impl Engine {
     /// As [`Engine::submit`], but never waits: `None` if the request has to wait for the end of a sequence of the
     /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
     pub fn offer(&mut self, request: Request) -> Option<Reply> {
-        if let Some(reply) = self.answer_of(&request.id) {
-            return Some(reply);
+        // A stop is carried out whatever its id was used for.
+        if matches!(request.command, Command::Stop { .. }) {
+            self.answers.retain(|answer| answer.id != request.id);
         }
-        if self.waiting.iter().any(|waiting| waiting.id == request.id) {
-            return None;
+        if let Some(answer) = self.answers.iter().find(|answer| answer.id == request.id) {
+            return Some(if answer.command == fingerprint(&request.command) {
+                answer.reply.clone()
+            } else {
+                used_otherwise(&request.id)
+            });
+        }
+        if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.id == request.id) {
+            return (waiting.command != request.command).then(|| used_otherwise(&request.id));
         }
         if self.waiting.len() >= WAITING_MAX {
             return Some(refused("too many requests wait for the end of a sequence"));
@@ -226,11 +247,11 @@ impl Engine {
     /// The answer to a request that was carried out and changed something.
     #[must_use]
     pub fn answer_of(&self, id: &str) -> Option<Reply> {
-        self.answers.iter().find(|(known, _)| known == id).map(|(_, reply)| reply.clone())
+        self.answers.iter().find(|answer| answer.id == id).map(|answer| answer.reply.clone())
     }
 
     fn carry_out(&mut self, request: Request) -> Reply {
-        let remembered = !request.command.only_reads();
+        let remembered = (!request.command.only_reads()).then(|| fingerprint(&request.command));
         let reply = match request.command {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
@@ -245,8 +266,8 @@ impl Engine {
             _ if self.ended => refused("the engine is ending"),
             command => self.pipeline.command(command),
         };
-        if remembered {
-            self.answers.push_back((request.id, reply.clone()));
+        if let Some(command) = remembered {
+            self.answers.push_back(Answered { id: request.id, command, reply: reply.clone() });
             if self.answers.len() > ANSWERS_KEPT {
                 self.answers.pop_front();
             }
@@ -363,6 +384,15 @@ impl Engine {
     #[must_use]
     pub fn layout(&self) -> &holdpoint_registry::Layout {
         self.pipeline.record().ledger().store().layout()
+    }
+}
+
+/// A request's id stands for one command: a retry of it is answered, another command under it is a mistake.
+fn used_otherwise(id: &str) -> Reply {
+    Reply::Refused {
+        code: Refusal::BadInput,
+        text: format!("the request id {id:?} was used for another command; nothing was done"),
+        hint: Some("every new command has an id of its own".to_owned()),
     }
 }
 

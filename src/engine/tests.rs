@@ -19,7 +19,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{AuditFilter, Change, Store};
@@ -510,4 +510,42 @@ fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
     drop(first);
     let mut second = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut second), (1, "grasp".to_owned()));
+}
+
+/// A request's id was answered without a look at what was asked: a stop was told that the cell works again.
+#[test]
+fn an_id_stands_for_one_command_and_a_stop_for_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut engine = engine(folder.path(), "arm7").unwrap();
+    let mut ask = |command: Command| engine.submit(Request { id: "same".to_owned(), command });
+    let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
+    let go = || Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned() };
+    accepted(&ask(stop()));
+    let other = ask(go());
+    assert!(matches!(&other, Reply::Refused { code: Refusal::BadInput, .. }), "{other:?}");
+    accepted(&ask(stop()));
+    let mut ask = |id: &str, command: Command| engine.submit(Request { id: id.to_owned(), command });
+    accepted(&ask("second", go()));
+    accepted(&ask("second", go()));
+    let stopped = ask("second", stop());
+    assert!(matches!(&stopped, Reply::Accepted { text, .. } if text.contains("stopped")), "{stopped:?}");
+    assert!(engine.snapshot().stopped.is_some());
+}
+
+/// A question about a baseline could be seen and not be opened.
+#[test]
+fn a_baseline_that_people_are_asked_about_is_shown_with_its_evidence() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let operation = |reason: &str| Operation {
+        version: "align@1.0.0".parse().unwrap(),
+        by: "ann".to_owned(),
+        reason: reason.to_owned(),
+    };
+    assert!(pipeline.snapshot().candidates.is_empty());
+    accepted(&pipeline.command(Command::Restrict(operation("careful"))));
+    accepted(&pipeline.command(Command::Release { operation: operation("looked at"), profiles: Vec::new() }));
+    let snapshot = pipeline.snapshot();
+    let shown: Vec<_> = snapshot.candidates.iter().map(|one| one.version.clone()).collect();
+    assert_eq!(shown, [snapshot.prompts[0].version.clone()]);
 }

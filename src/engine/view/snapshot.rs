@@ -39,7 +39,9 @@ impl SnapshotView<'_> {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
                 let baseline = member.capability.submission.parent.is_none();
-                if baseline && matches!(version.state, State::Active | State::Superseded) {
+                let is_asked_about = self.approvals.of(&id).is_some();
+                let rests = baseline && matches!(version.state, State::Active | State::Superseded);
+                if rests && !is_asked_about {
                     continue;
                 }
                 let empty = Dossier::default();
