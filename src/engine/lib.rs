@@ -218,18 +218,16 @@ impl Engine {
     /// As [`Engine::submit`], but never waits: `None` if the request has to wait for the end of a sequence of the
     /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
     pub fn offer(&mut self, request: Request) -> Option<Reply> {
-        // A stop is carried out whatever its id was used for.
         if matches!(request.command, Command::Stop { .. }) {
+            // A stop is carried out whatever its id was used for, or waits under.
             self.answers.retain(|answer| answer.id != request.id);
-        }
-        if let Some(answer) = self.answers.iter().find(|answer| answer.id == request.id) {
+        } else if let Some(answer) = self.answers.iter().find(|answer| answer.id == request.id) {
             return Some(if answer.command == fingerprint(&request.command) {
                 answer.reply.clone()
             } else {
                 used_otherwise(&request.id)
             });
-        }
-        if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.id == request.id) {
+        } else if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.id == request.id) {
             return (waiting.command != request.command).then(|| used_otherwise(&request.id));
         }
         if self.waiting.len() >= WAITING_MAX {
