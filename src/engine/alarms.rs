@@ -136,6 +136,8 @@ impl Record {
             AlarmKey::Restricted(version) => !self.is_restricted(version),
             // Measured by the live tasks of the version (`health.rs`); who no longer works does no more of it.
             AlarmKey::Violation(version) | AlarmKey::Degraded(version) => !self.is_active(version),
+            // Measured to be over by whoever works (`senses.rs`).
+            AlarmKey::CellDegraded => false,
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),

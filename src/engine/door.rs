@@ -27,7 +27,7 @@ pub use socket::socket_path;
 
 use super::Engine;
 use crate::world::switch::Switch;
-use holdpoint_protocol::command::{Reply, Request};
+use holdpoint_protocol::command::{Caller, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
@@ -119,7 +119,8 @@ pub enum Signals {
 
 /// What comes in from the socket's thread.
 enum Incoming {
-    Request(Box<Request>, oneshot::Sender<Reply>),
+    /// What is asked, whose process asks, and where the answer goes.
+    Request(Box<Request>, Caller, oneshot::Sender<Reply>),
     /// Something else is to be looked at.
     Wake,
 }
@@ -185,10 +186,10 @@ impl Door {
         while done < REQUESTS_MAX {
             let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) else { break };
             match next {
-                Incoming::Request(request, answer) => {
+                Incoming::Request(request, caller, answer) => {
                     let id = request.id.clone();
                     // Whoever asked may be gone; what was asked is done all the same.
-                    match engine.offer(*request) {
+                    match engine.offer_for(*request, caller) {
                         Some(reply) => drop(answer.send(reply)),
                         None => self.later.push((id, answer)),
                     }

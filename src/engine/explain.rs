@@ -78,12 +78,14 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::MonitorAnswer
             | RecordKind::Shown
             | RecordKind::AlarmReset
+            | RecordKind::Asked
             | RecordKind::Drift
             | RecordKind::LiveFault
             | RecordKind::GoalSet
             | RecordKind::CellStopped
             | RecordKind::CellReleased
             | RecordKind::Commissioned
+            | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::RecordingRemoved => {}
         }

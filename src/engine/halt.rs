@@ -83,12 +83,13 @@ pub(crate) fn look(record: &mut Record, world: &mut LiveWorld) {
     }
 }
 
-/// A person lets the stopped cell work again.
+/// A person lets the stopped cell work again; `caller` is whose process asks.
 pub(crate) fn go(
     record: &mut Record,
     world: &mut LiveWorld,
     by: String,
     reason: String,
+    caller: Caller,
 ) -> Result<Reply, StoreError> {
     let refuse = |code, text: &str| Ok(Reply::Refused { code, text: text.to_owned(), hint: None });
     if world.halted.is_none() {
@@ -99,7 +100,6 @@ pub(crate) fn go(
         let text = format!("a name and a reason are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return refuse(Refusal::BadInput, &text);
     }
-    let caller = own_caller(record);
     let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
     record.note(RecordKind::CellReleased, String::new(), body)?;
     if !world.switch().release() {

@@ -1,6 +1,7 @@
-//! The health of the cell: absolute monitors of every active version, what is normal for each family, their alarms.
+//! The health of the cell: absolute monitors of every active version and of the cell's own senses, what is normal for
+//! each, their alarms.
 //!
-//! What is found is the rules' ([`holdpoint_governance::health`]); here it is fed with live tasks, kept in the store,
+//! What is found is the rules' ([`holdpoint_governance::health`], [`holdpoint_governance::senses`]); here it is fed with live tasks, kept in the store,
 //! and raised or cleared as alarms. It takes nobody off: people decide what an alarm is worth.
 
 use std::collections::BTreeMap;
@@ -9,6 +10,7 @@ use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::health::{Commissioned, FamilyHealth, HealthFinding, HealthValues};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::senses::{CellSenses, NormalSenses, Sense, SensedValues, SensesFinding};
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
@@ -27,6 +29,13 @@ struct KeptNormal {
     normal: Commissioned,
 }
 
+/// What was normal for the cell's senses, as the chain keeps it.
+#[derive(Serialize, Deserialize)]
+struct KeptSenses {
+    environment: Digest,
+    normal: NormalSenses,
+}
+
 /// A family's health, and whose tasks it was fed with.
 struct Charted {
     version: CapabilityId,
@@ -39,6 +48,10 @@ pub(crate) struct CellHealth {
     charted: BTreeMap<Family, Charted>,
     /// From the store, for families that have not worked since the start.
     normal: BTreeMap<Family, Commissioned>,
+    /// Absent before the first live task since the start.
+    senses: Option<CellSenses>,
+    /// From the store.
+    normal_senses: Option<NormalSenses>,
 }
 
 fn fault(error: StatsError) -> Fault {
@@ -53,16 +66,23 @@ impl CellHealth {
     /// If the store cannot be read.
     pub(crate) fn recall(context: &Context, record: &Record) -> Result<Self, Fault> {
         let views = record.ledger().store().views()?;
-        let filter = AuditFilter { kind: Some(RecordKind::Commissioned), ..AuditFilter::default() };
         let environment = context.cell.digest();
-        let kept = views.audit(&filter)?;
-        let normal = kept
+        let bodies = |kind| -> Result<Vec<String>, Fault> {
+            let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
+            Ok(views.audit(&filter)?.into_iter().map(|record| record.body).collect())
+        };
+        let normal = bodies(RecordKind::Commissioned)?
             .iter()
-            .filter_map(|record| serde_json::from_str::<KeptNormal>(&record.body).ok())
+            .filter_map(|body| serde_json::from_str::<KeptNormal>(body).ok())
             .filter(|kept| kept.environment == environment)
             .map(|kept| (kept.version.family, kept.normal))
             .collect();
-        Ok(Self { charted: BTreeMap::new(), normal })
+        let normal_senses = bodies(RecordKind::SensesCommissioned)?
+            .iter()
+            .filter_map(|body| serde_json::from_str::<KeptSenses>(body).ok())
+            .rfind(|kept| kept.environment == environment)
+            .map(|kept| kept.normal);
+        Ok(Self { normal, normal_senses, ..Self::default() })
     }
 
     /// Takes in one live task of an active version. One that was refused, or in which the simulator failed, was not
@@ -77,6 +97,7 @@ impl CellHealth {
         id: &CapabilityId,
         done: &TaskRecord,
     ) -> Result<(), Fault> {
+        self.sense(context, record, &done.sensed)?;
         self.look_who_works(context, record, id)?;
         let Some(charted) = self.charted.get_mut(&id.family) else { return Ok(()) };
         let values = HealthValues {
@@ -103,6 +124,39 @@ impl CellHealth {
                 HealthFinding::ViolationsOver => record.alarm_event(&AlarmEvent::Clear { key: violation }),
                 HealthFinding::DegradedOver => record.alarm_event(&AlarmEvent::Clear { key: degraded }),
                 HealthFinding::Commissioned(normal) => keep(context, record, id, normal)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// What a task showed of the cell, whoever worked it.
+    fn sense(&mut self, context: &Context, record: &mut Record, sensed: &SensedValues) -> Result<(), Fault> {
+        let senses = match &mut self.senses {
+            Some(senses) => senses,
+            none @ None => {
+                let present =
+                    record.alarms().get(&AlarmKey::CellDegraded).is_some_and(|alarm| alarm.condition);
+                let senses = CellSenses::new(context.profile.health, self.normal_senses, present);
+                none.insert(senses.map_err(fault)?)
+            }
+        };
+        for finding in senses.observe(sensed).map_err(fault)? {
+            match finding {
+                SensesFinding::Degraded(sense) => {
+                    let priority = context.profile.alarms.degraded;
+                    let text = degraded(sense, sensed, senses.limit(sense));
+                    record.raise(AlarmKey::CellDegraded, priority, true, &text);
+                }
+                SensesFinding::Over => {
+                    record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::CellDegraded });
+                }
+                SensesFinding::Commissioned(normal) => {
+                    let kept = KeptSenses { environment: context.cell.digest(), normal };
+                    let body = serde_json::to_string(&kept)?;
+                    record.note(RecordKind::SensesCommissioned, String::new(), body)?;
+                    let NormalSenses { tasks, picture_jitter_m, pictures_missing } = normal;
+                    record.tell(EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing });
+                }
             }
         }
         Ok(())
@@ -137,6 +191,23 @@ impl CellHealth {
                 Ok(())
             }
         }
+    }
+}
+
+/// What an operator reads: which sense, what was measured, from where on it is bad, and what to look at.
+fn degraded(sense: Sense, sensed: &SensedValues, limit: f64) -> String {
+    let value = sensed.of(sense).unwrap_or(f64::NAN);
+    match sense {
+        Sense::PictureJitter => format!(
+            "the camera shakes: {:.1} mm from picture to picture in the last task, above {:.1} mm; look at its mount",
+            value * 1e3,
+            limit * 1e3
+        ),
+        Sense::PicturesMissing => format!(
+            "the camera loses pictures: {:.0} % in the last task, above {:.0} %; look at its cable and its load",
+            value * 100.0,
+            limit * 100.0
+        ),
     }
 }
 

@@ -57,7 +57,7 @@ use crate::world::switch::Switch;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -158,7 +158,7 @@ pub struct Engine {
     pipeline: Pipeline,
     next_seq: u64,
     answers: VecDeque<Answered>,
-    waiting: VecDeque<Request>,
+    waiting: VecDeque<(Request, Caller)>,
     /// Calls made by the program that holds it.
     calls: u64,
     ended: bool,
@@ -218,6 +218,12 @@ impl Engine {
     /// As [`Engine::submit`], but never waits: `None` if the request has to wait for the end of a sequence of the
     /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
     pub fn offer(&mut self, request: Request) -> Option<Reply> {
+        let caller = self.pipeline.own_caller();
+        self.offer_for(request, caller)
+    }
+
+    /// As [`Engine::offer`], for somebody else's process.
+    pub(crate) fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
         if matches!(request.command, Command::Stop { .. }) {
             // A stop is carried out whatever its id was used for, or waits under.
             self.answers.retain(|answer| answer.id != request.id);
@@ -227,18 +233,18 @@ impl Engine {
             } else {
                 used_otherwise(&request.id)
             });
-        } else if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.id == request.id) {
+        } else if let Some((waiting, _)) = self.waiting.iter().find(|(waiting, _)| waiting.id == request.id) {
             return (waiting.command != request.command).then(|| used_otherwise(&request.id));
         }
         if self.waiting.len() >= WAITING_MAX {
             return Some(refused("too many requests wait for the end of a sequence"));
         }
         match self.pipeline.timing(&request.command) {
-            Timing::Now => return Some(self.carry_out(request)),
+            Timing::Now => return Some(self.carry_out(request, &caller)),
             Timing::Between => {}
             Timing::Stop => self.pipeline.stop_arm(),
         }
-        self.waiting.push_back(request);
+        self.waiting.push_back((request, caller));
         None
     }
 
@@ -248,7 +254,7 @@ impl Engine {
         self.answers.iter().find(|answer| answer.id == id).map(|answer| answer.reply.clone())
     }
 
-    fn carry_out(&mut self, request: Request) -> Reply {
+    fn carry_out(&mut self, request: Request, caller: &Caller) -> Reply {
         let remembered = (!request.command.only_reads()).then(|| fingerprint(&request.command));
         let reply = match request.command {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
@@ -262,7 +268,7 @@ impl Engine {
             }
             Command::Stop { by, reason } => self.pipeline.halt(by, reason),
             _ if self.ended => refused("the engine is ending"),
-            command => self.pipeline.command(command),
+            command => self.pipeline.command_of(command, caller),
         };
         if let Some(command) = remembered {
             self.answers.push_back(Answered { id: request.id, command, reply: reply.clone() });
@@ -274,8 +280,8 @@ impl Engine {
     }
 
     fn carry_out_waiting(&mut self) {
-        while let Some(request) = self.waiting.pop_front() {
-            self.carry_out(request);
+        while let Some((request, caller)) = self.waiting.pop_front() {
+            self.carry_out(request, &caller);
         }
     }
 

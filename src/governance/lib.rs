@@ -229,6 +229,7 @@ pub mod profile;
 pub mod record;
 pub mod recovery;
 pub mod rollback;
+pub mod senses;
 pub mod stats;
 pub mod strictness;
 pub mod submission;

@@ -299,6 +299,12 @@ pub struct HealthSettings {
     pub cusum_limit: f64,
     /// Factor above the largest force of the commissioning from which a force counts as bad.
     pub force_margin: f64,
+    /// Factor above the largest value of the commissioning from which a sense of the cell counts as bad.
+    pub sense_margin: f64,
+    /// Largest jitter of the pictures that may count as normal, m (see [`crate::senses::Sense::PictureJitter`]).
+    pub jitter_max_m: f64,
+    /// Largest share of missing pictures that may count as normal.
+    pub missing_max: f64,
     /// Tasks in a row, all without it, after which a condition is measured to be over.
     pub clear_tasks: u32,
 }

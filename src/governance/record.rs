@@ -66,6 +66,8 @@ crate::words! {
         BreakGlassReviewed = "break-glass-reviewed",
         /// What was shown to people who decided.
         Shown = "shown",
+        /// A process asked for a change and was granted it: what, and whose process, as the system has it.
+        Asked = "asked",
         /// Who reset an alarm, and why it was safe.
         AlarmReset = "alarm-reset",
         /// A drift set in, or ended, in the simulated cell.
@@ -80,6 +82,8 @@ crate::words! {
         CellReleased = "cell-released",
         /// What is normal for a family was counted, once.
         Commissioned = "commissioned",
+        /// What is normal for the cell's senses was measured, once.
+        SensesCommissioned = "senses-commissioned",
         /// The record of an upgrade is closed.
         AuditClosed = "audit-closed",
         /// A scene recording was closed with its digest.

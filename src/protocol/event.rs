@@ -315,6 +315,15 @@ pub enum EventKind {
         /// The largest force in any of them, N.
         peak_force_n: f64,
     },
+    /// What is normal for the cell's senses was measured over its first live tasks, and is kept.
+    SensesCommissioned {
+        /// Tasks it was measured over, whoever worked them.
+        tasks: u32,
+        /// The largest jitter of the pictures in one task, m.
+        picture_jitter_m: f64,
+        /// The largest share of missing pictures in one task.
+        pictures_missing: f64,
+    },
     /// A person stopped the cell: no command reaches the arm until somebody lets it go.
     CellStopped {
         /// Who stopped it, as they called themselves.

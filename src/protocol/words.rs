@@ -197,6 +197,12 @@ fn text(kind: &EventKind) -> String {
              {peak_force_n:.1} N; kept as what is normal for {}",
             version.family
         ),
+        EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing } => format!(
+            "normal   camera: jitter up to {:.1} mm, up to {:.0} % of pictures missing in {tasks} tasks; kept as what \
+             is normal for the cell",
+            picture_jitter_m * 1e3,
+            pictures_missing * 100.0
+        ),
         EventKind::CellStopped { by, caller, reason } => {
             let by = if by.is_empty() { "somebody" } else { by };
             let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };

@@ -31,12 +31,14 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::BreakGlassReviewed
         | RecordKind::Shown
         | RecordKind::AlarmReset
+        | RecordKind::Asked
         | RecordKind::Drift
         | RecordKind::LiveFault
         | RecordKind::GoalSet
         | RecordKind::CellStopped
         | RecordKind::CellReleased
         | RecordKind::Commissioned
+        | RecordKind::SensesCommissioned
         | RecordKind::AuditClosed
         | RecordKind::Recording
         | RecordKind::RecordingRemoved => false,

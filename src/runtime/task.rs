@@ -6,6 +6,7 @@
 //! by the watcher, or counted from the commands that were given.
 
 mod run;
+mod senses;
 
 pub use run::{TaskRun, TaskStage};
 
@@ -22,6 +23,7 @@ use super::watcher::{Raised, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
 use holdpoint_governance::permission::PermissionsUsed;
+use holdpoint_governance::senses::SensedValues;
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -96,6 +98,9 @@ pub struct TaskRecord {
     /// What was used of the permissions.
     #[serde(default)]
     pub used: PermissionsUsed,
+    /// What it showed of the cell.
+    #[serde(default)]
+    pub sensed: SensedValues,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
     /// The dispatcher refused the call; the arm has not moved.
@@ -174,6 +179,7 @@ impl TaskRecord {
             unsafe_continuation_ms: 0,
             hard_stop: None,
             used: PermissionsUsed::default(),
+            sensed: SensedValues::default(),
             invalid: true,
             refused: false,
             path: Vec::new(),

@@ -42,6 +42,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::LiveFault { .. }
         | EventKind::GoalSet { .. }
         | EventKind::Commissioned { .. }
+        | EventKind::SensesCommissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }
         | EventKind::CellReleased { .. }

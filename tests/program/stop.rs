@@ -8,9 +8,10 @@ use std::time::Duration;
 
 use holdpoint::body::RATE_HZ;
 use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply};
 use holdpoint::protocol::event::EventKind;
-use holdpoint::registry::Layout;
+use holdpoint::registry::{AuditFilter, Layout, Views};
 use holdpoint::runtime::capability;
 
 use crate::host::{Front, PATIENCE, operation, refusal};
@@ -204,6 +205,19 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     let Caller::Process { uid, process, .. } = kept.caller else { panic!("{kept:?}") };
     assert_eq!((kept.by.as_str(), uid), ("bo", own));
     assert_ne!(process, Some(std::process::id()), "whose process it was is the system's word");
+    front.events.clear();
+    assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
+    let released = front.until(|kind| matches!(kind, EventKind::CellReleased { .. }));
+    let EventKind::CellReleased { caller: Caller::Process { uid, process, .. }, .. } = released.kind else {
+        panic!("{released:?}")
+    };
+    assert_eq!(uid, own);
+    assert_ne!(process, Some(std::process::id()), "who let it go is not the engine");
+    let asked = AuditFilter { kind: Some(RecordKind::Asked), ..AuditFilter::default() };
+    let asked = Views::open(&Layout::new(&data).database()).unwrap().audit(&asked).unwrap();
+    let found =
+        asked.iter().filter(|record| record.body.contains(&format!("\"process\":{}", process.unwrap())));
+    assert_eq!(found.count(), 1, "what was asked is on record with whose process it was: {asked:?}");
     front.host.stop(PATIENCE).unwrap();
 }
 

@@ -85,6 +85,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::StateChanged { .. }
         | EventKind::GoalSet { .. }
         | EventKind::Commissioned { .. }
+        | EventKind::SensesCommissioned { .. }
         | EventKind::CellStopped { .. }
         | EventKind::ArmStands { .. }
         | EventKind::CellReleased { .. }

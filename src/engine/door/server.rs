@@ -171,7 +171,7 @@ impl DoorServer {
             return refused(Refusal::BadInput, &text);
         }
         let (answer, reply) = oneshot::channel();
-        match self.requests.try_send(Incoming::Request(request, answer)) {
+        match self.requests.try_send(Incoming::Request(request, caller.clone(), answer)) {
             Ok(()) => {}
             Err(TrySendError::Full(_)) if stops => {
                 let text = "the cell is stopped; the engine puts it on record next".to_owned();

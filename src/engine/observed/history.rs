@@ -237,10 +237,12 @@ impl History {
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset
+            | RecordKind::Asked
             | RecordKind::LiveFault
             | RecordKind::CellStopped
             | RecordKind::CellReleased
             | RecordKind::Commissioned
+            | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::GoalSet
             | RecordKind::RecordingRemoved => {}

@@ -17,7 +17,8 @@ use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply};
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::{Hint, Untrusted};
 
@@ -27,6 +28,12 @@ fn refuse_held(why: &str) -> Reply {
         text: format!("the engine is holding: {why}"),
         hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
     }
+}
+
+/// What a command is called on the wire.
+fn named(command: &Command) -> String {
+    let value = serde_json::to_value(command).unwrap_or_default();
+    value.get("command").and_then(|name| name.as_str()).unwrap_or_default().to_owned()
 }
 
 impl Pipeline {
@@ -44,11 +51,37 @@ impl Pipeline {
     /// Carries out a command. What cannot be carried out is refused and changes nothing; a fault of
     /// the engine's own makes it hold.
     pub fn command(&mut self, command: Command) -> Reply {
+        let caller = self.own_caller();
+        self.command_of(command, &caller)
+    }
+
+    /// Whose process the engine's own requests come from: a script is nobody's.
+    pub(crate) fn own_caller(&self) -> Caller {
+        halt::own_caller(&self.record)
+    }
+
+    /// As [`Pipeline::command`]; `caller` is whose process asks, as the system has it. What a process was granted and
+    /// changes something goes on record with it; what a script asks stands in the script.
+    pub(crate) fn command_of(&mut self, command: Command, caller: &Caller) -> Reply {
+        let is_kept = !command.only_reads() && matches!(caller, Caller::Process { .. });
+        let asked = is_kept.then(|| named(&command));
+        let reply = self.answered(command, caller);
+        if let (Some(asked), Reply::Accepted { version, .. }) = (asked, &reply) {
+            let subject = version.as_ref().map_or_else(String::new, ToString::to_string);
+            let body = serde_json::json!({ "asked": asked, "caller": caller }).to_string();
+            if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
+                return Reply::refused(Refusal::Store, &error);
+            }
+        }
+        reply
+    }
+
+    fn answered(&mut self, command: Command, caller: &Caller) -> Reply {
         // Who holds must still be able to look, and to say that the alarm was seen.
         if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
         }
-        let carried_out = self.carry_out(command).and_then(|reply| {
+        let carried_out = self.carry_out(command, caller).and_then(|reply| {
             if self.record.holding().is_none() {
                 self.activation().look_at_changed()?;
             }
@@ -66,7 +99,7 @@ impl Pipeline {
         }
     }
 
-    fn carry_out(&mut self, command: Command) -> Result<Reply, Fault> {
+    fn carry_out(&mut self, command: Command, caller: &Caller) -> Result<Reply, Fault> {
         let Self { context, record, dossiers, monitors, world, .. } = self;
         match command {
             Command::Register { package, name } => operations::register(context, record, &name, package),
@@ -132,7 +165,7 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
-            Command::Go { by, reason } => Ok(halt::go(record, world, by, reason)?),
+            Command::Go { by, reason } => Ok(halt::go(record, world, by, reason, caller.clone())?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),

@@ -20,6 +20,8 @@ crate::words! {
         Violation = "violation",
         /// A version works worse than its family did when it was commissioned.
         Degraded = "degraded",
+        /// The cell's own senses are worse than when it was commissioned, whoever is active.
+        CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
         SafeStopped = "safe-stopped",
         /// A family is back at its predecessor and does not work safely.
@@ -56,7 +58,9 @@ impl AlarmKind {
     #[must_use]
     pub const fn topic(self) -> AlarmTopic {
         match self {
-            Self::Escalated | Self::Restricted | Self::Violation | Self::Degraded => AlarmTopic::Monitor,
+            Self::Escalated | Self::Restricted | Self::Violation | Self::Degraded | Self::CellDegraded => {
+                AlarmTopic::Monitor
+            }
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
@@ -81,6 +85,8 @@ pub enum AlarmKey {
     Violation(CapabilityId),
     /// The active version under which the family works worse.
     Degraded(CapabilityId),
+    /// The one cell there is: its senses.
+    CellDegraded,
     /// The family that is stopped.
     SafeStopped(Family),
     /// The family that does not work safely under the predecessor either.
@@ -110,6 +116,7 @@ impl AlarmKey {
             Self::Restricted(_) => AlarmKind::Restricted,
             Self::Violation(_) => AlarmKind::Violation,
             Self::Degraded(_) => AlarmKind::Degraded,
+            Self::CellDegraded => AlarmKind::CellDegraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
             Self::Rejected(_) => AlarmKind::Rejected,
@@ -133,7 +140,7 @@ impl fmt::Display for AlarmKey {
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
-            Self::EngineFault => write!(f, "{kind}"),
+            Self::CellDegraded | Self::EngineFault => write!(f, "{kind}"),
         }
     }
 }
@@ -157,7 +164,8 @@ impl FromStr for AlarmKey {
             AlarmKind::Approval => Self::Approval(version()?),
             AlarmKind::Unreviewed => Self::Unreviewed(version()?),
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
-            AlarmKind::EngineFault => return Err(bad()),
+            AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
+            AlarmKind::EngineFault | AlarmKind::CellDegraded => return Err(bad()),
         })
     }
 }
@@ -196,7 +204,7 @@ mod tests {
         for kind in AlarmKind::ALL {
             let about = match kind {
                 AlarmKind::SafeStopped | AlarmKind::NotRecovered => ":grasp",
-                AlarmKind::EngineFault => "",
+                AlarmKind::EngineFault | AlarmKind::CellDegraded => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated
                 | AlarmKind::Restricted

@@ -6,6 +6,7 @@
 use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Observation, Telemetry};
 use holdpoint_governance::evidence::HardStop;
 
+use super::senses::SensesMeter;
 use super::{
     AttemptCounter, DENIALS_MAX, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick,
     close, measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
@@ -64,6 +65,7 @@ struct TaskProgress {
     record: TaskRecord,
     watcher: Watcher,
     attempts: AttemptCounter,
+    senses: SensesMeter,
     verdict: GuardVerdict,
     denials: u32,
     /// What the sensors told last; absent before the first tick.
@@ -86,6 +88,7 @@ impl TaskRun {
             record,
             watcher: Watcher::new(terms.task, terms.watch),
             attempts: AttemptCounter::new(terms.task),
+            senses: SensesMeter::default(),
             verdict: GuardVerdict::Allowed,
             denials: 0,
             seen: None,
@@ -261,6 +264,7 @@ impl TaskRun {
         let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, p.tick);
         let measured = measured.or_else(|| note_budget(&mut p.record, guard, p.tick));
         note_path(&mut p.record, &seen, p.tick);
+        p.senses.note(&observation);
         let passed = Tick {
             tick: p.tick,
             observation: &observation,
@@ -387,6 +391,7 @@ impl TaskRun {
     fn end(&mut self) {
         let p = &mut self.progress;
         close(&mut p.record, &p.watcher, &p.attempts, &self.guard, p.tick);
+        p.record.sensed = p.senses.values();
         p.stage = Stage::Over;
     }
 }
