@@ -29,14 +29,22 @@ pub fn terms_of(
     capability: &Capability,
 ) -> SkillTerms {
     let id = capability.id();
-    let conditions = dossiers.of(&id).map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
-    let (speed, force) = composition::envelope(&capability.manifest, conditions);
     let on_record = ledger.version(&id).is_ok_and(|(_, standing, _)| standing.flags.restricted);
     let restricted = on_record || monitors.of(&id).is_some_and(|watched| watched.restricted);
+    let terms = measured_terms_of(context, dossiers, capability);
+    if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+}
+
+/// What a version is measured under: as [`terms_of`], but for what a monitor or an operator does with it on the arm.
+/// Evidence is about the version; a restriction that comes or goes meanwhile would change who is compared with whom.
+#[must_use]
+pub fn measured_terms_of(context: &Context, dossiers: &Dossiers, capability: &Capability) -> SkillTerms {
+    let dossier = dossiers.of(&capability.id());
+    let conditions = dossier.map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+    let (speed, force) = composition::envelope(&capability.manifest, conditions);
     let terms = context.terms().capped(speed, force);
     // On the arm only what passed the gate with these people's approval runs; in sandbox and shadow it is tried.
-    let terms = if people_needed(conditions) > 0 { terms.reviewed() } else { terms };
-    if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+    if people_needed(conditions) > 0 { terms.reviewed() } else { terms }
 }
 
 /// Why a version is not given the arm under the profile in force; `None` if it is: its declaration admits the profile,
@@ -73,22 +81,12 @@ impl NotAdmitted {
     }
 }
 
-/// A version with the terms and the fallback it has now.
+/// A version with the terms it is measured under and the fallback it has now.
 #[must_use]
-pub fn party(
-    context: &Context,
-    ledger: &Ledger,
-    dossiers: &Dossiers,
-    monitors: &Monitors,
-    version: &Capability,
-) -> Party {
+pub fn party(context: &Context, ledger: &Ledger, dossiers: &Dossiers, version: &Capability) -> Party {
     let fallback = version.manifest.recovery.fallback.as_ref();
     let fallback = fallback.and_then(|binding| ledger.resolve(&binding.family, &binding.version).cloned());
-    Party {
-        version: version.clone(),
-        terms: terms_of(context, ledger, dossiers, monitors, version),
-        fallback,
-    }
+    Party { version: version.clone(), terms: measured_terms_of(context, dossiers, version), fallback }
 }
 
 /// What evidence on a candidate has to be bound to now.

@@ -350,7 +350,6 @@ impl Pipeline {
             trials: &self.trials,
             record: &mut self.record,
             dossiers: &mut self.dossiers,
-            monitors: &self.monitors,
         };
         let step = sandbox.slice(run)?;
         self.live_due_for(step.episodes);

@@ -118,7 +118,7 @@ pub fn slice(
     let candidate = record.capability(&id)?;
     let ledger = record.ledger();
     let store = ledger.store();
-    let party = |version| party(context, ledger, dossiers, monitors, version);
+    let party = |version| party(context, ledger, dossiers, version);
     let (new, old) = (party(&candidate), party(&run.predecessor));
     let lab = trials.lab(&context.cell, store);
     let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {

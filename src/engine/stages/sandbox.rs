@@ -14,12 +14,11 @@ use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
 use super::validation;
-use crate::binding::{binding, made_under, party, terms_of};
+use crate::binding::{binding, made_under, measured_terms_of, party};
 use crate::cell::Conditions;
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
-use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan, Slice};
@@ -73,8 +72,6 @@ pub struct Sandbox<'a> {
     pub trials: &'a Trials,
     pub record: &'a mut Record,
     pub dossiers: &'a mut Dossiers,
-    /// Who is restricted by a monitor.
-    pub monitors: &'a Monitors,
 }
 
 /// How a slice ended.
@@ -161,7 +158,7 @@ impl Sandbox<'_> {
                     return Ok(over);
                 }
                 let ledger = self.record.ledger();
-                let party = |version| party(self.context, ledger, self.dossiers, self.monitors, version);
+                let party = |version| party(self.context, ledger, self.dossiers, version);
                 let (new, old) = (party(&candidate), party(&active));
                 let lab = self.trials.lab(&self.context.cell, ledger.store());
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
@@ -225,7 +222,7 @@ impl Sandbox<'_> {
         records: &mut Vec<TaskRecord>,
     ) -> Result<bool, Fault> {
         let id = candidate.id();
-        let terms = terms_of(self.context, self.record.ledger(), self.dossiers, self.monitors, candidate);
+        let terms = measured_terms_of(self.context, self.dossiers, candidate);
         let (mode, conditions, purpose) = match alone {
             Alone::Canonical => (SandboxMode::Canonical, Conditions::Canonical, Purpose::Canonical),
             Alone::Adversarial => (SandboxMode::Adversarial, Conditions::Sandbox, Purpose::Adversarial),

@@ -230,10 +230,16 @@ impl Evaluation {
         RecoveryEvidence { binding: self.binding, candidate: self.drills.0, active: self.drills.1 }
     }
 
-    /// Pairs and drills worked so far.
+    /// How much of the budget is worked: what had no valid start and is tried again on another seed counts once.
     #[must_use]
     pub fn done(&self) -> u64 {
-        self.pairs.len() as u64 + self.drills_tried.iter().sum::<u64>()
+        let budget = u64::from(self.plan.drills);
+        self.pairs.len() as u64 + self.drills_tried.iter().map(|tried| budget.min(*tried)).sum::<u64>()
+    }
+
+    /// Pairs and drills worked, each try.
+    fn tried(&self) -> u64 {
+        self.pairs_tried + self.drills_tried.iter().sum::<u64>()
     }
 
     /// Works one slice and looks whether the rest can still matter. `None`: the lab works in parts, and the slice
@@ -249,7 +255,7 @@ impl Evaluation {
         profile: &Profile,
     ) -> Result<Option<Slice>, Fault> {
         let mut records = Vec::new();
-        let before = self.done();
+        let before = self.tried();
         let turn = self.next_turn();
         if let Some(slice) = turn {
             lab.expect(candidate, active, &self.outlook(lab, slice))?;
@@ -273,7 +279,7 @@ impl Evaluation {
         if self.ended.is_some() {
             lab.expect(candidate, active, &[])?;
         }
-        Ok(Some(Slice { what, worked: self.done() - before, done: self.done(), records }))
+        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), records }))
     }
 
     fn pair_slice(
@@ -493,6 +499,7 @@ mod tests {
         assert_eq!(pairs.len(), 50);
         assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
         let rehearsed = evaluation.rehearsed();
+        assert_eq!(evaluation.done(), evaluation.plan.budget());
         for kind in DrillKind::ALL {
             assert!(rehearsed.candidate.of(kind).feasible() >= 20, "{kind:?}");
         }
@@ -524,6 +531,13 @@ mod tests {
         assert_eq!(order, same);
         assert_eq!(whole.paired(), parts.paired());
         assert_eq!(whole.rehearsed(), parts.rehearsed());
+    }
+
+    #[test]
+    fn what_is_tried_again_does_not_exceed_the_budget() {
+        let mut evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), Vec::new());
+        evaluation.drills_tried = [10, 20, 30, 40];
+        assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
     }
 
     #[test]

@@ -16,7 +16,7 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::AuditFilter;
 
-use crate::binding::terms_of;
+use crate::binding::{party, terms_of};
 use crate::ledger::Note;
 use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
@@ -517,8 +517,17 @@ fn a_version_that_nobody_watches_is_restricted_all_the_same() {
         terms.envelope().tool_speed_max_m_s
     };
     let full = speed(&mut bench);
+    let measured = |bench: &mut Bench| {
+        let live = bench.pipeline.live();
+        let version = live.record.capability(&id).unwrap();
+        party(live.context, live.record.ledger(), live.dossiers, &version).terms.envelope().tool_speed_max_m_s
+    };
     done(&mut bench, Command::Restrict(operation(&id)));
     assert!(speed(&mut bench) < full);
+    assert!(
+        (measured(&mut bench) - full).abs() < f64::EPSILON,
+        "whoever is compared with it meets the version, not its restriction"
+    );
     let again = bench.pipeline.command(Command::Restrict(operation(&id)));
     assert!(matches!(again, Reply::Refused { .. }), "{again:?}");
 }
