@@ -251,6 +251,10 @@ fn screened(metrics: &ObservedMetrics, out: &mut Output<'_>) -> Result<(), CliEr
     parts.push(format!("contained after activation {}", screened.contained));
     parts.push(format!("kept {}", screened.kept));
     parts.push(format!("open {}", screened.open));
+    let acts = &metrics.interventions_observed;
+    let acts: Vec<String> = acts.iter().map(|(act, count)| format!("{act} {count}")).collect();
+    let acts = if acts.is_empty() { "nothing".to_owned() } else { acts.join(", ") };
+    out.paragraph("", &format!("people did: {acts}"))?;
     out.paragraph("", &format!("candidates registered: {} ({})", screened.candidates, parts.join(", ")))
 }
 

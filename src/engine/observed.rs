@@ -3,6 +3,7 @@
 //! Reads and computes; changes nothing and judges nothing. What each number is and what it leaves out is said where it
 //! is defined, in [`holdpoint_governance::metrics::observed`].
 
+mod acted;
 mod charts;
 mod history;
 mod replay;
@@ -16,8 +17,8 @@ use holdpoint_governance::evidence::{EpisodeValues, ShadowSequence};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::metrics::observed::{
-    Observations, ObservedActivation, ObservedCandidate, ObservedEpisode, ObservedMetrics, ObservedRollback,
-    Replay,
+    HumanAct, Observations, ObservedActivation, ObservedCandidate, ObservedEpisode, ObservedMetrics,
+    ObservedRollback, Replay,
 };
 use holdpoint_governance::monitor::{MonitorAction, SafetyEvent};
 use holdpoint_governance::record::RecordKind;
@@ -202,6 +203,8 @@ fn observe_under(
             reader.candidate(id, kept);
         }
     }
+    let acts = history.acts.iter().filter(|(seq, _)| in_span(*seq) && *seq <= to_record);
+    reader.seen.acts.extend(acts.map(|(_, act)| *act));
     unequal.sort_by_key(|one| one.record);
     unequal.truncate(UNEQUAL_MAX);
     for task in tasks.iter().filter(|task| in_span(task.seq)) {
@@ -212,6 +215,7 @@ fn observe_under(
         };
         if task.marks.cut_short {
             coverage.stopped_tasks += 1;
+            reader.seen.cut_short += u64::from(control.is_some());
             continue;
         }
         if control.is_none() {
@@ -318,6 +322,10 @@ impl StoreReader<'_> {
                 continuation_ms: told.unsafe_continuation_ms,
                 continuation_max_ms: self.limit_ms(&of.id, seq),
             };
+            let anew = last.as_ref().is_none_or(|(tick, _)| *tick != told.trigger.tick);
+            if anew && told.trigger.kind == TriggerKind::Operator {
+                self.seen.acts.push(HumanAct::TookOff);
+            }
             match &mut last {
                 Some((tick, earlier)) if *tick == told.trigger.tick => *earlier = found,
                 _ => self.seen.rollbacks.extend(last.replace((told.trigger.tick, found)).map(|(_, one)| one)),
@@ -369,13 +377,13 @@ impl StoreReader<'_> {
             .decisions
             .iter()
             .filter(|one| one.kind == RecordKind::Monitor && one.subject == name && control.covers(one.seq));
-        let measured = acted.clone().find(|one| charts::cause(one).is_some_and(charts::is_measured));
+        let measured = acted.clone().find(|one| acted::cause(one).is_some_and(charts::is_measured));
         let doubted = of.evidence.iter().any(|entry| {
             entry.kind == EvidenceKind::Monitor
                 && control.covers(entry.seq)
                 && serde_json::from_str::<Confirmation>(&entry.json).is_ok_and(|kept| !kept.is_settled())
         });
-        let restricted = acted.clone().any(|one| charts::is_action(one, MonitorAction::Restrict));
+        let restricted = acted.clone().any(|one| acted::is_action(one, MonitorAction::Restrict));
         let unsafe_seq = [unsafe_task, unsafe_end].into_iter().flatten().min();
         let first = [unsafe_seq, measured.map(|one| one.seq)].into_iter().flatten().min();
         let earlier = history.control.iter().filter(|one| {

@@ -109,6 +109,8 @@ fn rates_are_what_telemetry_and_record_hold() {
     let counts =
         ["blocked_by_people", "contained", "kept", "open"].map(|name| screened[name].as_u64().unwrap());
     assert_eq!(counts, [1, 1, 1, 1]);
+    // `reject align@1.1.0 --as omar`.
+    assert_eq!(rates["interventions_observed"], serde_json::json!({ "refused": 1 }));
     assert_eq!(found["coverage"]["removed_batches"], 0);
 }
 

@@ -1,43 +1,19 @@
 //! Actions of monitors on record, made again: the charts are fed with the live tasks that telemetry kept.
 
-use serde::Deserialize;
 use serde_json::Value;
 
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::metrics::observed::{NotReplayable, Replay};
-use holdpoint_governance::monitor::{Monitor, MonitorAction, MonitorDecision, normal_rates};
+use holdpoint_governance::monitor::{Monitor, MonitorDecision, normal_rates};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::strictness::Strictness;
-use holdpoint_governance::words::Word;
 
 use super::LiveTask;
+use super::acted::cause;
 use super::replay::{Replayer, VersionOnRecord, differing};
 
 /// The most beginnings of the charts that are tried, beside the activation: they are fed anew for each.
 const STARTS_MAX: usize = 500;
-
-/// The body of a monitor's record.
-#[derive(Deserialize)]
-struct Acted {
-    action: Word<MonitorAction>,
-    reasons: Vec<Coded>,
-}
-
-#[derive(Deserialize)]
-struct Coded {
-    code: Word<ReasonCode>,
-}
-
-/// The reason a monitor acted for first.
-pub(super) fn cause(record: &AuditRecord) -> Option<ReasonCode> {
-    let acted: Acted = serde_json::from_str(&record.body).ok()?;
-    acted.reasons.first()?.code.known().copied()
-}
-
-/// Whether a record says that a monitor took this action.
-pub(super) fn is_action(record: &AuditRecord, action: MonitorAction) -> bool {
-    serde_json::from_str::<Acted>(&record.body).is_ok_and(|acted| acted.action == action)
-}
 
 /// Whether a monitor acted because something did not come: telemetry, or an answer.
 const fn rests_on_time(cause: ReasonCode) -> bool {

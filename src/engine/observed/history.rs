@@ -7,14 +7,17 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::metrics::observed::HumanAct;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_governance::words::Word;
 use holdpoint_registry::{StoreError, Views};
 
+use super::acted::cause;
 use crate::context::ContextRecord;
 
 /// A version's lifecycle state moved.
@@ -77,8 +80,33 @@ pub(super) struct History {
     /// Profiles that were closed to a version from a record on.
     closed: BTreeMap<CapabilityId, Vec<(u64, BTreeSet<ProfileName>)>>,
     emergencies: Vec<EmergencySeen>,
+    /// What people did, with the record of it; who took a version off stands in its evidence.
+    pub(super) acts: Vec<(u64, HumanAct)>,
     /// When versions were confirmed.
     confirmed: BTreeMap<CapabilityId, Vec<u64>>,
+}
+
+/// What a person did by a record.
+fn act(kind: RecordKind, record: &AuditRecord) -> Option<HumanAct> {
+    match kind {
+        RecordKind::CellStopped => Some(HumanAct::Stopped),
+        RecordKind::MonitorAnswer => Some(HumanAct::Answered),
+        RecordKind::Resumed => Some(HumanAct::Resumed),
+        RecordKind::ProfilesSet => Some(HumanAct::ProfilesSet),
+        RecordKind::BreakGlass => Some(HumanAct::BrokeGlass),
+        RecordKind::Monitor if cause(record) == Some(ReasonCode::MonitorOperator) => {
+            Some(HumanAct::Restricted)
+        }
+        RecordKind::StateSet => {
+            let StateChangeBody { reason, .. } = change(record)?;
+            is_by_people(&reason).then_some(HumanAct::Refused)
+        }
+        _ => None,
+    }
+}
+
+fn is_by_people(reason: &str) -> bool {
+    BY_PEOPLE.iter().any(|mark| reason.starts_with(mark))
 }
 
 #[derive(Deserialize)]
@@ -149,6 +177,7 @@ impl History {
 
     fn take(&mut self, record: AuditRecord) {
         let Some(kind) = record.kind.known() else { return };
+        self.acts.extend(act(*kind, &record).map(|act| (record.seq, act)));
         match kind {
             RecordKind::VersionRegistered => {
                 if let (Some(RegisteredBody { baseline }), Ok(id)) = (change(&record), record.subject.parse())
@@ -160,7 +189,7 @@ impl History {
                 if let (Some(StateChangeBody { from, to, reason }), Ok(id)) =
                     (change(&record), record.subject.parse())
                 {
-                    let by_people = BY_PEOPLE.iter().any(|mark| reason.starts_with(mark));
+                    let by_people = is_by_people(&reason);
                     self.moves.entry(id).or_default().push(Move { seq: record.seq, from, to, by_people });
                 }
             }

@@ -128,6 +128,32 @@ pub struct Observations {
     pub rollbacks: Vec<ObservedRollback>,
     /// Decisions by rules, replayed.
     pub replays: Vec<Replay>,
+    /// Live tasks of versions that the gate let in, which a person cut short.
+    pub cut_short: u64,
+    /// What people did, in any order.
+    pub acts: Vec<HumanAct>,
+}
+
+crate::words! {
+    /// What a person did to work that was under way, or to a version that a rule had not stopped.
+    HumanAct, "act of a person", {
+        /// Stopped the cell.
+        Stopped = "stopped",
+        /// Took an active version off, by a rollback or by a demotion.
+        TookOff = "took-off",
+        /// Capped an active version's speed and force.
+        Restricted = "restricted",
+        /// Answered a monitor: the version goes on, or its restriction ends.
+        Answered = "answered",
+        /// Rejected or demoted a candidate, or did not answer about it.
+        Refused = "refused",
+        /// Let a held version go on.
+        Resumed = "resumed",
+        /// Closed or opened profiles to a version.
+        ProfilesSet = "profiles-set",
+        /// Let a version in by the emergency door.
+        BrokeGlass = "broke-glass",
+    }
 }
 
 /// A mean with its standard deviation (ddof 1).
@@ -226,8 +252,10 @@ pub struct ObservedMetrics {
     pub recovery_observed: Proportion,
     /// Live tasks that ran into their time limit.
     pub timeout_observed: Proportion,
-    /// Live tasks in which a person stepped in.
+    /// Live tasks in which a person stepped in, of all, those included that were cut short.
     pub intervention_observed: Proportion,
+    /// What people did, each as often as it was done; what nobody did is absent.
+    pub interventions_observed: BTreeMap<HumanAct, u64>,
     /// Time of a live task, simulated s; its deviation is what there is of stability.
     pub time_s_observed: Spread,
     /// Retries of a live task.
@@ -291,7 +319,13 @@ impl ObservedMetrics {
             anomaly_observed: share(|one| one.anomaly)?,
             recovery_observed: share(|one| one.recovery)?,
             timeout_observed: share(|one| one.timeout)?,
-            intervention_observed: share(|one| one.intervention)?,
+            intervention_observed: Proportion::of(
+                values.iter().map(|one| one.intervention).chain((0..seen.cut_short).map(|_| true)),
+            )?,
+            interventions_observed: seen.acts.iter().fold(BTreeMap::new(), |mut counts, act| {
+                *counts.entry(*act).or_insert(0) += 1;
+                counts
+            }),
             time_s_observed: Spread::of(values.iter().map(|one| one.time_s)),
             retries_observed: Spread::of(values.iter().map(|one| f64::from(one.retries))),
             screening_observed: screened(&seen.candidates)?,
@@ -499,6 +533,8 @@ mod tests {
                 Replay::Differs { what: "x".into() },
                 Replay::NotReplayed { why: NotReplayable::ByPerson },
             ],
+            cut_short: 2,
+            acts: vec![HumanAct::Stopped, HumanAct::TookOff, HumanAct::Stopped],
         };
         let found = ObservedMetrics::of(&seen).unwrap();
         for (name, rate, expected) in [
@@ -513,10 +549,13 @@ mod tests {
             ("of those that had to stop", found.safe_continuation_observed, (1, 2)),
             ("after the trigger", found.unsafe_after_trigger_observed, (1, 2)),
             ("auditability", found.auditability_observed, (1, 3)),
+            ("work that people cut short is an intervention", found.intervention_observed, (2, 6)),
             ("of those replayed", found.replayed_equal_observed, (1, 2)),
         ] {
             assert_eq!(counts(rate), expected, "{name}");
         }
+        let acts = [(HumanAct::Stopped, 2), (HumanAct::TookOff, 1)];
+        assert_eq!(found.interventions_observed, BTreeMap::from(acts));
         assert_eq!(found.time_to_safe_ms_observed.mean, Some(200.0));
         assert_eq!(found.time_to_restored_ms_observed.n, 1);
         assert_eq!(found.uar_rounds_observed.len(), 3);
