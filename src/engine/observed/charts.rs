@@ -152,6 +152,7 @@ mod tests {
     use holdpoint_body::TaskKind;
     use holdpoint_governance::condition::Condition;
     use holdpoint_governance::evidence::EpisodeValues;
+    use holdpoint_governance::monitor::MonitorAction;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::task::TaskRecord;
 
