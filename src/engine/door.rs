@@ -7,6 +7,7 @@
 //!
 //! Must not decide anything, and must not keep the engine waiting: nothing here blocks it but [`Door::wait`].
 
+mod classes;
 mod client;
 mod server;
 mod socket;
@@ -22,9 +23,11 @@ use std::time::Duration;
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
+pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use client::{Client, Notification, Subscription};
 pub use socket::socket_path;
 
+use self::classes::Classes;
 use super::Engine;
 use crate::world::switch::Switch;
 use holdpoint_protocol::command::{Caller, Reply, Request};
@@ -33,13 +36,7 @@ use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
 
-/// The most connections at a time.
-pub const CONNECTIONS_MAX: usize = 32;
-
-/// Connections beyond these that are kept free for one request: to stop the cell.
-pub const STOPPING_MAX: usize = 4;
-
-/// The most requests that wait for the engine.
+/// The most requests that wait for the engine; more than are answered at a time, so that only stops can fill it.
 pub const REQUESTS_MAX: usize = 64;
 
 /// The most events kept for a subscriber that reads slowly.
@@ -164,6 +161,7 @@ impl Door {
             cancel,
             switch,
             stop: stop.clone(),
+            classes: Classes::default(),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {

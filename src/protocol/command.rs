@@ -344,6 +344,23 @@ impl Command {
         )
     }
 
+    /// Whether it does nothing but take authority away, or keep it from being given: no crowd of other requests keeps it
+    /// out.
+    #[must_use]
+    pub const fn takes_authority_away(&self) -> bool {
+        matches!(
+            self,
+            Self::Stop { .. }
+                | Self::Rollback(_)
+                | Self::Vacate(_)
+                | Self::Restrict(_)
+                | Self::Reject(_)
+                | Self::Demote { .. }
+                | Self::Pause(_)
+                | Self::Shutdown
+        )
+    }
+
     /// The family the command is about; `None` if it names none.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {

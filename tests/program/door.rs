@@ -12,7 +12,8 @@ use std::time::Duration;
 
 use holdpoint::engine::cell::Cell;
 use holdpoint::engine::door::{
-    CONNECTIONS_MAX, Client, Door, DoorError, EVENTS_KEPT, Notification, Signals, socket_path,
+    ASKING_MAX, Client, Door, DoorError, EVENTS_KEPT, IDLE_MAX, Notification, OBSERVERS_MAX, Signals,
+    socket_path,
 };
 use holdpoint::engine::pipeline::Progress;
 use holdpoint::engine::pump::Pump;
@@ -283,39 +284,81 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     assert!(read >= EVENTS_KEPT as u64);
 }
 
+/// Thirty-two that said nothing kept everybody else out, whoever wanted to roll back or to pause included.
 #[test]
-fn there_are_only_so_many_connections() {
+fn whoever_says_nothing_keeps_nobody_out() {
     let folder = tempfile::tempdir().unwrap();
-    let _door = door(folder.path()).unwrap();
-    let mut open: Vec<Raw> = (0..CONNECTIONS_MAX)
+    let mut door = door(folder.path()).unwrap();
+    let mut silent: Vec<Raw> = (0..2 * IDLE_MAX)
         .map(|_| {
             let mut raw = Raw::connect(folder.path());
             assert_eq!(raw.read().unwrap()["answer"], "hello");
             raw
         })
         .collect();
-    // One more may stop the cell, and nothing else.
-    let asks_else =
-        || Client::connect(&Layout::new(folder.path())).unwrap().unwrap().ask(Command::VerifyAudit);
-    let mut one_more = Raw::connect(folder.path());
-    assert_eq!(one_more.read().unwrap()["answer"], "hello");
-    one_more.send("{\"call\":\"subscribe\"}\n");
-    assert_eq!(one_more.read().unwrap()["answer"], "closed");
-    assert_eq!(one_more.read(), None);
-    let error = asks_else().unwrap_err();
-    assert!(error.to_string().contains("connections are open"), "{error}");
+    let mut asking = client(folder.path());
+    let asked = std::thread::spawn(move || asking.ask(Command::Snapshot));
+    door.wait(PATIENCE);
+    drop(door);
+    assert!(matches!(asked.join().unwrap().unwrap(), Reply::Refused { code: Refusal::NotNow, .. }));
+    let closed = silent[0].read().unwrap();
+    assert_eq!(closed["answer"], "closed", "the one that was silent longest gave way: {closed}");
+}
+
+#[test]
+fn only_so_many_are_told_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let _door = door(folder.path()).unwrap();
+    let subscribed = || {
+        let mut raw = Raw::connect(folder.path());
+        assert_eq!(raw.read().unwrap()["answer"], "hello");
+        raw.send("{\"call\":\"subscribe\"}\n");
+        let answer = raw.read().unwrap();
+        (raw, answer)
+    };
+    let mut open: Vec<Raw> = (0..OBSERVERS_MAX)
+        .map(|_| {
+            let (raw, answer) = subscribed();
+            assert_eq!(answer["answer"], "subscribed");
+            raw
+        })
+        .collect();
+    let (_, refused) = subscribed();
+    assert!(refused["text"].as_str().unwrap().contains("are told events"), "{refused}");
     // One that leaves makes room, as soon as the door has noticed.
     open.pop();
     let until = std::time::Instant::now() + PATIENCE;
-    loop {
-        let mut next = Raw::connect(folder.path());
-        assert_eq!(next.read().unwrap()["answer"], "hello");
-        next.send("{\"call\":\"subscribe\"}\n");
-        if next.read().unwrap()["answer"] == "subscribed" {
-            break;
-        }
+    while subscribed().1["answer"] != "subscribed" {
         assert!(std::time::Instant::now() < until);
     }
+}
+
+/// Whoever asks for more than can be answered gets a word at once.
+#[test]
+fn a_crowd_of_requests_is_told_so() {
+    let folder = tempfile::tempdir().unwrap();
+    // The engine never comes to what is asked.
+    let _door = door(folder.path()).unwrap();
+    let mut crowd: Vec<Raw> = (0..=ASKING_MAX)
+        .map(|id| {
+            let mut raw = Raw::connect(folder.path());
+            assert_eq!(raw.read().unwrap()["answer"], "hello");
+            let request = format!("{{\"id\":\"{id}\",\"command\":{{\"command\":\"snapshot\"}}}}");
+            raw.send(&format!("{{\"call\":\"ask\",\"request\":{request}}}\n"));
+            raw.0.get_mut().set_nonblocking(true).unwrap();
+            raw
+        })
+        .collect();
+    // Which of them was one too many is the door's to say.
+    let until = std::time::Instant::now() + PATIENCE;
+    let refused = loop {
+        if let Some(answer) = crowd.iter_mut().find_map(Raw::read) {
+            break answer;
+        }
+        assert!(std::time::Instant::now() < until);
+        std::thread::yield_now();
+    };
+    assert!(refused["reply"]["text"].as_str().unwrap().contains("are being answered"), "{refused}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::{Command as Process, Output};
 use std::time::Duration;
 
 use holdpoint::body::RATE_HZ;
-use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::engine::door::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply};
 use holdpoint::protocol::event::EventKind;
@@ -221,24 +221,22 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     front.host.stop(PATIENCE).unwrap();
 }
 
+/// Connections that say nothing, and as many as are told events, keep nobody from stopping the cell or a version.
 #[test]
-fn a_connection_is_kept_free_for_stopping() {
+fn idle_connections_lock_nobody_out() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
     let layout = Layout::new(folder.path());
-    let taken: Vec<Client> = std::iter::from_fn(|| Some(Client::connect(&layout).unwrap().unwrap()))
-        .take(holdpoint::engine::door::CONNECTIONS_MAX)
+    let connect = || Client::connect(&layout).unwrap().unwrap();
+    let told: Vec<_> = (0..OBSERVERS_MAX).map(|_| connect().subscribe().unwrap()).collect();
+    let idle: Vec<_> = (0..2 * IDLE_MAX)
+        .map(|_| std::os::unix::net::UnixStream::connect(socket_path(&layout)).unwrap())
         .collect();
-    let mut other = Client::connect(&layout).unwrap().unwrap();
-    let error = other.ask(Command::Snapshot).unwrap_err();
-    assert!(error.to_string().contains("connections are open"), "{error}");
-    // Those who come for nothing do not keep others from stopping either.
-    let idle: Vec<_> =
-        std::iter::repeat_with(|| std::os::unix::net::UnixStream::connect(socket_path(&layout)))
-            .take(2 * holdpoint::engine::door::STOPPING_MAX)
-            .collect();
-    accepted(&Client::connect(&layout).unwrap().unwrap().ask(stop()).unwrap());
+    accepted(&connect().ask(stop()).unwrap());
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
-    drop((taken, idle));
+    let rolled_back = connect().ask(Command::Rollback(operation("grasp@1.0.0"))).unwrap();
+    assert_eq!(refusal(&rolled_back), Refusal::NotNow, "it is the last one: {rolled_back:?}");
+    assert!(format!("{rolled_back:?}").contains("last version of grasp"), "the engine itself answered: {rolled_back:?}");
+    drop((told, idle));
     front.host.stop(PATIENCE).unwrap();
 }

@@ -1,6 +1,5 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
-use std::collections::VecDeque;
 use std::io;
 use std::os::unix::net::UnixListener as StdListener;
 use std::sync::Arc;
@@ -14,11 +13,12 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{broadcast, oneshot};
-use tokio::task::{AbortHandle, JoinSet};
+use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use super::{CONNECTIONS_MAX, Incoming, REQUESTS_MAX, STOPPING_MAX, Signals};
+use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
+use super::{Incoming, Signals};
 use crate::caller;
 use crate::world::switch::{AskedStop, Switch};
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
@@ -27,10 +27,7 @@ use holdpoint_protocol::wire::{
 };
 
 /// How long a connection may say nothing.
-const IDLE_MAX: Duration = Duration::from_mins(1);
-
-/// How long a connection that is kept for stopping may take to say it.
-const STOPPING_IDLE_MAX: Duration = Duration::from_secs(2);
+const IDLE_TIME_MAX: Duration = Duration::from_mins(1);
 
 /// How long a reply may take to be read.
 const WRITE_MAX: Duration = Duration::from_secs(10);
@@ -50,6 +47,7 @@ pub(super) struct DoorServer {
     pub(super) cancel: Arc<AtomicBool>,
     pub(super) switch: Arc<Switch>,
     pub(super) stop: CancellationToken,
+    pub(super) classes: Classes,
 }
 
 impl DoorServer {
@@ -82,12 +80,10 @@ impl DoorServer {
     async fn accept(self, listener: UnixListener) {
         let own_uid = rustix::process::geteuid().as_raw();
         let mut open = JoinSet::new();
-        let mut stopping = Stopping::default();
         loop {
             let accepted = tokio::select! {
                 () = self.stop.cancelled() => break,
                 Some(_) = open.join_next(), if !open.is_empty() => continue,
-                Some(_) = stopping.open.join_next(), if !stopping.open.is_empty() => continue,
                 accepted = listener.accept() => accepted,
             };
             let Ok((stream, _)) = accepted else {
@@ -98,58 +94,43 @@ impl DoorServer {
             let Some(peer) = stream.peer_cred().ok().filter(|peer| peer.uid() == own_uid) else { continue };
             let caller = caller::named(peer.uid(), peer.pid().and_then(|pid| u32::try_from(pid).ok()));
             let server = self.clone();
-            if open.len() >= CONNECTIONS_MAX {
-                stopping.take(server.stopping_connection(stream, caller));
-                continue;
-            }
             open.spawn(async move {
                 // A client that goes away, or does not read, has only itself to tell.
                 drop(server.connection(stream, caller).await);
             });
         }
         drop(listener);
-        let closing = async {
-            while open.join_next().await.is_some() {}
-            while stopping.open.join_next().await.is_some() {}
-        };
+        let closing = async { while open.join_next().await.is_some() {} };
         drop(timeout(CLOSING_MAX, closing).await);
-    }
-
-    /// One that comes when all others are taken: it may stop the cell, and nothing else.
-    async fn stopping_connection(self, stream: UnixStream, caller: Caller) -> io::Result<()> {
-        let (mut reader, mut writer) = greeted(stream).await?;
-        let call = tokio::select! {
-            () = self.stop.cancelled() => return Ok(()),
-            read = timeout(STOPPING_IDLE_MAX, read_call(&mut reader)) => read.unwrap_or(Ok(Read::Nothing))?,
-        };
-        let answer = match call {
-            Read::Call(Call::Ask { request }) if matches!(request.command, Command::Stop { .. }) => {
-                Answer::Reply { reply: Box::new(self.ask(request, &caller).await) }
-            }
-            Read::Call(Call::Ask { .. } | Call::Subscribe {}) | Read::Nothing => Answer::Closed {
-                text: format!(
-                    "{CONNECTIONS_MAX} connections are open, which is all there may be; one more may stop the cell"
-                ),
-            },
-            Read::Bad(text) => Answer::Closed { text },
-        };
-        write(&mut writer, &answer).await
     }
 
     async fn connection(self, stream: UnixStream, caller: Caller) -> io::Result<()> {
         let (mut reader, mut writer) = greeted(stream).await?;
         loop {
+            let silent = self.classes.silent();
             let call = tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
-                read = timeout(IDLE_MAX, read_call(&mut reader)) => match read {
+                () = silent.gives_way() => {
+                    let text = format!("{IDLE_MAX} connections that asked for nothing were newer; connect again");
+                    return write(&mut writer, &Answer::Closed { text }).await;
+                }
+                read = timeout(IDLE_TIME_MAX, read_call(&mut reader)) => match read {
                     Ok(call) => call?,
                     Err(_) => return Ok(()),
                 },
             };
+            drop(silent);
             match call {
                 Read::Nothing => return Ok(()),
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
-                Read::Call(Call::Subscribe {}) => return self.tell(reader, writer).await,
+                Read::Call(Call::Subscribe {}) => {
+                    let Some(_place) = self.classes.observer() else {
+                        let text =
+                            format!("{OBSERVERS_MAX} connections are told events, which is all there may be");
+                        return write(&mut writer, &Answer::Closed { text }).await;
+                    };
+                    return self.tell(reader, writer).await;
+                }
                 Read::Call(Call::Ask { request }) => {
                     let reply = self.ask(request, &caller).await;
                     write(&mut writer, &Answer::Reply { reply: Box::new(reply) }).await?;
@@ -170,20 +151,17 @@ impl DoorServer {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
             return refused(Refusal::BadInput, &text);
         }
+        let stopped = || Reply::Accepted {
+            text: "the cell is stopped; the engine puts it on record next".to_owned(),
+            version: None,
+        };
+        let Some(_place) = self.classes.request(&request.command) else {
+            return if stops { stopped() } else { too_many() };
+        };
         let (answer, reply) = oneshot::channel();
         match self.requests.try_send(Incoming::Request(request, caller.clone(), answer)) {
             Ok(()) => {}
-            Err(TrySendError::Full(_)) if stops => {
-                let text = "the cell is stopped; the engine puts it on record next".to_owned();
-                return Reply::Accepted { text, version: None };
-            }
-            Err(TrySendError::Full(_)) => {
-                return Reply::Refused {
-                    code: Refusal::NotNow,
-                    text: format!("{REQUESTS_MAX} requests wait already"),
-                    hint: Some("try again in a moment".to_owned()),
-                };
-            }
+            Err(TrySendError::Full(_)) => return if stops { stopped() } else { too_many() },
             Err(TrySendError::Disconnected(_)) => return refused(Refusal::NotNow, "the engine has ended"),
         }
         // An engine that ends drops what waits; whoever comes first says so.
@@ -244,22 +222,11 @@ impl DoorServer {
     }
 }
 
-/// Connections kept for stopping: the oldest gives way to a new one.
-#[derive(Default)]
-struct Stopping {
-    open: JoinSet<()>,
-    oldest_first: VecDeque<AbortHandle>,
-}
-
-impl Stopping {
-    fn take(&mut self, connection: impl Future<Output = io::Result<()>> + Send + 'static) {
-        self.oldest_first.retain(|handle| !handle.is_finished());
-        if self.oldest_first.len() >= STOPPING_MAX
-            && let Some(oldest) = self.oldest_first.pop_front()
-        {
-            oldest.abort();
-        }
-        self.oldest_first.push_back(self.open.spawn(async move { drop(connection.await) }));
+fn too_many() -> Reply {
+    Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!("{ASKING_MAX} requests are being answered, which is all there may be"),
+        hint: Some("try again in a moment; `stop` needs no place".to_owned()),
     }
 }
 
