@@ -89,6 +89,19 @@ pub fn robot(views: &Views) -> Result<Option<BoundRobot>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.robot))
 }
 
+/// No active pointer was set with another robot, whatever the context says.
+///
+/// # Errors
+/// [`StoreError::OtherRobot`], or if the store cannot be read.
+pub(crate) fn check_pointers(views: &Views, given: &BoundRobot) -> Result<(), StoreError> {
+    match views.pointer_robots()?.into_iter().find(|(_, robot)| *robot != given.digest) {
+        Some((family, recorded)) => {
+            Err(StoreError::OtherRobot { family, recorded, given: given.to_string() })
+        }
+        None => Ok(()),
+    }
+}
+
 /// The agent that a store is for; absent as for [`robot`].
 pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.agent))

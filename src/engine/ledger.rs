@@ -7,6 +7,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use crate::bound::BoundRobot;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,
@@ -147,6 +148,8 @@ pub struct Ledger {
     commands: u64,
     first_command: u64,
     wall_clock: bool,
+    /// Digest of the robot that versions are made active with.
+    robot: Option<String>,
 }
 
 impl ActiveView for Ledger {
@@ -174,7 +177,12 @@ impl Ledger {
             families.insert(family, FamilyEntry { state, members });
         }
         drop(views);
-        Ok(Self { store, families, commands: 0, first_command, wall_clock })
+        Ok(Self { store, families, commands: 0, first_command, wall_clock, robot: None })
+    }
+
+    /// From now on active pointers are set with this robot.
+    pub(crate) fn bind_robot(&mut self, robot: &BoundRobot) {
+        self.robot = Some(robot.digest.clone());
     }
 
     #[must_use]
@@ -351,7 +359,8 @@ impl Ledger {
                     } else {
                         ActiveCause::Vacate
                     });
-                    last.push(Change::SetActive { family: family.clone(), active, pinned, cause });
+                    let robot = self.robot.clone();
+                    last.push(Change::SetActive { family: family.clone(), active, pinned, cause, robot });
                 }
                 LifecycleChange::Context { .. } => {
                     last.push(Change::VoidFamily { family: family.clone(), reason: note.reason.clone() });

@@ -183,6 +183,7 @@ impl Engine {
         {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
+        bound::check_pointers(&ledger.store().views()?, &given)?;
         let settings = PipelineSettings {
             seed: config.seed,
             jobs: config.jobs,

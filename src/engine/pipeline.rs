@@ -28,7 +28,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
 
-use crate::bound;
+use crate::bound::{self, BoundRobot};
 use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -133,6 +133,7 @@ impl Pipeline {
         let context = Context::new(profile, table, own, cell)?;
         let world = LiveWorld::new(context.cell.clone())?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
+        ledger.bind_robot(&BoundRobot::of(&context.cell));
         let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
         let mut pipeline = Self {
             world,

@@ -103,6 +103,33 @@ fn another_robot_is_refused_before_anything_is_written() {
     assert_eq!(engine(folder.path(), "arm7").unwrap().snapshot().robot, "arm7");
 }
 
+/// The pointer says it by itself: a context that names no robot, as an earlier version wrote it, binds nothing.
+#[test]
+fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(engine(folder.path(), "arm7").unwrap());
+    let store = Store::open(folder.path()).unwrap();
+    let pointers = store.views().unwrap().pointer_robots().unwrap();
+    assert_eq!(pointers.len(), store.views().unwrap().families().unwrap().len(), "{pointers:?}");
+    let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
+    let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
+    context.as_object_mut().unwrap().remove("robot").unwrap();
+    let change = Change::SetContext { profile, policy_digest, json: context.to_string() };
+    let transaction = holdpoint_registry::Transaction {
+        command_id: "test".to_owned(),
+        at_ms: store.opening().head.at_ms,
+        wall_ms: 0,
+        changes: vec![change],
+        audit: Vec::new(),
+    };
+    store.commit(transaction).unwrap();
+    drop(store);
+    let refused = engine(folder.path(), "arm6").err().unwrap();
+    assert!(refused.to_string().contains("made active with the robot"), "{refused}");
+    assert!(refused.hint().unwrap().contains("says nothing of another"), "{:?}", refused.hint());
+    drop(engine(folder.path(), "arm7").unwrap());
+}
+
 #[test]
 fn another_agent_holds() {
     let folder = tempfile::tempdir().unwrap();

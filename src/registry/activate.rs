@@ -35,6 +35,23 @@ impl Applier<'_> {
         .ok_or_else(|| StoreError::NotFound { what: "family", name: family.to_string() })
     }
 
+    /// A pointer stays with the robot it was set for.
+    pub(super) fn check_robot(&self, family: &Family, robot: Option<&str>) -> Result<(), StoreError> {
+        let Some(given) = robot else { return Ok(()) };
+        if given.len() != 16 || !given.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f')) {
+            return Err(StoreError::invalid("digest of a robot", given, "16 hexadecimal digits"));
+        }
+        let sql = "SELECT robot FROM family WHERE name = ?1";
+        let recorded: Option<String> =
+            self.find("find a family", sql, [family.as_str()], |row| row.get(0))?.flatten();
+        match recorded {
+            Some(recorded) if recorded != given => {
+                Err(StoreError::OtherRobot { family: family.to_string(), recorded, given: given.to_owned() })
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+
     /// Moves the active pointer after checking what its cause rests on.
     pub(super) fn set_active(
         &mut self,
@@ -42,6 +59,7 @@ impl Applier<'_> {
         active: Option<&CapabilityId>,
         pinned: Option<&CapabilityId>,
         cause: &ActiveCause,
+        robot: Option<&str>,
     ) -> Result<Touched, StoreError> {
         let before = self.family(family)?;
         let refuse = |problem: &str| Err(StoreError::Invariant(format!("{family}: {problem}")));
@@ -86,15 +104,16 @@ impl Applier<'_> {
         let seq = self.next_seq();
         self.execute(
             "set the active version",
-            "UPDATE family SET active = ?2, pinned = ?3, bootstrapped = 1 WHERE name = ?1",
-            params![family.as_str(), active_name, pinned_name],
+            "UPDATE family SET active = ?2, pinned = ?3, bootstrapped = 1, robot = coalesce(?4, robot) WHERE name = ?1",
+            params![family.as_str(), active_name, pinned_name, robot],
         )?;
         let word = cause.kind().name();
         self.execute(
             "keep the activation",
-            "INSERT INTO activation (seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
-            params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms],
+            "INSERT INTO activation (seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms,
+               robot)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+            params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms, robot],
         )?;
         let rows =
             vec![(ChainedTable::Family, family.to_string()), (ChainedTable::Activation, seq.to_string())];

@@ -290,9 +290,10 @@ impl Applier<'_> {
             Change::SetScores { version, kappas, signature } => {
                 self.set_scores(version, kappas, signature.as_deref())
             }
-            Change::SetActive { family, active, pinned, cause } => {
+            Change::SetActive { family, active, pinned, cause, robot } => {
                 self.families.insert(family.to_string());
-                self.set_active(family, active.as_ref(), pinned.as_ref(), cause)
+                self.check_robot(family, robot.as_deref())?;
+                self.set_active(family, active.as_ref(), pinned.as_ref(), cause, robot.as_deref())
             }
             Change::SetFamily { family, safe_stopped, reason } => {
                 self.families.insert(family.to_string());

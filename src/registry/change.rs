@@ -166,6 +166,10 @@ pub enum Change {
         /// The rollback target: a superseded version of the family.
         pinned: Option<CapabilityId>,
         cause: ActiveCause,
+        /// Digest of the description of the robot it is made active with, 16 hexadecimal digits; a pointer that
+        /// names a robot never moves to another. Absent in records of schema 1.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        robot: Option<String>,
     },
     /// Stops a family safely or re-arms it.
     SetFamily {

@@ -57,6 +57,15 @@ pub enum StoreError {
     /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
     Approval { nonce: String, problem: String },
+    /// A family's active pointer was set with another robot.
+    #[error("{family} was made active with the robot {recorded}, not with {given}")]
+    OtherRobot {
+        family: String,
+        /// Digest of the robot on record.
+        recorded: String,
+        /// Digest of the robot it was to be activated with.
+        given: String,
+    },
     /// The command id was used for something else.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
@@ -100,6 +109,11 @@ impl Hint for StoreError {
             Self::Stale { .. } => Some("look at it again and decide again".into()),
             Self::Key { source, .. } => source.hint(),
             Self::Unknown => Some("restart and retry it".into()),
+            Self::OtherRobot { .. } => Some(
+                "start with the robot it was made with, or choose another store with `--data`: what was measured on \
+                 one robot says nothing of another"
+                    .into(),
+            ),
             Self::Io { .. }
             | Self::Sqlite { .. }
             | Self::NotFound { .. }

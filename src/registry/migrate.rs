@@ -13,8 +13,10 @@ pub(crate) struct Schema {
 }
 
 /// The store, `holdpoint.db`: "HPT1".
-pub(crate) const STORE: Schema =
-    Schema { application_id: 0x4850_5431, steps: &[include_str!("schema/store-1.sql")] };
+pub(crate) const STORE: Schema = Schema {
+    application_id: 0x4850_5431,
+    steps: &[include_str!("schema/store-1.sql"), include_str!("schema/store-2.sql")],
+};
 
 /// The telemetry, `telemetry.db`: "HPT2".
 pub(crate) const TELEMETRY: Schema =
@@ -27,13 +29,18 @@ impl Schema {
     }
 }
 
+/// The schema a database has.
+pub(crate) fn version(connection: &Connection) -> rusqlite::Result<usize> {
+    connection.query_row("PRAGMA user_version", [], |row| row.get(0))
+}
+
 /// Applies the steps that are missing.
 ///
 /// # Errors
 /// If a step fails; that step is undone.
 pub(crate) fn migrate(connection: &mut Connection, schema: &Schema) -> Result<(), StoreError> {
     let error = StoreError::sql("bring its schema up to date");
-    let found: usize = connection.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(&error)?;
+    let found = version(connection).map_err(&error)?;
     for (index, step) in schema.steps.iter().enumerate().skip(found) {
         let step_tx = connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(&error)?;
         step_tx.execute_batch(step).map_err(&error)?;

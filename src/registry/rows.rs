@@ -5,6 +5,7 @@
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension, Row};
 
+use super::migrate::{STORE, version};
 use holdpoint_governance::ids::Digest;
 
 /// The tables the chain vouches for.
@@ -79,32 +80,72 @@ impl ChainedTable {
             Self::Alarm => "id, subject, state, priority, json, changed_ms",
         }
     }
+
+    /// Columns that a later schema added; a digest holds those that are set.
+    const fn later_columns(self) -> &'static [LaterColumn] {
+        match self {
+            Self::Family | Self::Activation => &[LaterColumn { name: "robot", since: 2 }],
+            Self::Context
+            | Self::Version
+            | Self::Evidence
+            | Self::ApprovalRequest
+            | Self::Approval
+            | Self::Alarm => &[],
+        }
+    }
+
+    /// Every column as [`image`] takes them, in a database of some schema.
+    fn selected(self, schema: usize) -> String {
+        let later = self.later_columns().iter();
+        let later = later.map(|column| if column.since <= schema { column.name } else { "NULL" });
+        std::iter::once(self.columns()).chain(later).collect::<Vec<_>>().join(", ")
+    }
 }
 
-/// The digest of a row: each column's type and bytes.
+/// A column that a table got after schema 1.
+struct LaterColumn {
+    name: &'static str,
+    /// The schema that brought it.
+    since: usize,
+}
+
+/// A value with its type.
+fn bytes(value: ValueRef<'_>) -> Vec<u8> {
+    match value {
+        ValueRef::Null => vec![b'n'],
+        ValueRef::Integer(value) => [b"i".as_slice(), &value.to_le_bytes()].concat(),
+        ValueRef::Real(value) => [b"r".as_slice(), &value.to_bits().to_le_bytes()].concat(),
+        ValueRef::Text(value) => [b"t".as_slice(), value].concat(),
+        ValueRef::Blob(value) => [b"b".as_slice(), value].concat(),
+    }
+}
+
+/// The digest of a row: each column's type and bytes. A later column counts from its first value on, so that rows of
+/// an earlier schema keep the digests that their records hold.
 fn image(table: ChainedTable, row: &Row<'_>, first: usize) -> rusqlite::Result<Digest> {
     let count = table.columns().split(',').count();
     let mut parts: Vec<Vec<u8>> = Vec::with_capacity(count);
     for index in first..first + count {
-        parts.push(match row.get_ref(index)? {
-            ValueRef::Null => vec![b'n'],
-            ValueRef::Integer(value) => [b"i".as_slice(), &value.to_le_bytes()].concat(),
-            ValueRef::Real(value) => [b"r".as_slice(), &value.to_bits().to_le_bytes()].concat(),
-            ValueRef::Text(value) => [b"t".as_slice(), value].concat(),
-            ValueRef::Blob(value) => [b"b".as_slice(), value].concat(),
-        });
+        parts.push(bytes(row.get_ref(index)?));
+    }
+    for (index, later) in table.later_columns().iter().enumerate() {
+        let value = row.get_ref(first + count + index)?;
+        if value != ValueRef::Null {
+            parts.push([later.name.as_bytes(), b"=", &bytes(value)].concat());
+        }
     }
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     Ok(Digest::of_parts(table.name(), &parts))
 }
 
-/// The digest of one row, `None` if there is none.
+/// The digest of one row of a database of the newest schema, `None` if there is none.
 pub(crate) fn row_digest(
     connection: &Connection,
     table: ChainedTable,
     key: &str,
 ) -> rusqlite::Result<Option<Digest>> {
-    let sql = format!("SELECT {} FROM {} WHERE {} = ?1", table.columns(), table.name(), table.key());
+    let selected = table.selected(STORE.newest());
+    let sql = format!("SELECT {selected} FROM {} WHERE {} = ?1", table.name(), table.key());
     connection.prepare_cached(&sql)?.query_row([key], |row| image(table, row, 0)).optional()
 }
 
@@ -114,7 +155,8 @@ pub(crate) fn all_rows(
     table: ChainedTable,
     mut visit: impl FnMut(String, Digest),
 ) -> rusqlite::Result<()> {
-    let sql = format!("SELECT CAST({} AS TEXT), {} FROM {}", table.key(), table.columns(), table.name());
+    let selected = table.selected(version(connection)?);
+    let sql = format!("SELECT CAST({} AS TEXT), {selected} FROM {}", table.key(), table.name());
     let mut select = connection.prepare(&sql)?;
     let mut rows = select.query([])?;
     while let Some(row) = rows.next()? {

@@ -17,7 +17,7 @@ use super::entries::{
     VersionDetail, VersionFilter,
 };
 use super::error::StoreError;
-use super::migrate::STORE;
+use super::migrate::{STORE, version};
 use super::names::EvidenceKind;
 use super::open::open_reader;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -307,6 +307,19 @@ impl Views {
                 standing: row.get(6)?,
             })
         })
+    }
+
+    /// Families whose active pointer names the robot it was set with, and that robot's digest.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn pointer_robots(&self) -> Result<Vec<(String, String)>, StoreError> {
+        // Before schema 2 none did.
+        if version(&self.connection).map_err(StoreError::sql("read the registry"))? < 2 {
+            return Ok(Vec::new());
+        }
+        let sql = "SELECT name, robot FROM family WHERE robot IS NOT NULL ORDER BY name";
+        many(&self.connection, sql, [], |row| Ok((row.get(0)?, row.get(1)?)))
     }
 
     /// Profile, policy digest and content of the present context; `None` before the first.

@@ -12,5 +12,6 @@ mod damage;
 mod kill;
 mod opening;
 mod registry;
+mod released;
 mod support;
 mod telemetry;

@@ -54,6 +54,7 @@ fn refused_changes_leave_the_store_as_it_was() {
         active: active.map(id),
         pinned: pinned.map(id),
         cause,
+        robot: Some(ROBOT.into()),
     };
     let old_out = || set_state("grasp@1.0.0", 2, S::Active, S::Superseded);
     let new_in = || set_state("grasp@1.1.0", 4, S::Shadowed, S::Active);
@@ -243,6 +244,7 @@ fn a_safe_stopped_family_is_re_armed() {
         active: active.map(id),
         pinned: None,
         cause,
+        robot: None,
     };
     let stop =
         |safe_stopped| Change::SetFamily { family: family("grasp"), safe_stopped, reason: "drill".into() };
@@ -394,4 +396,27 @@ fn exported_lines_are_the_chain() {
         }
     }
     assert_eq!(store.export(0, &mut Gone).unwrap(), 0);
+}
+
+#[test]
+fn a_pointer_never_moves_to_another_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    let with = |robot: &str| {
+        let mut changes = activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0);
+        for change in &mut changes {
+            if let Change::SetActive { robot: given, .. } = change {
+                *given = Some(robot.into());
+            }
+        }
+        changes
+    };
+    let error = commit(&store, "other", with("00000000000000a6")).unwrap_err();
+    assert!(matches!(error, StoreError::OtherRobot { .. }), "{error}");
+    let error = commit(&store, "none", with("arm7")).unwrap_err();
+    assert!(matches!(error, StoreError::Invalid { .. }), "{error}");
+    commit(&store, "same", with(ROBOT)).unwrap();
+    assert_eq!(store.views().unwrap().pointer_robots().unwrap(), [("grasp".into(), ROBOT.into())]);
 }

@@ -15,6 +15,9 @@ use holdpoint_registry::{
     ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
 };
 
+/// The digest of a robot.
+pub const ROBOT: &str = "00000000000000a7";
+
 /// The states a candidate passes before it can be active.
 const STEPS: [(State, State); 3] = [
     (State::Registered, State::Validated),
@@ -101,6 +104,7 @@ pub fn bootstrap(store: &Store, name: &str) {
             active: Some(id(&baseline)),
             pinned: None,
             cause: ActiveCause::Bootstrap,
+            robot: Some(ROBOT.into()),
         },
     ];
     commit(store, &format!("bootstrap {name}"), changes).unwrap();
@@ -131,6 +135,7 @@ pub fn activation(name: &str, old: (&str, u64), approvals_needed: u32) -> Vec<Ch
             active: Some(id(name)),
             pinned: Some(id(old.0)),
             cause: ActiveCause::Gate { evidence: digest(&format!("gate {name}")), approvals_needed },
+            robot: Some(ROBOT.into()),
         },
         Change::SetFlags { version: id(name), flags: Flags { provisional: true, ..Flags::default() } },
     ]
@@ -146,6 +151,7 @@ pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
             active: Some(id(old.0)),
             pinned: None,
             cause: ActiveCause::Restore,
+            robot: Some(ROBOT.into()),
         },
         evidence(name.0, EvidenceKind::Rollback, "rollback"),
     ]

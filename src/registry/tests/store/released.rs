@@ -1,0 +1,57 @@
+//! Stores of released schemas: read as they are, brought to the newest schema, and as sound afterwards.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use holdpoint_registry::{Views, verify};
+use rusqlite::Connection;
+
+use crate::support::*;
+
+/// A copy of the store of schema 1, as a released program left it.
+pub fn schema_1(folder: &Path) -> PathBuf {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/store-4831bf5/store");
+    let to = folder.join("store");
+    copy(&from, &to);
+    to
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
+        if from.is_dir() {
+            copy(&from, &to);
+        } else {
+            fs::copy(&from, &to).unwrap();
+            if to.extension().is_some_and(|extension| extension == "key") {
+                fs::set_permissions(&to, fs::Permissions::from_mode(0o600)).unwrap();
+            }
+        }
+    }
+}
+
+fn schema(database: &Path) -> u64 {
+    let connection = Connection::open(database).unwrap();
+    connection.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap()
+}
+
+#[test]
+fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    let database = store.join("holdpoint.db");
+    let before = verify(&database, None).unwrap();
+    assert_eq!(Views::open(&database).unwrap().pointer_robots().unwrap(), []);
+    assert_eq!(schema(&database), 1, "reading changes nothing");
+    let opened = open(&store);
+    assert_eq!(opened.opening().head.hash, before.head);
+    assert_eq!(opened.views().unwrap().pointer_robots().unwrap(), [], "no record says with which robot");
+    // The rows are those their records speak of; what comes after names its robot.
+    assert_eq!(verify(&database, None).unwrap(), before);
+    drop(opened);
+    assert_eq!(schema(&database), 2);
+    drop(open(&store));
+    assert_eq!(verify(&database, None).unwrap(), before);
+}
