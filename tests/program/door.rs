@@ -303,7 +303,9 @@ fn there_are_only_so_many_connections() {
     assert_eq!(one_more.read().unwrap()["answer"], "closed");
     assert_eq!(one_more.read(), None);
     let error = asks_else().unwrap_err();
-    assert!(error.to_string().contains("connections are open"), "{error}");
+    assert!(error.to_string().contains("32 connections are open"), "{error}");
+    // What to do is said, and nothing of another version.
+    assert!(error.to_string().contains("end a program that watches") && error.hint().is_none(), "{error}");
     // One that leaves makes room, as soon as the door has noticed.
     open.pop();
     let until = std::time::Instant::now() + PATIENCE;

@@ -128,7 +128,9 @@ impl DoorServer {
             }
             Read::Call(Call::Ask { .. } | Call::Subscribe {}) | Read::Nothing => Answer::Closed {
                 text: format!(
-                    "{CONNECTIONS_MAX} connections are open, which is all there may be; one more may stop the cell"
+                    "{CONNECTIONS_MAX} connections are open, which is all there may be: end a program that watches this engine \
+                     (`holdpoint status --watch`, a subscriber) or try again in a moment; stopping the cell works all \
+                     the same"
                 ),
             },
             Read::Bad(text) => Answer::Closed { text },
@@ -288,7 +290,7 @@ async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
     }
     Ok(match serde_json::from_slice(&line) {
         Ok(call) => Read::Call(call),
-        Err(error) => Read::Bad(format!("this is no call: {error}")),
+        Err(error) => Read::Bad(format!("this is no call of protocol {PROTOCOL}: {error}")),
     })
 }
 
