@@ -20,12 +20,11 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
-use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::{Layout, Views};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Untrusted, is_visible};
 
 /// The longest reason, in bytes.
 pub const REASON_BYTES_MAX: usize = 1_000;
@@ -161,8 +160,8 @@ pub(super) fn parse_identity(text: &str) -> Result<String, String> {
 }
 
 fn parse_reason(text: &str) -> Result<Untrusted, String> {
-    if text.trim().is_empty() {
-        return Err("a reason is needed".to_owned());
+    if !is_visible(text) {
+        return Err("a reason is needed, of characters that can be seen".to_owned());
     }
     if text.len() > REASON_BYTES_MAX {
         return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
@@ -320,20 +319,12 @@ fn pause(
     }
     let mut side = Side::open(context)?;
     let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
-        let on_its_way = match view.state {
-            State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => {
-                true
-            }
-            State::Active => view.flags.provisional || view.flags.paused,
-            State::Rejected | State::RolledBack | State::Superseded => false,
-        };
         let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
         let stands = match pausing {
-            Pausing::Pause => !view.flags.paused,
-            // What the gate or an unanswered question holds is let go on by the same verb.
-            Pausing::Resume => view.flags.paused || (view.held && view.state != State::Active),
+            Pausing::Pause => view.state.may_pause(&view.flags),
+            Pausing::Resume => view.state.may_resume(&view.flags, view.held),
         };
-        on_its_way && of_family && stands
+        of_family && stands
     };
     let versions: Vec<CapabilityId> =
         side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();

@@ -255,7 +255,7 @@ fn seconds(at_ms: u64) -> String {
 fn flags(version: &VersionSummary) -> String {
     let flags = &version.flags;
     let words = [
-        (flags.paused, "paused"),
+        (flags.paused, version.state.paused_word()),
         (flags.awaiting_approval, "awaiting-approval"),
         (flags.provisional, "provisional"),
         (flags.restricted, "restricted"),
@@ -263,7 +263,7 @@ fn flags(version: &VersionSummary) -> String {
         (version.unreviewed, "UNREVIEWED"),
     ];
     let running = flags.running.map(|stage| format!("running:{stage}"));
-    let set = words.into_iter().filter(|(set, _)| *set).map(|(_, word)| word.to_owned());
+    let set = words.into_iter().filter(|(set, _)| *set).map(|(_, word)| word.replace(' ', "-"));
     running.into_iter().chain(set).collect::<Vec<_>>().join(" ")
 }
 

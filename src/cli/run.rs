@@ -14,6 +14,7 @@ use holdpoint_console::look::ColorChoice;
 use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
@@ -196,15 +197,13 @@ impl LivePace {
     }
 }
 
-/// The paces the engine takes.
-const PACES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
-
 pub(super) fn parse_pace(text: &str) -> Result<LivePace, String> {
     if text == "max" {
         return Ok(LivePace::Max);
     }
-    let times = text.parse::<f64>().ok().filter(|times| PACES.contains(times));
-    let allowed = || format!("a number from {} to {}, or max, is allowed", PACES.start(), PACES.end());
+    let times = text.parse::<f64>().ok().filter(|times| PACE_ALLOWED.contains(times));
+    let allowed =
+        || format!("a number from {} to {}, or max, is allowed", PACE_ALLOWED.start(), PACE_ALLOWED.end());
     times.map(LivePace::Times).ok_or_else(allowed)
 }
 

@@ -142,6 +142,7 @@ pub(super) fn door_error(error: DoorError) -> CliError {
         | DoorError::Taken { .. }
         | DoorError::Io { .. }
         | DoorError::Foreign { .. }
+        | DoorError::Closed { .. }
         | DoorError::Protocol { .. } => CliError::usage(error),
         DoorError::Random(_) => CliError::internal(error),
     }

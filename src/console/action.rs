@@ -186,7 +186,7 @@ actions! {
     Unshelve = "unshelve", Alarms, ["Z"];
     /// Close a latched alarm, reason required
     ResetAlarm = "reset-alarm", Alarms, ["R"];
-    /// Freeze the charts, or let them run; data keeps arriving
+    /// Freeze charts and story, or let them run; the arm, alarms and questions stay live
     Freeze = "freeze", Charts, ["f"];
     /// Zoom in
     ZoomIn = "zoom-in", Charts, ["+", "="];

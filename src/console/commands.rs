@@ -5,9 +5,7 @@ use super::palette::best;
 use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude, UnknownWord};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
-
-/// The largest pace, simulated seconds in a second.
-pub const PACE_MAX: f64 = 1000.0;
+use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// A command with an argument: name, argument, help.
 pub const WITH_ARGUMENT: [(&str, &str, &str); 11] = [
@@ -107,10 +105,11 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
     if text == "max" {
         return Ok(None);
     }
-    let times = text.parse::<f64>().ok().filter(|times| *times > 0.0 && *times <= PACE_MAX);
-    times
-        .map(Some)
-        .ok_or_else(|| format!("the pace {text:?} is not allowed; max or a number up to {PACE_MAX} is"))
+    let times = text.parse::<f64>().ok().filter(|times| PACE_ALLOWED.contains(times));
+    times.map(Some).ok_or_else(|| {
+        let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
+        format!("the pace {text:?} is not allowed; max or a number from {least} to {most} is")
+    })
 }
 
 fn profile(name: &str, close: bool) -> Result<Asked, String> {
@@ -203,7 +202,10 @@ mod tests {
             ("pace 0", "not allowed"),
             ("pace NaN", "not allowed"),
             ("pace -1", "not allowed"),
-            ("pace 1e9", "not allowed"),
+            ("pace 1e9", "0.1 to 100"),
+            ("pace 1e308", "0.1 to 100"),
+            ("pace 1e-308", "0.1 to 100"),
+            ("pace inf", "not allowed"),
             ("as", "needs"),
             ("goal", "needs a goal"),
             ("drift strong", "allowed are"),

@@ -9,7 +9,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
-use holdpoint_text::{Hint, Problem};
+use holdpoint_text::is_visible;
 
 /// The longest shelving a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
@@ -42,8 +42,8 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Make a superseded version of a stopped family active again.
     Rearm(CapabilityId),
-    /// Let the stopped cell work again.
-    Go,
+    /// Let the cell work again that was stopped at this virtual time, ms.
+    Go(u64),
     /// Give the agent of the live cell a goal.
     Goal(String),
     /// Set an alarm aside.
@@ -65,7 +65,7 @@ pub enum Abort {
 }
 
 impl Intent {
-    /// The verb on the button and in the title.
+    /// The verb on the button.
     #[must_use]
     pub const fn verb(&self) -> &'static str {
         match self {
@@ -83,9 +83,9 @@ impl Intent {
             Self::Reject(_) => "Reject for good",
             Self::Demote(_) => "Send back to evaluation",
             Self::Restrict(_) => "Restrict",
-            Self::Continue(_) => "Let go on unrestricted",
+            Self::Continue(_) => "Let go on",
             Self::Rearm(_) => "Make active again",
-            Self::Go => "Let it work again",
+            Self::Go(_) => "Let it work again",
             Self::Goal(_) => "Work towards",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
@@ -93,28 +93,38 @@ impl Intent {
         }
     }
 
-    /// What it is about.
+    /// What is asked for, as a sentence.
     #[must_use]
-    pub fn subject(&self) -> String {
+    pub fn title(&self) -> String {
         match self {
-            Self::Profile(id, profile, _) => format!("{id}: {}", profile.name()),
-            Self::Abort(Abort::Active(id) | Abort::Last(id) | Abort::Candidate(id))
-            | Self::Rollback(id)
-            | Self::Vacate(id)
-            | Self::Repeat(id)
-            | Self::Release(id)
-            | Self::Pause(id)
-            | Self::Resume(id)
-            | Self::Reject(id)
-            | Self::Demote(id)
-            | Self::Restrict(id)
-            | Self::Continue(id)
-            | Self::Rearm(id) => id.to_string(),
-            Self::Shelve(alarm) | Self::ResetAlarm(alarm) => alarm.clone(),
-            Self::Go => "the stopped cell".to_owned(),
-            Self::Goal(goal) => goal.clone(),
-            Self::Quit => "Holdpoint".to_owned(),
+            Self::Abort(Abort::Active(id)) => format!("Abort {id}: roll it back"),
+            Self::Abort(Abort::Last(id)) => format!("Abort {id}: stop the family {}", id.family),
+            Self::Abort(Abort::Candidate(id)) => format!("Abort {id}: hold it where it stands"),
+            Self::Rollback(id) => format!("Roll {id} back"),
+            Self::Vacate(id) => format!("Take {id} off: nobody takes over"),
+            Self::Repeat(id) => format!("Evaluate {id} again"),
+            Self::Release(id) => format!("Release {id} from its restriction"),
+            Self::Profile(id, profile, true) => format!("Close the profile {} to {id}", profile.name()),
+            Self::Profile(id, profile, false) => format!("Open the profile {} to {id}", profile.name()),
+            Self::Pause(id) => format!("Hold {id}"),
+            Self::Resume(id) => format!("Let {id} go on"),
+            Self::Reject(id) => format!("Reject {id} for good"),
+            Self::Demote(id) => format!("Send {id} back to evaluation"),
+            Self::Restrict(id) => format!("Restrict {id}"),
+            Self::Continue(id) => format!("Let {id} go on: answer its monitor"),
+            Self::Rearm(id) => format!("Make {id} active again"),
+            Self::Go(_) => "Let the stopped cell work again".to_owned(),
+            Self::Goal(goal) => format!("Work towards {goal}"),
+            Self::Shelve(alarm) => format!("Shelve {alarm}"),
+            Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
+            Self::Quit => "End Holdpoint".to_owned(),
         }
+    }
+
+    /// Whether somebody has to answer for it by name: stopping and leaving are for everybody.
+    #[must_use]
+    pub const fn needs_person(&self) -> bool {
+        !matches!(self, Self::Abort(_) | Self::Quit)
     }
 
     const fn needs_reason(&self) -> bool {
@@ -150,6 +160,9 @@ pub struct Form {
     /// What is wrong with it, once a confirmation was tried.
     pub problem: Option<String>,
 }
+
+/// What is said where a person's name is missing.
+pub const NOBODY: &str = "say who you are first (`:as NAME`)";
 
 /// An operation that somebody confirmed. Made by [`Form::confirm`] alone.
 #[derive(Clone, Debug, PartialEq)]
@@ -220,6 +233,23 @@ impl Form {
         }
     }
 
+    /// What it does may have changed while it is open. What was read before is marked as such, and the button that
+    /// confirms loses the keys: what fires is what was read.
+    pub fn follow(&mut self, consequences: Vec<String>) {
+        if consequences == self.consequences {
+            return;
+        }
+        self.consequences = consequences;
+        // Stopping and leaving stay one key.
+        if self.is_one_key() {
+            return;
+        }
+        self.problem = Some("what is said above has just changed: read it again".to_owned());
+        if self.focus == FormFocus::Confirm {
+            self.focus = FormFocus::Cancel;
+        }
+    }
+
     /// Whether one key confirms it without a field to fill.
     #[must_use]
     pub const fn is_one_key(&self) -> bool {
@@ -236,13 +266,11 @@ impl Form {
             // Stopping needs no name: nobody must look for an identity first.
             (None, Intent::Abort(_)) => "console".to_owned(),
             (None, Intent::Quit) => return Ok(None),
-            (None, _) => {
-                return Err(Problem::new("nobody has said who sits here").with_hint("`:as NAME`").sentence());
-            }
+            (None, _) => return Err(NOBODY.to_owned()),
         };
         let reason = self.reason.text().trim().to_owned();
-        if self.intent.needs_reason() && reason.is_empty() {
-            return Err("a reason is needed".to_owned());
+        if self.intent.needs_reason() && !is_visible(&reason) {
+            return Err("a reason is needed, of characters that can be seen".to_owned());
         }
         let minutes = self.minutes()?;
         let operation = |version: &CapabilityId, reason: &str| Operation {
@@ -278,7 +306,7 @@ impl Form {
             Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
             Intent::Continue(id) => Command::Continue(operation(id, &reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
-            Intent::Go => Command::Go { by, reason },
+            Intent::Go(_) => Command::Go { by, reason },
             Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason },
             Intent::Shelve(alarm) => {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
@@ -286,8 +314,7 @@ impl Form {
             Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason },
             Intent::Quit => return Ok(None),
         };
-        let said = format!("{} {}", self.intent.verb(), self.intent.subject());
-        Ok(Some(Confirmed { command, said }))
+        Ok(Some(Confirmed { command, said: self.intent.title() }))
     }
 
     fn minutes(&self) -> Result<u64, String> {

@@ -14,6 +14,7 @@ use ratatui::layout::Rect;
 
 use super::look::{Look, ThemeRole};
 use super::model::{Model, Overlay, View};
+use super::prompt::OnScreen;
 use super::views;
 use super::widgets::pen::{Fit, Pen, above, below};
 use super::widgets::row::{Row, wrap};
@@ -47,12 +48,25 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
         }
         Some(Overlay::Form(form)) => {
             let body = under(model, &mut pen, body);
-            views::form::draw(form, &mut pen, body);
+            views::form::draw(model, form, &mut pen, body);
         }
         None => {
             under(model, &mut pen, body);
         }
     }
+}
+
+/// The rows of an open decision that [`draw`] puts on the screen; absent if none is open, or there is no room for it.
+#[must_use]
+pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnScreen> {
+    let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { return None };
+    let fit = Fit::of(area.width, area.height);
+    let body = Rect { y: area.y + 1, height: area.height.checked_sub(3)?, ..area };
+    if fit == Fit::Tiny && body.height < views::tiny::OVERLAY_HEIGHT_MIN {
+        return None;
+    }
+    let pen = Pen { look, buf: &mut Buffer::empty(Rect::default()), fit };
+    Some(views::prompt::on_screen(model, prompt, &pen, body))
 }
 
 /// The view itself with the lines above it; tells where the view is.

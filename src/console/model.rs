@@ -7,6 +7,7 @@ mod entry;
 mod place;
 mod told;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
@@ -17,7 +18,7 @@ pub use told::{EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::picture::Picture;
+use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
 /// How long an answer stays in the status line, ms.
@@ -94,13 +95,10 @@ impl Model {
         self.place.frozen.as_ref().map_or(self.told.snapshot.as_deref(), |frozen| Some(&frozen.snapshot))
     }
 
-    /// What the robot view shows.
+    /// What the story tells, oldest first: the frozen one if there is one.
     #[must_use]
-    pub fn pictured(&self) -> Option<&Picture> {
-        match &self.place.frozen {
-            Some(frozen) => frozen.picture.as_deref(),
-            None => self.told.picture.as_deref(),
-        }
+    pub fn story(&self) -> &VecDeque<StoryLine> {
+        self.place.frozen.as_ref().map_or(&self.told.story, |frozen| &frozen.story)
     }
 
     /// How old the newest snapshot is if it is stale, ms.
@@ -143,5 +141,20 @@ impl Model {
     #[must_use]
     pub fn candidate(&self, version: &CapabilityId) -> Option<&CandidateView> {
         self.told.snapshot.as_ref()?.candidates.iter().find(|candidate| candidate.version == *version)
+    }
+
+    /// Where a version stands, from whatever knows it: a baseline is no candidate.
+    #[must_use]
+    pub fn stands(&self, id: &CapabilityId) -> Option<(State, Flags)> {
+        if let Some(candidate) = self.candidate(id) {
+            return Some((candidate.state, candidate.flags));
+        }
+        let snapshot = self.told.snapshot.as_ref()?;
+        let family = snapshot.families.iter().find(|family| family.family == id.family)?;
+        if family.active.as_ref() == Some(id) {
+            return Some((State::Active, family.flags.unwrap_or_default()));
+        }
+        let row = self.told.registry.page.rows.iter().find(|row| row.version == *id)?;
+        Some((row.state, row.flags))
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use ratatui::crossterm::event::KeyEvent;
 
 use super::operator::Operator;
+use super::prompt::OnScreen;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::Picture;
@@ -45,6 +46,8 @@ pub enum MsgKind {
     Identities(Vec<Operator>),
     /// Who sits here from now on.
     Operator(Operator),
+    /// A frame had these rows of the open decision on the screen.
+    DecisionShown(OnScreen),
     /// An effect came to this: one sentence, and whether it failed.
     Done {
         text: String,

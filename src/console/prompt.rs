@@ -3,10 +3,13 @@
 //! [`PromptAnswer`] has no constructor outside this file. The same [`Prompt::blocks`] tells the screen what is missing
 //! and the reducer what to refuse, so that the two cannot disagree (reference A6, design 7).
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use super::line::EditLine;
 use super::operator::Operator;
 use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::snapshot::{CandidateView, PromptView, Purpose, Snapshot};
+use holdpoint_text::is_visible;
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
@@ -47,6 +50,8 @@ pub enum Obstacle {
     Reason,
     /// The emergency door lets in or stays shut; there is nothing to reject.
     NoRefusal,
+    /// Not every line of it was on the screen.
+    Unread,
     /// A field has the keys: leave it first.
     Typing,
 }
@@ -65,6 +70,7 @@ impl Obstacle {
             Self::ShortId => "type the short id (tab)",
             Self::Reason => "give a reason (tab)",
             Self::NoRefusal => "Esc leaves the door shut; F rejects the version",
+            Self::Unread => "read it to its end (pagedown)",
             Self::Typing => "leave the field (tab)",
         }
     }
@@ -97,6 +103,45 @@ pub struct Prompt {
     pub refused: Option<Obstacle>,
     /// Lines scrolled down; the screen stops at the last.
     pub scroll: u16,
+    /// What of it was on the screen.
+    reading: Reading,
+}
+
+/// Rows of a decision that one frame had on the screen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OnScreen {
+    /// Columns they were wrapped to.
+    pub width: usize,
+    /// The first of them, counting from the top of the whole text.
+    pub first: usize,
+    /// How many rows have room.
+    pub room: usize,
+    /// How many rows the whole text has.
+    pub count: usize,
+    pub rows: Vec<TextRow>,
+}
+
+/// A row of the wrapped text, and which lines it is a part of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TextRow {
+    pub text: String,
+    /// The lines that share these rows: the first, and the one behind the last.
+    pub lines: (usize, usize),
+    /// Which of the rows of these lines.
+    pub at: usize,
+    /// How many rows these lines have.
+    pub of: usize,
+}
+
+/// What of a decision was on the screen, by what it said: a line that changes is unread again.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Reading {
+    lines: BTreeSet<String>,
+    /// Rows of lines that were not whole on the screen yet, by width and text.
+    rows: BTreeMap<(usize, String), BTreeSet<usize>>,
+    /// Rows that the screen has room for, and rows in all; as of the last frame.
+    room: u16,
+    count: u16,
 }
 
 /// A person's answer to one question, over exactly what was on the screen. Made by [`Prompt`] alone.
@@ -154,6 +199,7 @@ impl Prompt {
             stale: None,
             refused: None,
             scroll: 0,
+            reading: Reading::default(),
         })
     }
 
@@ -233,10 +279,12 @@ impl Prompt {
             (who.is_none(), Obstacle::NoIdentity),
             (self.stale.is_some(), Obstacle::Stale),
             (guarded, Obstacle::Guard),
+            // A refusal needs no reading.
+            (approves && self.unread() > 0, Obstacle::Unread),
             (approves && is(&self.seen.author), Obstacle::OwnWork),
             (approves && self.seen.approved_by.iter().any(|name| is(name)), Obstacle::Approved),
             (id_missing, Obstacle::ShortId),
-            (reason_needed && self.reason.text().trim().is_empty(), Obstacle::Reason),
+            (reason_needed && !is_visible(self.reason.text()), Obstacle::Reason),
             (self.focus != Focus::Hold, Obstacle::Typing),
         ];
         checks.into_iter().filter_map(|(stands, block)| stands.then_some(block)).collect()
@@ -258,13 +306,13 @@ impl Prompt {
         }
         let Some(who) = who else { return Err(Obstacle::NoIdentity) };
         let typed = self.reason.text().trim();
-        let reason = if typed.is_empty() { "evidence read at the console" } else { typed };
+        let reason = if !is_visible(typed) { "evidence read at the console" } else { typed };
         Ok(PromptAnswer {
             by: who.name.clone(),
             answer,
             reason: reason.to_owned(),
             over: self.seen.clone(),
-            shown: self.text().join("\n"),
+            shown: self.shown(),
         })
     }
 
@@ -279,11 +327,48 @@ impl Prompt {
         }
     }
 
-    /// As far as it can be scrolled: every line may take several rows of a narrow screen.
+    /// Notes what a frame had on the screen. A line counts as read once all of its rows were there.
+    pub fn saw(&mut self, seen: &OnScreen) {
+        let text = self.text();
+        self.reading.room = u16::try_from(seen.room).unwrap_or(u16::MAX);
+        self.reading.count = u16::try_from(seen.count).unwrap_or(u16::MAX);
+        self.scroll = u16::try_from(seen.first).unwrap_or(u16::MAX);
+        for row in &seen.rows {
+            let (from, to) = row.lines;
+            let Some(lines) = text.get(from..to) else { continue };
+            let rows = self.reading.rows.entry((seen.width, lines.join("\n"))).or_default();
+            rows.insert(row.at);
+            if rows.len() == row.of {
+                self.reading.lines.extend(lines.iter().cloned());
+            }
+        }
+    }
+
+    /// Lines that were not whole on the screen yet.
     #[must_use]
-    pub fn scroll_max(&self) -> u16 {
-        u16::try_from(self.text().iter().map(|line| line.chars().count() / 40 + 1).sum::<usize>())
-            .unwrap_or(u16::MAX)
+    pub fn unread(&self) -> usize {
+        self.text().iter().filter(|line| !self.reading.lines.contains(*line)).count()
+    }
+
+    /// What was on the screen, for the record; what was not is counted.
+    fn shown(&self) -> String {
+        let text = self.text();
+        let all = text.len();
+        let mut shown: Vec<String> =
+            text.into_iter().filter(|line| self.reading.lines.contains(line)).collect();
+        let unread = all - shown.len();
+        if unread > 0 {
+            shown.push(format!("({unread} of {all} lines were not on the screen)"));
+        }
+        shown.join("\n")
+    }
+
+    /// Scrolls by one row, or by as many as can be seen without passing one over.
+    pub fn scroll_by(&mut self, down: bool, page: bool) {
+        let step = if page { self.reading.room.saturating_sub(1).max(1) } else { 1 };
+        let most = self.reading.count.saturating_sub(self.reading.room);
+        self.scroll =
+            if down { self.scroll.saturating_add(step).min(most) } else { self.scroll.saturating_sub(step) };
     }
 
     /// The line that has the keys, if one has.

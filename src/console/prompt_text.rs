@@ -3,7 +3,7 @@
 //! The screen shows these lines and no others, and they are what is stored with the decision.
 
 use super::prompt::Prompt;
-use super::words::{kappa_line, reason_line, seconds};
+use super::words::{kappa_line, reason_line, seconds, standing};
 use holdpoint_engine::explain::is_in_favour;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::profile::titled;
@@ -57,7 +57,8 @@ impl Prompt {
             (Purpose::Release | Purpose::Review, None) => "There is no way back from it".to_owned(),
             (Purpose::Release | Purpose::Review, Some(back)) => format!("The way back is {back}"),
         });
-        lines.push(format!("Made by {}", seen.author));
+        let stands = standing(self.evidence.state, &self.evidence.flags);
+        lines.push(format!("It is {stands}; made by {}", seen.author));
         if let Some(deployment) = self.evidence.deployment {
             lines.push(format!("Deployment outcome so far: {deployment}"));
         }

@@ -239,7 +239,7 @@ impl Model {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.place.view, self.place.pane()) {
-            (View::Overview, STORY_PANE) => self.told.story.len(),
+            (View::Overview, STORY_PANE) => self.story().len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
@@ -255,8 +255,8 @@ impl Model {
     pub fn item_key(&self, row: usize) -> Option<ItemKey> {
         match (self.place.view, self.place.pane()) {
             (View::Overview, STORY_PANE) => {
-                let newest_first = self.told.story.len().checked_sub(row + 1)?;
-                self.told.story.get(newest_first).map(|line| ItemKey::Event(line.seq))
+                let newest_first = self.story().len().checked_sub(row + 1)?;
+                self.story().get(newest_first).map(|line| ItemKey::Event(line.seq))
             }
             (View::Overview, _) => {
                 self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
@@ -285,7 +285,7 @@ impl Model {
     pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
         match (self.place.view, self.place.pane(), key) {
             (View::Overview, STORY_PANE, ItemKey::Event(seq)) => {
-                self.told.story.iter().rev().position(|line| line.seq == *seq)
+                self.story().iter().rev().position(|line| line.seq == *seq)
             }
             (View::Overview, _, ItemKey::Version(id)) => {
                 self.pipeline_rows().iter().position(|row| row.version == *id)

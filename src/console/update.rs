@@ -31,7 +31,11 @@ const BACK_MAX: usize = 16;
 pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
     let by_itself = match &msg.what {
         // These change no list.
-        MsgKind::Tick | MsgKind::Picture(_) | MsgKind::Resize(..) | MsgKind::Theme(_) => None,
+        MsgKind::Tick
+        | MsgKind::Picture(_)
+        | MsgKind::Resize(..)
+        | MsgKind::Theme(_)
+        | MsgKind::DecisionShown(_) => None,
         MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
         MsgKind::EngineStarted
         | MsgKind::Events(_)
@@ -100,6 +104,12 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::Theme(name) => {
             model.settings.theme = name;
+            Vec::new()
+        }
+        MsgKind::DecisionShown(seen) => {
+            if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
+                prompt.saw(&seen);
+            }
             Vec::new()
         }
         MsgKind::EndAsked => vec![Effect::End],
@@ -295,9 +305,9 @@ fn next_theme(model: &mut Model) -> Vec<Effect> {
 fn freeze(model: &mut Model) -> Vec<Effect> {
     model.place.frozen = match (&model.place.frozen, &model.told.snapshot) {
         (None, Some(snapshot)) => Some(Frozen {
-            at_ms: model.now_ms,
+            at_ms: model.engine_ms(),
             snapshot: snapshot.clone(),
-            picture: model.told.picture.clone(),
+            story: model.told.story.clone(),
         }),
         (Some(_), _) | (None, None) => None,
     };

@@ -24,15 +24,49 @@ pub mod tour;
 
 use ratatui::layout::Rect;
 
-use super::look::{Glyph, ThemeRole};
+use super::action::Action;
+use super::look::{Glyph, Look, ThemeRole};
+use super::model::Model;
+use super::theme::Mark;
 use super::widgets::list::GUTTER;
-use super::widgets::pen::Pen;
-use super::widgets::row::{Row, safe};
+use super::widgets::pen::{Pen, below};
+use super::widgets::row::{Row, safe, wrap};
+use super::words::seconds;
+use holdpoint_governance::lifecycle::{Flags, State};
 
 /// Foreign text on one line of at most `width` columns.
 #[must_use]
 pub fn short(text: &str, width: usize) -> String {
     safe(text, width)
+}
+
+/// Says that a pane stands still, since when, and the key that lets it run; tells what is left of the area. Nothing is
+/// said while it runs.
+pub fn frozen(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
+    let Some(frozen) = &model.place.frozen else { return area };
+    let (glyph, since) = (pen.look.glyph(Glyph::Paused), seconds(frozen.at_ms));
+    let text = format!("{glyph} FROZEN since {since}, {} lets it run", model.keymap.key(Action::Freeze));
+    let lines = wrap(&text, usize::from(area.width), 2);
+    let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Stale, line)).collect();
+    let taken = pen.rows(area, 0, &rows);
+    below(area, taken)
+}
+
+/// Where a version stands, and what is told beside it; where there is little room, the last word of each.
+#[must_use]
+pub fn stands(state: State, flags: &Flags, room: usize, look: &Look) -> Row {
+    let (mark, beside) = (Mark::version(state, flags), Mark::beside(state, flags));
+    let row = Row::of(mark.role, &look.words(mark));
+    let Some(beside) = beside else { return row };
+    let row = row.with(beside.role, &format!("  {}", look.words(beside)));
+    if row.width() <= room {
+        return row;
+    }
+    let last = |mark: Mark| {
+        let word = mark.word.rsplit(' ').next().unwrap_or(mark.word);
+        format!("{} {word}", look.glyph(mark.glyph))
+    };
+    Row::of(mark.role, &last(mark)).with(beside.role, &format!(" {}", last(beside)))
 }
 
 /// An area without the columns that the mark of the cursor takes.

@@ -3,12 +3,12 @@
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::words::clock_time;
 
 /// Virtual time as hours, minutes and seconds since the store began.
 #[must_use]
 pub fn seconds(at_ms: u64) -> String {
-    let secs = at_ms / 1000;
-    format!("{:02}:{:02}:{:02}", secs / 3600, secs / 60 % 60, secs % 60)
+    clock_time(at_ms)
 }
 
 /// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.
@@ -68,7 +68,7 @@ pub fn standing(state: State, flags: &Flags) -> String {
         (flags.restricted, "restricted"),
         (flags.rollback_pending, "rolling back"),
         (flags.awaiting_approval, "awaiting approval"),
-        (flags.paused, "paused"),
+        (flags.paused, state.paused_word()),
     ];
     words.extend(flagged.into_iter().filter(|(is, _)| *is).map(|(_, word)| word.to_owned()));
     if let Some(stage) = flags.running {

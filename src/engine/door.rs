@@ -69,6 +69,9 @@ pub enum DoorError {
     /// The other side does not speak this protocol.
     #[error("{path:?} answers something else than expected: {problem}")]
     Protocol { path: PathBuf, problem: String },
+    /// The engine closed the connection and said why, and what to do.
+    #[error("the engine at {path:?} closed the connection: {text}")]
+    Closed { path: PathBuf, text: String },
     /// No answer in time.
     #[error(
         "the engine at {path:?} did not answer within {secs} s; whether the command was carried out is not known"
@@ -93,7 +96,11 @@ impl Hint for DoorError {
             Self::Taken { hint, .. } => Some((*hint).into()),
             Self::Protocol { .. } => Some("use the same version of holdpoint".into()),
             Self::Random(error) => error.hint(),
-            Self::Io { .. } | Self::Foreign { .. } | Self::NoAnswer { .. } | Self::Ended { .. } => None,
+            Self::Closed { .. }
+            | Self::Io { .. }
+            | Self::Foreign { .. }
+            | Self::NoAnswer { .. }
+            | Self::Ended { .. } => None,
         }
     }
 }

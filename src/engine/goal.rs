@@ -6,7 +6,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_runtime::agent::Goal;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Untrusted, is_visible};
 use serde::{Deserialize, Serialize};
 
 use crate::operations::REASON_BYTES_MAX;
@@ -37,9 +37,11 @@ pub(crate) fn set(
         Ok(goal) => goal,
         Err(error) => return refuse(Untrusted::new(error.to_string()).line().into_string()),
     };
-    let fits = |text: &str| !text.trim().is_empty() && text.len() <= REASON_BYTES_MAX;
+    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
     if !fits(&by) || !fits(&reason) {
-        return refuse(format!("a name and a reason are needed, of 1 to {REASON_BYTES_MAX} bytes each"));
+        return refuse(format!(
+            "a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
+        ));
     }
     let kept = GoalOnRecord { goal: goal.name().to_owned(), by, reason };
     let body = serde_json::json!(kept).to_string();

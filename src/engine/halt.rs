@@ -8,7 +8,7 @@ use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_registry::{AuditFilter, StoreError, Views};
-use holdpoint_text::Hint;
+use holdpoint_text::{Hint, is_visible};
 use serde::{Deserialize, Serialize};
 
 use crate::caller;
@@ -95,9 +95,10 @@ pub(crate) fn go(
     if world.halted.is_none() {
         return refuse(Refusal::NotNow, "the cell is not stopped");
     }
-    let fits = |text: &str| !text.trim().is_empty() && text.len() <= REASON_BYTES_MAX;
+    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
     if !fits(&by) || !fits(&reason) {
-        let text = format!("a name and a reason are needed, of 1 to {REASON_BYTES_MAX} bytes each");
+        let text =
+            format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return refuse(Refusal::BadInput, &text);
     }
     let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();

@@ -21,14 +21,11 @@ use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::command::{Operation, Refusal, Reply};
+use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{ActiveCause, StoreError};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Untrusted;
-
-/// Paces of the live world, simulated seconds in a second.
-const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+use holdpoint_text::{Untrusted, is_visible};
 
 /// The longest reason and name of a person, bytes.
 pub(crate) const REASON_BYTES_MAX: usize = 4096;
@@ -72,11 +69,11 @@ pub(crate) fn registered_event(capability: &Capability) -> EventKind {
 /// The version an operation is about, if the operation is well formed and there is such a version.
 pub(crate) fn checked(record: &Record, operation: &Operation) -> Result<CapabilityId, Fault> {
     let long = operation.reason.len() > REASON_BYTES_MAX || operation.by.len() > REASON_BYTES_MAX;
-    if operation.reason.trim().is_empty() || operation.by.trim().is_empty() || long {
+    if !is_visible(&operation.reason) || !is_visible(&operation.by) || long {
         return Err(Fault::Store(StoreError::Invalid {
             what: "reason and name",
             value: String::new(),
-            allowed: "1 to 4096 bytes each".to_owned(),
+            allowed: "1 to 4096 bytes each, of which something can be seen".to_owned(),
         }));
     }
     record.ledger().version(&operation.version)?;
@@ -103,7 +100,8 @@ pub(crate) fn transition(
 pub(crate) fn pause(record: &mut Record, operation: &Operation) -> Result<Reply, Fault> {
     let id = checked(record, operation)?;
     let (_, standing, _) = record.ledger().version(&id)?;
-    if standing.state == State::Active && !standing.flags.provisional {
+    let works = standing.state == State::Active;
+    if works && !standing.flags.paused && !standing.state.may_pause(&standing.flags) {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} is active and confirmed: there is nothing it could be kept from"),
@@ -112,7 +110,14 @@ pub(crate) fn pause(record: &mut Record, operation: &Operation) -> Result<Reply,
             ),
         });
     }
-    transition(record, operation, "paused", |version| LifecycleEvent::Pause { version })
+    let reply = transition(record, operation, "paused", |version| LifecycleEvent::Pause { version })?;
+    Ok(match reply {
+        Reply::Accepted { version, .. } if works => Reply::Accepted {
+            text: format!("{id} keeps the arm, provisionally; its promotion is paused"),
+            version,
+        },
+        other => other,
+    })
 }
 
 /// A version that was paused, or that the gate or an unanswered question holds, goes on where it stands.
@@ -123,9 +128,9 @@ pub(crate) fn resume(
 ) -> Result<Reply, Fault> {
     let id = checked(record, operation)?;
     let (_, standing, _) = record.ledger().version(&id)?;
-    let (state, held) = (standing.state, dossiers.is_held(&id));
-    let is_candidate = !matches!(state, State::Active | State::Superseded) && !state.is_terminal();
-    if standing.flags.paused || !(held && is_candidate) {
+    let held_alone =
+        !standing.flags.paused && standing.state.may_resume(&standing.flags, dossiers.is_held(&id));
+    if !held_alone {
         let reply = transition(record, operation, "resumed", |version| LifecycleEvent::Resume { version })?;
         dossiers.edit(&id).held = false;
         return Ok(reply);
@@ -244,22 +249,24 @@ pub(crate) fn drift(
     let body = serde_json::json!({ "kind": kind, "magnitude": much }).to_string();
     record.note(RecordKind::Drift, String::new(), body)?;
     record.tell(EventKind::Drift { kind, magnitude });
-    Ok(Reply::Accepted { text: "the drift has set in".to_owned(), version: None })
+    let text =
+        kind.map_or_else(|| "the drift has ended".to_owned(), |kind| format!("the drift {kind} has set in"));
+    Ok(Reply::Accepted { text, version: None })
 }
 
 /// How fast the live world works from the next sequence on.
 pub(crate) fn set_pace(record: &mut Record, world: &mut LiveWorld, times: Option<f64>) -> Reply {
     let refuse = |code, text: String| Reply::Refused { code, text, hint: None };
-    if !world.is_paced() {
-        let text = "the live world of this engine works in step with it and has no pace".to_owned();
-        return refuse(Refusal::NotNow, text);
-    }
     if let Some(times) = times.filter(|times| !PACE_ALLOWED.contains(times)) {
         let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
         return refuse(
             Refusal::BadInput,
             format!("the pace {times} is not allowed; {least} to {most}, or none, are"),
         );
+    }
+    if !world.is_paced() {
+        let text = "the live world of this engine works in step with it and has no pace".to_owned();
+        return refuse(Refusal::NotNow, text);
     }
     world.set_pace(times);
     record.tell(EventKind::Pace { times });
@@ -276,7 +283,9 @@ pub(crate) fn live_fault(
     let body = serde_json::json!({ "fault": fault }).to_string();
     record.note(RecordKind::LiveFault, String::new(), body)?;
     record.tell(EventKind::LiveFault { fault });
-    Ok(Reply::Accepted { text: "the fault has set in".to_owned(), version: None })
+    let text = fault
+        .map_or_else(|| "the fault is mended".to_owned(), |fault| format!("the fault {fault} has set in"));
+    Ok(Reply::Accepted { text, version: None })
 }
 
 #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]

@@ -11,6 +11,7 @@ use super::decision::{Dimension, Reason, ReasonCode};
 use super::ids::Digest;
 use super::profile::ApprovalSettings;
 use super::submission::Risk;
+use holdpoint_text::is_visible;
 
 /// What an approval is over. A change of any of these voids it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -219,7 +220,7 @@ pub fn evaluate(
             reasons.push(reason(ReasonCode::ApprovalDuplicate, text));
             continue;
         }
-        if vote.break_glass && settings.break_glass && !vote.reason.trim().is_empty() {
+        if vote.break_glass && settings.break_glass && is_visible(&vote.reason) {
             glass = Some(vote);
         }
         safety |= vote.role == Role::Safety;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::profile::ProfileName;
 
 mod apply;
+mod pausing;
 mod rules;
 
 pub use apply::apply;

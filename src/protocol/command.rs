@@ -17,6 +17,9 @@ use holdpoint_text::Hint;
 
 pub use super::caller::Caller;
 
+/// The paces of the simulated live world, simulated seconds in a second.
+pub const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
 /// Something asked of the engine. A command grants nothing: the engine checks every one of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "command", deny_unknown_fields)]
@@ -178,11 +181,22 @@ pub enum Command {
         limit: u64,
     },
     /// Check the whole audit chain and the views that follow from it.
+    #[serde(deserialize_with = "nothing_more")]
     VerifyAudit,
     /// The state of the whole engine at this moment.
+    #[serde(deserialize_with = "nothing_more")]
     Snapshot,
     /// End in an orderly way: nothing is approved or activated by it.
+    #[serde(deserialize_with = "nothing_more")]
     Shutdown,
+}
+
+/// A command without fields refuses those it does not know, as the others do: the derived code would pass over them.
+fn nothing_more<'de, D: serde::Deserializer<'de>>(from: D) -> Result<(), D::Error> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Nothing {}
+    Nothing::deserialize(from).map(|Nothing {}| ())
 }
 
 /// Which version, by whom and why.
@@ -394,6 +408,99 @@ impl Command {
             | Self::VerifyAudit
             | Self::Snapshot
             | Self::Shutdown => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use crate::wire::Call;
+
+    fn call(command: &Value) -> Value {
+        json!({ "call": "ask", "request": { "id": "r1", "command": command } })
+    }
+
+    fn read(call: &Value) -> Result<Call, serde_json::Error> {
+        serde_json::from_str(&call.to_string())
+    }
+
+    /// A command of each kind, as a client writes it.
+    fn commands() -> Vec<Value> {
+        let operation = |name: &str| json!({ "command": name, "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
+        let mut all: Vec<Value> =
+            ["reject", "rollback", "vacate", "pause", "resume", "restrict", "rearm", "continue"]
+                .map(operation)
+                .into();
+        let about = json!({ "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
+        all.extend([
+            json!({ "command": "register", "name": "x",
+                "package": { "manifest": "", "submission": "", "params": "" } }),
+            json!({ "command": "demote", "operation": about, "profiles": [] }),
+            json!({ "command": "release", "operation": about, "profiles": [] }),
+            json!({ "command": "repeat", "operation": about, "stage": "sandbox" }),
+            json!({ "command": "drift", "kind": null, "magnitude": "" }),
+            json!({ "command": "live-fault", "fault": null }),
+            json!({ "command": "acknowledge-alarm", "alarm": "x", "by": "ana" }),
+            json!({ "command": "reset-alarm", "alarm": "x", "by": "ana", "reason": "r" }),
+            json!({ "command": "shelve-alarm", "alarm": "x", "by": "ana", "for_ms": 1, "reason": "r" }),
+            json!({ "command": "unshelve-alarm", "alarm": "x", "by": "ana" }),
+            json!({ "command": "stop", "by": "", "reason": "" }),
+            json!({ "command": "go", "by": "ana", "reason": "r" }),
+            json!({ "command": "goal", "goal": "grasp", "by": "ana", "reason": "r" }),
+            json!({ "command": "pace", "times": null }),
+            json!({ "command": "detail", "version": "grasp@1.0.0" }),
+            json!({ "command": "registry", "group": "all", "text": "", "offset": 0, "limit": 1 }),
+            json!({ "command": "audit", "before": null, "subject": "", "limit": 1 }),
+            json!({ "command": "verify-audit" }),
+            json!({ "command": "snapshot" }),
+            json!({ "command": "shutdown" }),
+            decision(),
+        ]);
+        all
+    }
+
+    fn decision() -> Value {
+        let digest = "a".repeat(64);
+        let approval = json!({ "who": "ana", "role": "engineer", "decision": "approve", "reason": "r",
+            "version": "grasp@1.0.0", "candidate_digest": digest, "row_version": 1, "evidence_digest": digest,
+            "policy_digest": digest, "profile": "human", "store_id": "s", "nonce": "b".repeat(32),
+            "not_after_ms": 1, "break_glass": false });
+        let signed = json!({ "approval": approval, "public_key": "", "signature": "" });
+        json!({ "command": "decide", "signed": signed, "shown": null })
+    }
+
+    /// Adds a field that nobody knows to every object within, one at a time.
+    fn spoilt(value: &Value) -> Vec<Value> {
+        let Value::Object(fields) = value else { return Vec::new() };
+        let mut all = Vec::new();
+        let mut more = fields.clone();
+        more.insert("unknown".to_owned(), json!(1));
+        all.push(Value::Object(more));
+        for (name, inner) in fields {
+            all.extend(spoilt(inner).into_iter().map(|inner| {
+                let mut other = fields.clone();
+                other.insert(name.clone(), inner);
+                Value::Object(other)
+            }));
+        }
+        all
+    }
+
+    #[test]
+    fn every_request_refuses_fields_that_it_does_not_know() {
+        let kinds: std::collections::BTreeSet<String> =
+            commands().iter().map(|command| command["command"].to_string()).collect();
+        let schema = serde_json::to_value(schemars::schema_for!(super::Command)).unwrap();
+        assert_eq!(kinds.len(), schema["oneOf"].as_array().unwrap().len(), "one of each kind: {kinds:?}");
+        let mut calls: Vec<Value> = commands().iter().map(call).collect();
+        calls.push(json!({ "call": "subscribe" }));
+        for call in calls {
+            assert!(read(&call).is_ok(), "{call}: {:?}", read(&call));
+            for wrong in spoilt(&call) {
+                assert!(read(&wrong).is_err(), "{wrong}");
+            }
         }
     }
 }

@@ -2,6 +2,8 @@
 //!
 //! What has not been measured is absent, never zero.
 
+use std::cmp::Reverse;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -345,6 +347,34 @@ pub struct AlarmView {
     pub chattering: bool,
 }
 
+impl AlarmView {
+    /// Its place in the order of attention, the least first: the more urgent; of these what nobody has acknowledged;
+    /// of these what is still there; of these the newest.
+    #[must_use]
+    pub const fn attention(&self) -> (Priority, bool, bool, Reverse<u64>) {
+        (self.priority, !self.state.calls(), !self.state.is_present(), Reverse(self.since_ms))
+    }
+}
+
+impl Snapshot {
+    /// The alarm that is told first where there is room for one; absent if every alarm is normal or set aside.
+    #[must_use]
+    pub fn foremost_alarm(&self) -> Option<&AlarmView> {
+        foremost(self.alarms.iter())
+    }
+}
+
+fn foremost<'a>(alarms: impl Iterator<Item = &'a AlarmView>) -> Option<&'a AlarmView> {
+    let told = alarms.filter(|alarm| match alarm.state {
+        AlarmState::Unacknowledged
+        | AlarmState::ReturnedUnacknowledged
+        | AlarmState::Acknowledged
+        | AlarmState::Latched => true,
+        AlarmState::Normal | AlarmState::Shelved => false,
+    });
+    told.min_by_key(|alarm| alarm.attention())
+}
+
 /// What the live world is doing, and how it went lately.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LiveView {
@@ -394,4 +424,78 @@ pub struct MonitorView {
     /// Whether the first warning takes the version off without asking.
     #[serde(default)]
     pub coupled: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn alarm(priority: Priority, state: AlarmState, since_ms: u64) -> AlarmView {
+        AlarmView {
+            alarm: String::new(),
+            subject: String::new(),
+            state,
+            priority,
+            text: String::new(),
+            since_ms,
+            state_below: state,
+            latching: false,
+            acknowledged_by: None,
+            shelf: None,
+            raises: 1,
+            chattering: false,
+        }
+    }
+
+    /// Whether `one` has to be told before `other`, spelt out and not as the code has it.
+    fn comes_before(one: &AlarmView, other: &AlarmView) -> bool {
+        let urgency = |alarm: &AlarmView| Priority::ALL.iter().position(|known| *known == alarm.priority);
+        if one.priority != other.priority {
+            return urgency(one) < urgency(other);
+        }
+        let unseen = |alarm: &AlarmView| {
+            matches!(alarm.state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged)
+        };
+        if unseen(one) != unseen(other) {
+            return unseen(one);
+        }
+        let stands =
+            |alarm: &AlarmView| matches!(alarm.state, AlarmState::Unacknowledged | AlarmState::Acknowledged);
+        if stands(one) != stands(other) {
+            return stands(one);
+        }
+        one.since_ms > other.since_ms
+    }
+
+    /// Every set of up to three alarms of every priority and state, older and newer, in every order.
+    #[test]
+    fn no_alarm_has_to_be_told_before_the_foremost_one() {
+        let mut kinds = Vec::new();
+        for priority in Priority::ALL {
+            for state in AlarmState::ALL {
+                kinds.extend([10, 20].map(|since_ms| alarm(priority, state, since_ms)));
+            }
+        }
+        let hidden = |alarm: &AlarmView| matches!(alarm.state, AlarmState::Normal | AlarmState::Shelved);
+        let check = |set: &[&AlarmView]| {
+            let told: Vec<&AlarmView> = set.iter().copied().filter(|alarm| !hidden(alarm)).collect();
+            match foremost(set.iter().copied()) {
+                None => assert!(told.is_empty(), "{set:?}"),
+                Some(first) => {
+                    assert!(told.contains(&first), "{set:?}");
+                    assert!(!told.iter().any(|other| comes_before(other, first)), "{first:?} of {set:?}");
+                }
+            }
+        };
+        check(&[]);
+        for one in &kinds {
+            check(&[one]);
+            for two in &kinds {
+                check(&[one, two]);
+                for three in &kinds {
+                    check(&[one, two, three]);
+                }
+            }
+        }
+    }
 }

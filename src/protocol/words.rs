@@ -261,6 +261,13 @@ fn text(kind: &EventKind) -> String {
     }
 }
 
+/// Virtual time as hours, minutes and seconds since the store began: `00:12:41`.
+#[must_use]
+pub fn clock_time(at_ms: u64) -> String {
+    let secs = at_ms / 1000;
+    format!("{:02}:{:02}:{:02}", secs / 3600, secs / 60 % 60, secs % 60)
+}
+
 fn listed<T: ToString>(items: &[T]) -> String {
     if items.is_empty() {
         return "none".to_owned();

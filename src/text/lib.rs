@@ -19,7 +19,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 pub use hint::{Hint, Problem};
-pub use sanitise::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, sanitise};
+pub use sanitise::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, is_visible, sanitise};
 
 /// The width, in columns, for errors, logs and other places without a width of their own.
 pub const LINE_WIDTH_MAX: usize = 240;
@@ -42,10 +42,10 @@ impl Untrusted {
         &self.0
     }
 
-    /// Whether there is nothing but white space.
+    /// Whether a reader sees nothing of it (see [`is_visible`]).
     #[must_use]
     pub fn is_blank(&self) -> bool {
-        self.0.trim().is_empty()
+        !is_visible(&self.0)
     }
 
     /// The text on one line of at most `width_max` columns (see [`sanitise`]).
@@ -147,5 +147,31 @@ mod tests {
         assert_eq!(shown(2), ["one", "…"]);
         assert!(shown(0).is_empty());
         assert!(Untrusted::new(" \n").is_blank());
+    }
+
+    #[test]
+    fn what_nobody_sees_is_blank() {
+        let unseen = [
+            "",
+            " \t\n",
+            "\u{200b}",
+            "\u{200b}\u{200d}\u{feff} ",
+            "\u{2060}",
+            "\u{ad}",
+            "\u{202e}",
+            "\u{3164}",
+            "\u{2800}",
+            "\u{a0}\u{3000}",
+            "\u{301}\u{301}",
+            "\u{7}\u{1b}",
+            "\u{e0041}",
+            "\u{fe0f}",
+        ];
+        for text in unseen {
+            assert!(Untrusted::new(text).is_blank() && !is_visible(text), "{text:?}");
+        }
+        for text in ["x", "\u{200b}ok\u{200b}", "é", "漢", "."] {
+            assert!(is_visible(text), "{text:?}");
+        }
     }
 }

@@ -98,6 +98,13 @@ fn is_printable(ch: char) -> bool {
     std::str::from_utf8(&buffer[..end]).is_ok_and(|text| text.escape_debug().nth(1) != Some('\\'))
 }
 
+/// Whether a reader sees anything of it: white space, control and zero-width characters are nothing to see, and
+/// neither is what is drawn as a blank. A reason is text of which this is so.
+#[must_use]
+pub fn is_visible(text: &str) -> bool {
+    text.chars().any(|ch| !ch.is_whitespace() && !needs_escape(ch) && ch.width().unwrap_or(0) > 0)
+}
+
 /// JSON text in which every such character is a `\uXXXX` escape: the same value, safe on a terminal.
 ///
 /// `json` must be JSON; there, characters like these can stand inside strings alone.

@@ -236,7 +236,10 @@ fn idle_connections_lock_nobody_out() {
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     let rolled_back = connect().ask(Command::Rollback(operation("grasp@1.0.0"))).unwrap();
     assert_eq!(refusal(&rolled_back), Refusal::NotNow, "it is the last one: {rolled_back:?}");
-    assert!(format!("{rolled_back:?}").contains("last version of grasp"), "the engine itself answered: {rolled_back:?}");
+    assert!(
+        format!("{rolled_back:?}").contains("last version of grasp"),
+        "the engine itself answered: {rolled_back:?}"
+    );
     drop((told, idle));
     front.host.stop(PATIENCE).unwrap();
 }

@@ -117,7 +117,8 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let mut held = support::snapshot();
     held.holding = Some("paused by grace: lens is being cleaned".to_owned());
     held.profile = ProfileName::Real;
-    doubtful.place.frozen = Some(Frozen { at_ms: 46_000, snapshot: Arc::new(held.clone()), picture: None });
+    doubtful.place.frozen =
+        Some(Frozen { at_ms: 700_000, snapshot: Arc::new(held.clone()), story: doubtful.told.story.clone() });
     doubtful.told.snapshot = Some(Arc::new(held));
     doubtful.told.snapshot_ms = 48_000;
     doubtful.settings.read_only = true;

@@ -7,6 +7,7 @@
 )]
 
 mod console;
+mod live;
 mod replay;
 mod support;
 

@@ -9,7 +9,9 @@ use holdpoint::cli::{Cli, Exit};
 use holdpoint::console::action::Action;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::protocol::schema::documents;
 use holdpoint::protocol::wire::PROTOCOL;
+use serde_json::Value;
 
 use crate::data::{names, root, scenarios};
 use crate::report;
@@ -164,6 +166,40 @@ fn commands_refusals_and_events_are_the_protocols() {
         let said: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
         let there = variants(file, name);
         assert!(there.len() > 5, "{name}: {there:?}");
+        assert_eq!(said, there, "{heading}");
+    }
+}
+
+/// The fields of each variant of a document that is told apart by `tag`, as its schema has them.
+fn fields_of(document: &str, tag: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let schema = documents().into_iter().find(|(name, _)| *name == document).unwrap().1.to_value();
+    let names = |value: &Value| -> BTreeSet<String> {
+        value["properties"].as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
+    };
+    let variants = schema["oneOf"].as_array().unwrap().iter();
+    let fields = variants.map(|variant| {
+        let mut fields = names(variant);
+        // What several commands have in common is a type of its own.
+        if let Some(shared) = variant["$ref"].as_str().and_then(|path| path.strip_prefix('#')) {
+            fields.extend(names(schema.pointer(shared).unwrap()));
+        }
+        assert!(fields.remove(tag), "{variant}");
+        (variant["properties"][tag]["const"].as_str().unwrap().to_owned(), fields)
+    });
+    fields.collect()
+}
+
+#[test]
+fn fields_of_commands_and_events_are_the_schemas() {
+    for (heading, document, tag) in
+        [("Fields of commands", "command", "command"), ("Fields of events", "event", "event")]
+    {
+        let there = fields_of(document, tag);
+        assert!(there.len() > 20 && there.values().any(|fields| fields.len() > 3), "{document}: {there:?}");
+        let said: BTreeMap<String, BTreeSet<String>> = table("src/guide/events.md", heading)
+            .iter()
+            .map(|row| (quoted(&row[0]).concat(), quoted(&row[1]).into_iter().collect()))
+            .collect();
         assert_eq!(said, there, "{heading}");
     }
 }

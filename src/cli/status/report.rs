@@ -14,11 +14,11 @@ use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, Snapshot, StoppedView};
+use holdpoint_protocol::words::clock_time;
 use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
 use holdpoint_text::Untrusted;
 
@@ -54,6 +54,10 @@ pub(super) struct FamilyStatusRow {
     pub(super) safe_stopped: Option<String>,
     /// Episodes worked and needed, while the active version is provisional and an engine runs.
     pub(super) provisional_episodes: Option<(u32, u32)>,
+    /// Whether the active version is provisional: it works, and is not confirmed.
+    pub(super) provisional: bool,
+    /// Whether somebody holds the promotion of the active version, which works on.
+    pub(super) promotion_paused: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -132,10 +136,16 @@ impl StatusReport {
         let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
         let rows = versions.iter().filter(|version| wanted(&version.version));
         let families = views.families().map_err(CliError::usage)?;
+        let flags = |active: Option<&CapabilityId>| {
+            let found = versions.iter().find(|version| Some(&version.version) == active);
+            found.map_or_else(Flags::default, |version| version.flags)
+        };
         let families = families
             .into_iter()
             .filter(|status| family_of.as_ref().is_none_or(|name| *name == status.name))
             .map(|status| FamilyStatusRow {
+                provisional: flags(status.active.as_ref()).provisional,
+                promotion_paused: flags(status.active.as_ref()).paused,
                 provisional_episodes: engine.and_then(|engine| {
                     engine.families.iter().find(|view| view.family.as_str() == status.name)?.provisional
                 }),
@@ -218,8 +228,8 @@ impl StatusReport {
 
 fn stopped_line(stopped: &StoppedView) -> String {
     let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
-    let since = stopped.since_ms / 1000;
-    let mut line = format!("STOPPED  by {by}, {}, since {since} s", stopped.caller);
+    let since = clock_time(stopped.since_ms);
+    let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);
     if !stopped.reason.is_empty() {
         line.push_str(&format!(": {}", stopped.reason));
     }
@@ -237,8 +247,15 @@ impl FamilyStatusRow {
             name(&self.active),
             name(&self.rollback_target)
         );
-        if let Some((worked, needed)) = self.provisional_episodes {
-            line.push_str(&format!(", provisional {worked} of {needed} episodes"));
+        match self.provisional_episodes {
+            Some((worked, needed)) => {
+                line.push_str(&format!(", provisional {worked} of {needed} episodes"));
+            }
+            None if self.provisional => line.push_str(", provisional"),
+            None => {}
+        }
+        if self.promotion_paused {
+            line.push_str(", its promotion paused");
         }
         if let Some(why) = &self.safe_stopped {
             line.push_str(&format!(", SAFE-STOPPED: {why}"));
@@ -285,7 +302,7 @@ impl VersionRow {
             line.push_str(&format!(", running {stage}"));
         }
         let flags = [
-            (self.paused, "paused"),
+            (self.paused, self.state.paused_word()),
             (self.awaiting_approval, "awaiting approval"),
             (self.provisional, "provisional"),
             (self.restricted, "restricted"),

@@ -1,10 +1,11 @@
 //! Where the operator is: the view, its pane, row and filter, the version it is about, and how charts stand.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use super::told::StoryLine;
+
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::Snapshot;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -61,15 +62,16 @@ impl View {
     }
 }
 
-/// Charts that stand still.
+/// What stands still: shadow's charts and disagreements, and the story. Who has the arm, alarms, stops, holds and
+/// questions never do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frozen {
-    /// Console time of the freeze, ms.
+    /// The engine's virtual time of the freeze, ms.
     pub at_ms: u64,
-    /// What is shown meanwhile.
+    /// What the charts show meanwhile.
     pub snapshot: Arc<Snapshot>,
-    /// What is shown meanwhile.
-    pub picture: Option<Arc<Picture>>,
+    /// What the story tells meanwhile.
+    pub story: VecDeque<StoryLine>,
 }
 
 /// The pane of the overview that tells the story.
@@ -119,7 +121,7 @@ pub struct ViewState {
     pub filters: BTreeMap<View, String>,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.
     pub chosen: Option<CapabilityId>,
-    /// Charts that stand still.
+    /// What stands still, if the operator froze it.
     pub frozen: Option<Frozen>,
     /// Halvings of the charts' range.
     pub zoom: u8,

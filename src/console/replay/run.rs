@@ -198,6 +198,7 @@ impl Showing {
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
             | msg::MsgKind::Theme(_)
+            | msg::MsgKind::DecisionShown(_)
             | msg::MsgKind::EndAsked
             | msg::MsgKind::Tick => ReplayMsgKind::Tick,
         };

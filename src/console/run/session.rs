@@ -19,8 +19,9 @@ use crate::effect::Effect;
 use crate::effects::{EffectTarget, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{Model, View};
+use crate::model::{Model, Overlay, View};
 use crate::msg::{Msg, MsgKind};
+use crate::prompt::OnScreen;
 use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{Ending, RunningGuard};
 use crate::theme::Themes;
@@ -229,7 +230,7 @@ impl Session {
     fn picture(&mut self) {
         let newest = self.hands.host.pictures.borrow_and_update().clone();
         let Some(picture) = newest else { return };
-        let seen = self.model.place.view == View::Overview && self.model.place.frozen.is_none();
+        let seen = self.model.place.view == View::Overview;
         self.fold_one(MsgKind::Picture(picture));
         if seen {
             self.pace.want(Want::Picture);
@@ -303,11 +304,30 @@ impl Session {
         #[cfg(debug_assertions)]
         fail_if_asked(&self.model);
         let (model, look) = (&self.model, &self.look);
-        let drawn = self.screen.draw(|area, buffer| frame::draw(model, look, area, buffer));
+        let mut seen = None;
+        let drawn = self.screen.draw(|area, buffer| {
+            frame::draw(model, look, area, buffer);
+            seen = frame::decision_on_screen(model, look, area);
+        });
         // The pace counts from the end of a frame: a slow terminal gets fewer.
         self.pace.drawn(self.now_ms());
         if drawn.is_err() {
             self.told_to_end(true);
+        } else if let Some(seen) = seen {
+            self.decision_shown(seen);
+        }
+    }
+
+    /// What was really on the screen counts as read. The next frame says what is left.
+    fn decision_shown(&mut self, seen: OnScreen) {
+        let unread = |model: &Model| match &model.entry.overlay {
+            Some(Overlay::Prompt(prompt)) => prompt.unread(),
+            Some(Overlay::Palette(_) | Overlay::Form(_)) | None => 0,
+        };
+        let before = unread(&self.model);
+        self.fold_one(MsgKind::DecisionShown(seen));
+        if unread(&self.model) != before {
+            self.pace.want(Want::Key);
         }
     }
 

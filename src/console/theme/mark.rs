@@ -61,13 +61,12 @@ impl Mark {
     /// Of a profile that this build does not know: treated as the gravest.
     pub const NO_PROFILE: Self = mark(Glyph::Unknown, "UNKNOWN", ThemeRole::BannerHuman);
 
-    /// Of a version: what asks for attention first, then what runs, then where it stands.
+    /// Of a version: what asks for attention first, then what runs, then where it stands. Of one that has the arm
+    /// nothing takes the place of that it has it: see [`Mark::beside`].
     #[must_use]
     pub const fn version(state: State, flags: &Flags) -> Self {
         match state {
             _ if flags.rollback_pending => mark(Glyph::Warning, "rolling back", ThemeRole::Bad),
-            _ if flags.paused => mark(Glyph::Paused, "held", ThemeRole::Held),
-            _ if flags.awaiting_approval => mark(Glyph::Waiting, "awaiting approval", ThemeRole::Waiting),
             State::Active if flags.restricted => {
                 mark(Glyph::Warning, "active, restricted", ThemeRole::Warning)
             }
@@ -77,13 +76,38 @@ impl Mark {
             State::Active => mark(Glyph::Good, "active", ThemeRole::Good),
             State::Rejected => mark(Glyph::Bad, "rejected", ThemeRole::Bad),
             State::RolledBack => mark(Glyph::Bad, "rolled back", ThemeRole::Bad),
-            State::Demoted => mark(Glyph::Warning, "demoted", ThemeRole::Warning),
             State::Superseded => mark(Glyph::Neutral, "superseded", ThemeRole::Muted),
+            _ if flags.paused => mark(Glyph::Paused, "held", ThemeRole::Held),
+            _ if flags.awaiting_approval => mark(Glyph::Waiting, "awaiting approval", ThemeRole::Waiting),
+            State::Demoted => mark(Glyph::Warning, "demoted", ThemeRole::Warning),
             _ if flags.running.is_some() => mark(Glyph::Running, "running", ThemeRole::Running),
             State::Registered => mark(Glyph::Neutral, "registered", ThemeRole::Text),
             State::Validated => mark(Glyph::Neutral, "validated", ThemeRole::Text),
             State::Sandboxed => mark(Glyph::Neutral, "sandboxed", ThemeRole::Text),
             State::Shadowed => mark(Glyph::Neutral, "shadowed", ThemeRole::Text),
+        }
+    }
+
+    /// What is told beside the mark of a version that has the arm: that its promotion is held, or that people are
+    /// asked about it.
+    #[must_use]
+    pub const fn beside(state: State, flags: &Flags) -> Option<Self> {
+        match state {
+            State::Active if flags.paused => {
+                Some(mark(Glyph::Paused, State::Active.paused_word(), ThemeRole::Held))
+            }
+            State::Active if flags.awaiting_approval => {
+                Some(mark(Glyph::Waiting, "awaiting approval", ThemeRole::Waiting))
+            }
+            State::Active
+            | State::Registered
+            | State::Validated
+            | State::Sandboxed
+            | State::Shadowed
+            | State::Demoted
+            | State::Rejected
+            | State::RolledBack
+            | State::Superseded => None,
         }
     }
 

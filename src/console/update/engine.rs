@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{asking, tell};
+use super::{asking, operating, tell};
 use crate::effect::{Effect, Question};
 use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
@@ -27,6 +27,9 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if matches!(event.kind, EventKind::Progress { .. }) {
             continue;
         }
+        if let EventKind::CellStopped { by, .. } = &event.kind {
+            operating::stopped_again(model, by, event.at_ms);
+        }
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.asking.changes += 1;
         }
@@ -49,6 +52,7 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
     }
     model.told.snapshot_ms = model.now_ms;
     model.told.snapshot = Some(snapshot);
+    operating::follow(model);
     if calls { vec![Effect::Bell] } else { Vec::new() }
 }
 

@@ -177,7 +177,7 @@ pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
         .iter()
         .enumerate()
         .filter(|(_, item)| item.alarm().state.calls())
-        .min_by_key(|(_, item)| item.alarm().priority)
+        .min_by_key(|(_, item)| item.alarm().attention())
         .map(|(row, _)| row);
     let effects = show(model, View::Alarms);
     match highest {
@@ -201,8 +201,8 @@ pub(super) fn copied(model: &Model) -> Option<String> {
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
         View::Overview if model.place.pane() == STORY_PANE => {
-            let newest_first = model.told.story.len().checked_sub(model.row() + 1)?;
-            model.told.story.get(newest_first).map(|told| told.text.clone())
+            let newest_first = model.story().len().checked_sub(model.row() + 1)?;
+            model.story().get(newest_first).map(|told| told.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             model.version_here().map(|version| version.to_string())

@@ -3,13 +3,14 @@
 use super::{asking, refuse, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
-use crate::form::{Abort, Confirmed, Form, Intent};
+use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
 use crate::model::{AskedFor, EngineState, Model, Overlay};
 use crate::prompt::Prompt;
 use crate::words::{seconds, standing};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::snapshot::{AlarmView, StoppedView};
 
 /// Hands a confirmed operation to the engine.
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
@@ -21,7 +22,11 @@ pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> 
         .collect()
 }
 
+/// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
 fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
+    if intent.needs_person() && model.seat.operator.is_none() {
+        return refuse(model, &format!("{NOBODY}: {}", intent.title()));
+    }
     model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
     model.entry.typing = None;
     Vec::new()
@@ -48,34 +53,100 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
 
 /// Opens the form that lets a stopped cell work again.
 pub(super) fn go(model: &mut Model) -> Vec<Effect> {
-    let Some(stopped) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone()) else {
-        return refuse(model, "the cell is not stopped");
-    };
-    let by = if stopped.by.is_empty() { "somebody".to_owned() } else { stopped.by };
-    let why = if stopped.reason.is_empty() { String::new() } else { format!(": {}", stopped.reason) };
-    let lines = vec![
-        format!("Stopped by {by}, {}, since {}{why}", stopped.caller, seconds(stopped.since_ms)),
-        "The arm moves again at once; make sure that nobody is in the cell".to_owned(),
-    ];
-    open(model, Intent::Go, lines)
+    let stopped = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone());
+    match stopped {
+        Some(stopped) => open(model, Intent::Go(stopped.since_ms), stop_lines(&stopped)),
+        None => refuse(model, "the cell is not stopped"),
+    }
 }
 
-/// Where a version stands, from whatever knows it.
-fn stands(model: &Model, id: &CapabilityId) -> Option<(State, Flags)> {
-    if let Some(candidate) = model.candidate(id) {
-        return Some((candidate.state, candidate.flags));
+/// Who stopped the cell, and what letting it work does.
+fn stop_lines(stopped: &StoppedView) -> Vec<String> {
+    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
+    let why = if stopped.reason.is_empty() { String::new() } else { format!(": {}", stopped.reason) };
+    vec![
+        format!("Stopped by {by}, {}, since {}{why}", stopped.caller, seconds(stopped.since_ms)),
+        "The arm moves again at once; make sure that nobody is in the cell".to_owned(),
+    ]
+}
+
+/// Holds the open form against how things stand: what it says follows them. What is no more possible, or would now be
+/// something else, closes it with a word.
+pub(super) fn follow(model: &mut Model) {
+    let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
+    match now(model, &form.intent) {
+        Ok(consequences) => {
+            if let Some(Overlay::Form(form)) = &mut model.entry.overlay {
+                form.follow(consequences);
+            }
+        }
+        Err(why) => {
+            let text = format!("not asked: {}: {why}", form.intent.title());
+            model.entry.overlay = None;
+            tell(model, text, true);
+        }
     }
-    let snapshot = model.told.snapshot.as_ref()?;
-    let family = snapshot.families.iter().find(|family| family.family == id.family)?;
-    if family.active.as_ref() == Some(id) {
-        return Some((State::Active, family.flags.unwrap_or_default()));
+}
+
+/// What a form says now, or why it is not for what it was opened for any more.
+fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
+    let (action, id) = match opened {
+        Intent::Pause(id) => (Action::Pause, id),
+        Intent::Resume(id) => (Action::Resume, id),
+        Intent::Reject(id) => (Action::Refuse, id),
+        Intent::Demote(id) => (Action::Demote, id),
+        Intent::Rollback(id) | Intent::Vacate(id) => (Action::Rollback, id),
+        Intent::Restrict(id) => (Action::Restrict, id),
+        Intent::Repeat(id) => (Action::Repeat, id),
+        Intent::Release(id) => (Action::Release, id),
+        Intent::Continue(id) => (Action::Continue, id),
+        Intent::Rearm(id) => (Action::Rearm, id),
+        Intent::Abort(what) => return abort_lines(model, what),
+        Intent::Go(since_ms) => return still_stopped(model, *since_ms),
+        Intent::Goal(_) => return Ok(goal_lines(model)),
+        Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
+        Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
+        Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
+        Intent::Quit => return Ok(quit_lines(model)),
+    };
+    let (intent, lines) = intent(model, action, id)?;
+    if intent == *opened {
+        Ok(lines)
+    } else {
+        Err(format!("it would now be something else: {}", intent.title()))
     }
-    let row = model.told.registry.page.rows.iter().find(|row| row.version == *id)?;
-    Some((row.state, row.flags))
+}
+
+fn still_stopped(model: &Model, since_ms: u64) -> Result<Vec<String>, String> {
+    match model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
+        None => Err("somebody has let it work already".to_owned()),
+        Some(stopped) if stopped.since_ms != since_ms => Err(stopped_anew(&stopped.by, stopped.since_ms)),
+        Some(stopped) => Ok(stop_lines(stopped)),
+    }
+}
+
+/// Somebody stopped the cell while it was stopped already: whoever is about to let it work has to know.
+pub(super) fn stopped_again(model: &mut Model, by: &str, at_ms: u64) {
+    let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
+    if matches!(form.intent, Intent::Go(since_ms) if since_ms != at_ms) {
+        let title = form.intent.title();
+        model.entry.overlay = None;
+        tell(model, format!("not asked: {title}: {}", stopped_anew(by, at_ms)), true);
+    }
+}
+
+fn stopped_anew(by: &str, at_ms: u64) -> String {
+    let by = if by.is_empty() { "somebody" } else { by };
+    format!("{by} has stopped it anew at {}: read why first", seconds(at_ms))
+}
+
+fn alarm_now<'a>(model: &'a Model, name: &str) -> Result<&'a AlarmView, String> {
+    let alarms = model.told.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.alarms);
+    alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
 }
 
 fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, Vec<String>), String> {
-    let Some((state, flags)) = stands(model, id) else {
+    let Some((state, flags)) = model.stands(id) else {
         return Err(format!("nothing is known about {id} yet"));
     };
     let now = format!("{id} is {}", standing(state, &flags));
@@ -83,14 +154,24 @@ fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, V
     let is_candidate = !state.is_terminal() && state != State::Active && state != State::Superseded;
     let of = id.clone();
     let (intent, consequence) = match action {
-        Action::Pause if is_candidate && !flags.paused => {
-            (Intent::Pause(of), "Its stage stops; only reject, demote and resume go through".to_owned())
+        Action::Pause if state.may_pause(&flags) => {
+            let what = if state == State::Active {
+                "It keeps the arm, provisionally, and is watched; it is not confirmed before it is let go on"
+            } else {
+                "Its stage stops; only reject, demote and resume go through"
+            };
+            (Intent::Pause(of), what.to_owned())
         }
-        Action::Pause => return wrong("only a candidate that is not held can be held"),
-        Action::Resume if is_candidate && (flags.paused || held(model, id)) => {
-            (Intent::Resume(of), "It goes on where it stands; nothing is approved by it".to_owned())
+        Action::Pause => return wrong("only what is on its way, or provisional, and not held can be held"),
+        Action::Resume if state.may_resume(&flags, held(model, id)) => {
+            let what = if state == State::Active {
+                "It is confirmed once its window is over without a trip"
+            } else {
+                "It goes on where it stands; nothing is approved by it"
+            };
+            (Intent::Resume(of), what.to_owned())
         }
-        Action::Resume => return wrong("only a candidate that is held can go on"),
+        Action::Resume => return wrong("only what is held can go on"),
         Action::Refuse if is_candidate => {
             (Intent::Reject(of), "It never comes back under this version".to_owned())
         }
@@ -168,12 +249,16 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
 
 /// Opens the form that gives the agent of the live cell a goal.
 pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
+    let lines = goal_lines(model);
+    open(model, Intent::Goal(goal), lines)
+}
+
+fn goal_lines(model: &Model) -> Vec<String> {
     let now = model.told.snapshot.as_ref().map_or("", |snapshot| snapshot.live.goal.as_str());
-    let lines = vec![
+    vec![
         format!("Now it works towards {now}; from the next sequence on, towards this"),
         "A candidate of a family that the goal leaves out meets no task in shadow".to_owned(),
-    ];
-    open(model, Intent::Goal(goal), lines)
+    ]
 }
 
 /// Opens the form that closes a profile to the version under the cursor, or opens it again.
@@ -181,14 +266,19 @@ pub(super) fn on_profile(model: &mut Model, profile: ProfileName, close: bool) -
     let Some(id) = model.version_here() else {
         return refuse(model, "there is no version under the cursor");
     };
+    let lines = profile_lines(model, &id, profile, close);
+    open(model, Intent::Profile(id, profile, close), lines)
+}
+
+fn profile_lines(model: &Model, id: &CapabilityId, profile: ProfileName, close: bool) -> Vec<String> {
     let now = model.told.snapshot.as_ref().map(|snapshot| snapshot.profile);
-    let acts = stands(model, &id).is_some_and(|(state, _)| state == State::Active);
+    let acts = model.stands(id).is_some_and(|(state, _)| state == State::Active);
     let consequence = match (close, acts && now == Some(profile)) {
-        (true, true) => leaves(model, &id, State::Active, "It acts under this profile, so it is taken off"),
+        (true, true) => leaves(model, id, State::Active, "It acts under this profile, so it is taken off"),
         (true, false) => format!("Under {} the gate holds it; how it stands is not touched", profile.name()),
         (false, _) => format!("Under {} the gate looks at it again", profile.name()),
     };
-    open(model, Intent::Profile(id, profile, close), vec![consequence])
+    vec![consequence]
 }
 
 fn asks(model: &Model, id: &CapabilityId) -> bool {
@@ -238,10 +328,7 @@ fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
         .or_else(|| open().next())
         .or_else(|| actives.iter().map(|(id, _)| *id).find(|id| Some(*id) == here.as_ref()))
         .cloned();
-    let under_way = |id: &&CapabilityId| {
-        let candidate = model.candidate(id);
-        candidate.is_some_and(|c| !c.state.is_terminal() && c.state != State::Active && !c.flags.paused)
-    };
+    let under_way = |id: &&CapabilityId| is_under_way(model, id);
     let candidates = || snapshot.candidates.iter().map(|candidate| &candidate.version).filter(under_way);
     let settled_active = active.as_ref().is_some_and(|id| !open().any(|o| o == id) && asked != Some(id));
     let candidate = here
@@ -259,15 +346,42 @@ fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
         Abort::Active(id) if pinned(model, &id).is_none() => Abort::Last(id),
         Abort::Active(_) | Abort::Last(_) | Abort::Candidate(_) => what,
     };
-    let mut lines = match &what {
+    let lines = abort_lines(model, &what).ok()?;
+    Some((what, lines))
+}
+
+/// What an abort does as things stand now.
+fn abort_lines(model: &Model, what: &Abort) -> Result<Vec<String>, String> {
+    let snapshot = model.told.snapshot.as_ref().ok_or("nothing is known yet")?;
+    let acts = |id: &CapabilityId| snapshot.families.iter().any(|family| family.active.as_ref() == Some(id));
+    let mut lines = match what {
+        Abort::Active(id) | Abort::Last(id) if !acts(id) => {
+            return Err(format!("{id} is not active any more"));
+        }
         Abort::Active(id) | Abort::Last(id) => {
+            if matches!(what, Abort::Last(_)) == pinned(model, id).is_some() {
+                return Err(format!("who takes over from {id} has changed: look again"));
+            }
             vec![leaves(model, id, State::Active, "It does not come back by itself")]
+        }
+        Abort::Candidate(id) if !is_under_way(model, id) => {
+            let stands = model.stands(id);
+            let stands = stands.map_or_else(|| "gone".to_owned(), |(state, flags)| standing(state, &flags));
+            return Err(format!("{id} is {stands} by now: look again"));
         }
         Abort::Candidate(id) => vec![format!("{id} is held where it stands; what is active goes on")],
     };
-    let rest = candidates().filter(|id| !matches!(&what, Abort::Candidate(of) if of == *id));
+    let under_way = snapshot.candidates.iter().map(|candidate| &candidate.version);
+    let rest = under_way.filter(|id| is_under_way(model, id));
+    let rest = rest.filter(|id| !matches!(what, Abort::Candidate(of) if of == *id));
     lines.extend(rest.map(|id| format!("Not touched: {id}")).take(3));
-    Some((what, lines))
+    Ok(lines)
+}
+
+/// Whether a candidate goes on by itself.
+fn is_under_way(model: &Model, id: &CapabilityId) -> bool {
+    let candidate = model.candidate(id);
+    candidate.is_some_and(|c| !c.state.is_terminal() && c.state != State::Active && !c.flags.paused)
 }
 
 /// Acknowledging and unshelving are undone as easily and act at once; the others open a form.
@@ -296,30 +410,30 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             let what = format!("unshelve {}", alarm.alarm);
             asking::ask(model, what, Question::Unshelve { alarm: alarm.alarm, by })
         }
-        Action::Shelve => {
-            if !alarm.priority.can_be_shelved() {
-                return refuse(model, "a critical alarm stays in sight: it cannot be shelved");
-            }
-            let lines = vec![
-                alarm.text.clone(),
-                "It comes back by itself; shelved alarms are counted on every screen".to_owned(),
-            ];
-            open(model, Intent::Shelve(alarm.alarm), lines)
-        }
-        _ => {
-            if alarm.state_below.is_present() {
-                return refuse(
-                    model,
-                    "its condition is still present: acknowledge it, and reset it when it is gone",
-                );
-            }
-            if !alarm.latching {
-                return refuse(model, "it does not wait for a reset");
-            }
-            let lines = vec![alarm.text.clone(), "It resumes nothing; say why it is safe".to_owned()];
-            open(model, Intent::ResetAlarm(alarm.alarm), lines)
-        }
+        _ => match alarm_lines(&alarm, action) {
+            Ok(lines) if action == Action::Shelve => open(model, Intent::Shelve(alarm.alarm), lines),
+            Ok(lines) => open(model, Intent::ResetAlarm(alarm.alarm), lines),
+            Err(why) => refuse(model, &why),
+        },
     }
+}
+
+/// What shelving or resetting an alarm does, or why it is not possible.
+fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
+    if action == Action::Shelve {
+        if !alarm.priority.can_be_shelved() {
+            return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());
+        }
+        let what = "It comes back by itself; shelved alarms are counted on every screen".to_owned();
+        return Ok(vec![alarm.text.clone(), what]);
+    }
+    if alarm.state_below.is_present() {
+        return Err("its condition is still present: acknowledge it, and reset it when it is gone".to_owned());
+    }
+    if !alarm.latching {
+        return Err("it does not wait for a reset".to_owned());
+    }
+    Ok(vec![alarm.text.clone(), "It resumes nothing; say why it is safe".to_owned()])
 }
 
 /// Leaves the view, or asks about ending the program and says what the engine will do.
@@ -333,6 +447,12 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
         model.place.view = View::Overview;
         return Vec::new();
     }
+    let lines = quit_lines(model);
+    open(model, Intent::Quit, lines)
+}
+
+/// What the engine does when the program ends.
+fn quit_lines(model: &Model) -> Vec<String> {
     let mut lines = vec!["The engine ends in good order; nothing is approved or activated by it".to_owned()];
     for candidate in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {
@@ -349,5 +469,5 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
             lines.push(format!("{} is provisional: its window begins anew", candidate.version));
         }
     }
-    open(model, Intent::Quit, lines)
+    lines
 }

@@ -9,6 +9,7 @@ use crate::form::{FormFocus, Intent};
 use crate::model::{AskedFor, Model, Overlay};
 use crate::prompt::{Focus, Obstacle};
 use holdpoint_governance::approval::Answer;
+use holdpoint_text::is_visible;
 
 pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Palette(palette)) = &mut model.entry.overlay else { return Vec::new() };
@@ -45,8 +46,8 @@ pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action
         KeyCode::Esc => prompt.focus = Focus::Hold,
         KeyCode::Enter if prompt.focus == Focus::Hold => close_held(model),
         KeyCode::Enter => step_focus(model, true),
-        KeyCode::PageUp => prompt.scroll = prompt.scroll.saturating_sub(5),
-        KeyCode::PageDown => prompt.scroll = prompt.scroll.saturating_add(5).min(prompt.scroll_max()),
+        KeyCode::PageUp => prompt.scroll_by(false, true),
+        KeyCode::PageDown => prompt.scroll_by(true, true),
         _ => {
             if let Some(line) = prompt.line_mut() {
                 typing::into_line(line, key);
@@ -64,7 +65,7 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
         Some(Action::Approve) => decide(model, Answer::Approve),
         Some(Action::Reject) => {
             // The key that rejects leads to the reason first.
-            if prompt.reason.text().trim().is_empty() {
+            if !is_visible(prompt.reason.text()) {
                 prompt.refused = Some(Obstacle::Reason);
                 prompt.focus = Focus::Reason;
                 return Vec::new();
@@ -82,11 +83,11 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
         }
         Some(action @ (Action::Abort | Action::Stop)) => act(model, action),
         Some(Action::Down) => {
-            prompt.scroll = prompt.scroll.saturating_add(1).min(prompt.scroll_max());
+            prompt.scroll_by(true, false);
             Vec::new()
         }
         Some(Action::Up) => {
-            prompt.scroll = prompt.scroll.saturating_sub(1);
+            prompt.scroll_by(false, false);
             Vec::new()
         }
         // Nothing else reaches what lies below.

@@ -77,9 +77,8 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         }
     }
     if let Some(frozen) = &model.place.frozen {
-        let secs = model.now_ms.saturating_sub(frozen.at_ms) / 1000;
         let glyph = pen.look.glyph(Glyph::Paused);
-        say(ThemeRole::Stale, &format!("{glyph} frozen {:02}:{:02}", secs / 60, secs % 60));
+        say(ThemeRole::Stale, &format!("{glyph} frozen since {}", seconds(frozen.at_ms)));
     }
     row
 }

@@ -15,7 +15,6 @@ use super::{pipeline, tabs};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{Model, View};
 use crate::rows::CandidateItem;
-use crate::theme::Mark;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
@@ -72,9 +71,9 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
         first.push(ThemeRole::Muted, &format!(" against {against}"));
     }
     let candidate = model.candidate(&detail.version);
-    if let Some(candidate) = candidate {
-        let mark = Mark::version(candidate.state, &candidate.flags);
-        first.push(mark.role, &format!("  {}", look.words(mark)));
+    if let Some((state, flags)) = model.stands(&detail.version) {
+        let room = width.saturating_sub(first.width() + 2);
+        first = first.with(ThemeRole::Text, "  ").and(super::stands(state, &flags, room, look));
     }
     let short = super::short;
     first.push(

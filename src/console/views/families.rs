@@ -21,13 +21,13 @@ const TREND_MAX: usize = 30;
 /// One line for each family, then the live cell's.
 #[must_use]
 pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
-    let Some(snapshot) = model.charted() else {
+    let Some(snapshot) = model.told.snapshot.as_deref() else {
         return vec![Row::of(ThemeRole::Muted, "The engine is starting")];
     };
     let name_width =
         snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
     let mut rows: Vec<Row> =
-        snapshot.families.iter().map(|family| row(family, pen, name_width.min(16))).collect();
+        snapshot.families.iter().map(|family| row(family, pen, name_width.min(16), width)).collect();
     rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
         rows.push(Row::of(
@@ -42,24 +42,31 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     rows
 }
 
-fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize) -> Row {
+fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize, width: usize) -> Row {
     let flags = family.flags.unwrap_or_default();
-    let mark = match &family.active {
-        _ if family.safe_stopped => Mark::SAFE_STOPPED,
-        None => Mark::UNKNOWN,
-        Some(_) => Mark::version(State::Active, &flags),
+    let name = family.active.as_ref().map(ToString::to_string);
+    let room = width.saturating_sub(name_width + 3 + name.as_ref().map_or(0, String::len));
+    let look = pen.look;
+    let words = |mark: Mark| Row::of(mark.role, &look.words(mark));
+    let stands = match &family.active {
+        _ if family.safe_stopped => words(Mark::SAFE_STOPPED),
+        None => words(Mark::UNKNOWN),
+        Some(_) => super::stands(State::Active, &flags, room, look),
     };
     let mut row = Row::new()
         .cell(ThemeRole::Text, &family.family.to_string(), name_width)
         .with(ThemeRole::Text, "  ")
-        .cell(mark.role, &pen.look.words(mark), 21)
+        .and(stands)
+        .to_column(name_width + 23)
         .with(ThemeRole::Text, " ");
     match &family.active {
         Some(active) => row.push(ThemeRole::Title, &active.to_string()),
         None => row.push(ThemeRole::Bad, "no active version"),
     }
     if let Some((worked, needed)) = family.provisional {
-        row.push(ThemeRole::Text, &format!("  {worked} of {needed}"));
+        let so_far =
+            if worked < needed { format!("  {worked} of {needed}") } else { "  window over".to_owned() };
+        row.push(ThemeRole::Text, &so_far);
     }
     if let Some(pinned) = &family.pinned {
         row.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));

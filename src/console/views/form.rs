@@ -1,7 +1,7 @@
 //! A form: what is asked for, what it does, what must be typed, and the button that has the keys.
 //!
 //! ```text
-//! ┌ Roll back grasp@1.1.0 ───────────────────────┐
+//! ┌ Roll grasp@1.1.0 back ──────────────── as ana ┐
 //! │ grasp@1.0.0 takes over at once               │
 //! │ Reason  it drops what it holds▏              │
 //! │ ▸[Cancel]   Roll back                        │
@@ -13,6 +13,7 @@ use ratatui::layout::Rect;
 use super::hints::field;
 use crate::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
 use crate::look::{Glyph, ThemeRole};
+use crate::model::Model;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
 
@@ -20,13 +21,14 @@ use crate::widgets::row::{Row, wrap};
 const WIDTH_MAX: u16 = 76;
 
 /// Draws it over the view.
-pub fn draw(form: &Form, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width.min(WIDTH_MAX).saturating_sub(4));
     let body = body(form, width);
     let foot = foot(form, pen, width);
-    let title = format!("{} {}", form.intent.verb(), form.intent.subject());
+    let by = model.seat.operator.as_ref().filter(|_| form.intent.needs_person());
+    let by = by.map_or_else(String::new, |who| format!("as {}", super::short(&who.name, 24)));
     let height = u16::try_from(body.len() + foot.len() + 2).unwrap_or(u16::MAX);
-    let inside = super::window(pen, area, WIDTH_MAX, height, &title, "");
+    let inside = super::window(pen, area, WIDTH_MAX, height, &form.intent.title(), &by);
     // Where not all fits, the fields and buttons stay in sight.
     let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(inside.height);
     let (upper, lower) = crate::widgets::pen::cut(inside, inside.height - foot_height);

@@ -1,28 +1,56 @@
 //! The last line: the keys that do something here now, or the answer to the last one, or what is being typed.
 //!
 //! ```text
-//! enter open  p pause  x abort  a approvals  / filter  ? help  q quit
+//! X stop  enter open  x abort  p hold  a approvals  ? help  q quit
 //! ```
 
 use ratatui::layout::Rect;
 
 use crate::action::Action;
+use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{Model, Overlay, Typing, View};
+use crate::prompt::Focus;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width);
+    // Whatever else is said here, how the arm is stopped stands beside it.
+    let stop = stop(model);
+    let room = width.saturating_sub(stop.width() + 1);
+    let beside = |row: Row| row.to_column(width.saturating_sub(stop.width())).and(stop.clone());
     let row = if let Some(typing) = &model.entry.typing {
-        typed(typing, pen, usize::from(area.width))
+        beside(typed(typing, pen, room))
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
             if notice.bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
-        Row::of(role, &format!("{} {}", pen.look.glyph(glyph), super::short(&notice.text, 400)))
+        let text = super::short(&notice.text, room.saturating_sub(2));
+        beside(Row::of(role, &format!("{} {text}", pen.look.glyph(glyph))))
     } else {
-        keys(model, &actions(model), usize::from(area.width))
+        stop.clone().with(ThemeRole::Text, "  ").and(keys(
+            model,
+            &actions(model),
+            width.saturating_sub(stop.width() + 2),
+        ))
     };
     pen.row(area, 0, &row);
+}
+
+/// The key that stops the arm here and now: where text is typed, one that is no text.
+#[must_use]
+pub fn stop(model: &Model) -> Row {
+    let types = model.entry.typing.is_some()
+        || match &model.entry.overlay {
+            Some(Overlay::Palette(_)) => true,
+            Some(Overlay::Prompt(prompt)) => prompt.focus != Focus::Hold,
+            Some(Overlay::Form(form)) => matches!(form.focus, FormFocus::Minutes | FormFocus::Reason),
+            None => false,
+        };
+    let keys = model.keymap.keys(Action::Stop);
+    let is_text = |key: &&String| key.chars().count() == 1;
+    let key = if types { keys.iter().find(|key| !is_text(key)) } else { keys.first() };
+    key.map_or_else(Row::new, |key| Row::of(ThemeRole::Key, key).with(ThemeRole::Text, " stop"))
 }
 
 /// The line being typed with its cursor; of a long one the part round the cursor.
@@ -62,9 +90,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
         (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
-        (None, View::Overview) => {
-            &[A::Stop, A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze]
-        }
+        (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
         (None, View::Registry) => {
             &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Repeat, A::Release, A::Rearm]
         }
@@ -75,6 +101,11 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Audit) => &[A::Verify, A::Filter, A::Copy, A::Export],
     };
     let mut all = here.to_vec();
+    // What is held already can be let go on.
+    let here = model.version_here();
+    if here.and_then(|id| Some(model.candidate(&id)?.flags.paused)).unwrap_or(false) {
+        all.iter_mut().filter(|action| **action == A::Pause).for_each(|action| *action = A::Resume);
+    }
     if model.entry.overlay.is_none() {
         all.extend([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
     }

@@ -41,7 +41,10 @@ fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let area = below(area, 1);
     match model.place.pane() {
         ROBOT => robot::draw(model, pen, area),
-        STORY => story::draw(model, pen, area, true),
+        STORY => {
+            let area = super::frozen(model, pen, area);
+            story::draw(model, pen, area, true);
+        }
         _ => work(model, pen, area),
     }
 }
@@ -85,7 +88,9 @@ fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let at = model
-        .pictured()
+        .told
+        .picture
+        .as_ref()
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
         .unwrap_or_default();
     let inside = pen.pane(area, "Robot", model.place.pane() == ROBOT, &at);
@@ -95,6 +100,7 @@ fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let focused = model.place.pane() == STORY;
     let inside = pen.pane(area, "Story", focused, "newest first");
+    let inside = super::frozen(model, pen, inside);
     story::draw(model, pen, inside, focused);
 }
 

@@ -92,20 +92,19 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// One candidate's lines; all of them if it is the chosen one.
 fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
-    let mark = Mark::version(candidate.state, &candidate.flags);
-    let mut rows = vec![
-        Row::of(ThemeRole::Title, &candidate.version.to_string())
-            .with(mark.role, &format!("  {}", look.words(mark)))
-            .with(
-                ThemeRole::Muted,
-                &format!(
-                    "  {}, {}, risk {}",
-                    super::short(&candidate.author, 24),
-                    candidate.provenance,
-                    candidate.risk
-                ),
-            ),
-    ];
+    let name = candidate.version.to_string();
+    let room = width.saturating_sub(name.len() + 2);
+    let by = format!(
+        "  {}, {}, risk {}",
+        super::short(&candidate.author, 24),
+        candidate.provenance,
+        candidate.risk
+    );
+    let head = Row::of(ThemeRole::Title, &name)
+        .with(ThemeRole::Text, "  ")
+        .and(super::stands(candidate.state, &candidate.flags, room, look))
+        .with(ThemeRole::Muted, &by);
+    let mut rows = vec![head];
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
@@ -125,12 +124,16 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
     let stopped = matches!(candidate.state, State::Rejected | State::RolledBack);
     // A version that was confirmed stays so: what stopped it later is the monitor.
     let confirmed = candidate.confirmed && place > MONITOR_PLACE;
-    if candidate.flags.paused && place == running.unwrap_or(done) {
+    // What works while its promotion is held is watched all the same.
+    let works = candidate.state == State::Active;
+    let held = if works { MONITOR_PLACE + 1 } else { running.unwrap_or(done) };
+    if candidate.flags.paused && place == held {
         Mark::HELD
+    } else if candidate.flags.awaiting_approval && !works && place == running.unwrap_or(done) {
+        // The gate has done its part: it is people's turn.
+        Mark::WAITING
     } else if running == Some(place) {
         Mark::RUNNING
-    } else if candidate.flags.awaiting_approval && place == done {
-        Mark::WAITING
     } else if place < done || confirmed {
         Mark::DONE
     } else if stopped && place == done {
@@ -162,7 +165,7 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let mut told = false;
     for (mark, stage) in marks {
         row.push(mark.role, look.glyph(mark.glyph));
-        if !told && mark != Mark::DONE {
+        if !told && mark != Mark::DONE || mark == Mark::HELD {
             row.push(mark.role, &format!(" {stage} {} ", mark.word));
             told = true;
         }

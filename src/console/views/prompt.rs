@@ -16,9 +16,9 @@ use unicode_width::UnicodeWidthStr as _;
 use super::form::button;
 use super::hints::field;
 use crate::action::Action;
-use crate::look::{Glyph, ThemeRole};
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
-use crate::prompt::{Focus, Obstacle, Prompt};
+use crate::prompt::{Focus, Obstacle, OnScreen, Prompt, TextRow};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
@@ -27,48 +27,75 @@ use holdpoint_governance::approval::Answer;
 /// Draws it over all of `area`.
 pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
-    let width = usize::from(area.width);
-    let foot = foot(model, prompt, pen, width);
-    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
-    let (upper, lower) = cut(area, area.height - foot_height);
-    let room = usize::from(upper.height.saturating_sub(1));
-    let text = lines(prompt, width, room, if pen.look.ascii() { " | " } else { " · " });
-    let first = usize::from(prompt.scroll).min(text.len().saturating_sub(room));
+    let (upper, lower, foot) = parts(model, prompt, pen, area);
+    let seen = laid_out(prompt, pen.look, upper);
     let title = format!("Decide on {}", prompt.seen.version);
-    let inside = pen.pane(upper, &title, true, &extent(model, first, room, text.len()));
+    let inside = pen.pane(upper, &title, true, &extent(model, seen.first, seen.room, seen.count));
     let role = if prompt.stale.is_some() { ThemeRole::Muted } else { ThemeRole::Text };
-    for (at, line) in (0..inside.height).zip(text.iter().skip(first)) {
-        let role = if first == 0 && at == 0 && prompt.stale.is_none() { ThemeRole::Title } else { role };
-        pen.row(inside, at, &Row::of(role, line));
+    for (at, row) in (0..inside.height).zip(&seen.rows) {
+        let is_title = seen.first == 0 && at == 0 && prompt.stale.is_none();
+        pen.row(inside, at, &Row::of(if is_title { ThemeRole::Title } else { role }, &row.text));
     }
     pen.rows(lower, 0, &foot);
+}
+
+/// The rows of the decision that [`draw`] puts on the screen.
+#[must_use]
+pub fn on_screen(model: &Model, prompt: &Prompt, pen: &Pen<'_>, area: Rect) -> OnScreen {
+    let (upper, _, _) = parts(model, prompt, pen, area);
+    laid_out(prompt, pen.look, upper)
+}
+
+/// The text's place, the foot's, and what stands in the foot.
+fn parts(model: &Model, prompt: &Prompt, pen: &Pen<'_>, area: Rect) -> (Rect, Rect, Vec<Row>) {
+    let foot = foot(model, prompt, pen, usize::from(area.width));
+    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
+    let (upper, lower) = cut(area, area.height - foot_height);
+    (upper, lower, foot)
+}
+
+fn laid_out(prompt: &Prompt, look: &Look, area: Rect) -> OnScreen {
+    let (width, room) = (usize::from(area.width), usize::from(area.height.saturating_sub(1)));
+    let mut rows = lines(prompt, width, room, if look.ascii() { " | " } else { " · " });
+    let count = rows.len();
+    let first = usize::from(prompt.scroll).min(count.saturating_sub(room));
+    rows.drain(..first);
+    rows.truncate(room);
+    OnScreen { width, first, room, count, rows }
 }
 
 /// Every line of the decision, wrapped; what goes on from the line before stands further in. Where that is more
 /// than `room` rows, short lines share one.
 #[must_use]
-pub fn lines(prompt: &Prompt, width: usize, room: usize, between: &str) -> Vec<String> {
+pub fn lines(prompt: &Prompt, width: usize, room: usize, between: &str) -> Vec<TextRow> {
     let text = prompt.text();
-    let wrapped: Vec<String> = text.iter().flat_map(|line| hanging(line, width)).collect();
+    let alone = text.iter().enumerate().map(|(at, line)| (line.clone(), (at, at + 1)));
+    let wrapped: Vec<TextRow> =
+        alone.clone().flat_map(|(line, lines)| hanging(&line, lines, width)).collect();
     if wrapped.len() <= room {
         return wrapped;
     }
-    let mut packed: Vec<String> = Vec::new();
-    for line in text {
+    let mut packed: Vec<(String, (usize, usize))> = Vec::new();
+    for (line, lines) in alone {
         match packed.last_mut() {
-            Some(last) if last.width() + between.width() + line.width() <= width => {
+            Some((last, (_, to))) if last.width() + between.width() + line.width() <= width => {
                 last.push_str(between);
                 last.push_str(&line);
+                *to = lines.1;
             }
-            _ => packed.push(line),
+            _ => packed.push((line, lines)),
         }
     }
-    packed.iter().flat_map(|line| hanging(line, width)).collect()
+    packed.into_iter().flat_map(|(line, lines)| hanging(&line, lines, width)).collect()
 }
 
-fn hanging(line: &str, width: usize) -> Vec<String> {
+fn hanging(line: &str, lines: (usize, usize), width: usize) -> Vec<TextRow> {
     let options = textwrap::Options::new(width.max(4)).subsequent_indent("  ");
-    textwrap::wrap(line, options).into_iter().map(std::borrow::Cow::into_owned).collect()
+    let rows = textwrap::wrap(line, options);
+    let of = rows.len();
+    let row =
+        |(at, text): (usize, std::borrow::Cow<'_, str>)| TextRow { text: text.into_owned(), lines, at, of };
+    rows.into_iter().enumerate().map(row).collect()
 }
 
 /// How much of it can be seen.
@@ -94,6 +121,15 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             seconds(stale.at_ms)
         );
         rows.push(Row::of(ThemeRole::Stale, &text));
+    }
+    let (unread, all) = (prompt.unread(), prompt.text().len());
+    if unread > 0 && prompt.stale.is_none() {
+        let key = model.keymap.key(Action::PageDown);
+        let text = format!(
+            "{} {unread} of {all} lines unread: {key} shows the next",
+            pen.look.glyph(Glyph::Warning)
+        );
+        rows.push(Row::of(ThemeRole::Warning, &text));
     }
     rows.push(fields(prompt, pen, width));
     rows.extend(missing(model, prompt, width));
@@ -141,8 +177,10 @@ fn blocks(model: &Model, prompt: &Prompt, answer: Answer) -> Vec<Obstacle> {
 
 /// What stands against each answer, in words; what stands against both is told once.
 fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
-    let approve = blocks(model, prompt, Answer::Approve);
+    let mut approve = blocks(model, prompt, Answer::Approve);
+    approve.retain(|block| *block != Obstacle::Unread);
     let reject = blocks(model, prompt, Answer::Reject);
+    // How much is unread has a line of its own.
     let hints = |blocks: &[Obstacle]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
     let both: Vec<Obstacle> = approve.iter().copied().filter(|block| reject.contains(block)).collect();
     let rest =

@@ -14,12 +14,11 @@ use super::tabs;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
 use crate::rows::RegistryItem;
-use crate::theme::Mark;
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
-use crate::words::{duration, kappa_sign, reason_line};
+use crate::words::{duration, kappa_sign, reason_line, standing};
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::record::VersionSummary;
 
@@ -98,12 +97,12 @@ fn header(columns: &Columns, look: &Look) -> Row {
 }
 
 fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
-    let mark = Mark::version(row.state, &row.flags);
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     let name = format!("  {}{baseline}", row.version.version);
     let mut line = Row::new()
         .cell(ThemeRole::Text, &name, columns.name)
-        .cell(mark.role, &look.words(mark), columns.state)
+        .and(super::stands(row.state, &row.flags, columns.state, look))
+        .to_column(columns.name + columns.state)
         .with(ThemeRole::Text, " ");
     for (kappa, limit) in row.kappas.into_iter().zip(limits) {
         let (role, text) = match kappa {
@@ -138,7 +137,13 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     let limits = model.told.registry.page.thresholds;
     let mut sentence = Row::of(
         ThemeRole::Text,
-        &format!("by {}, {}, risk {}", super::short(&row.author, 24), row.provenance, row.risk),
+        &format!(
+            "{}; by {}, {}, risk {}",
+            standing(row.state, &row.flags),
+            super::short(&row.author, 24),
+            row.provenance,
+            row.risk
+        ),
     );
     for (dimension, limit) in DIMENSIONS.into_iter().zip(limits) {
         let sign = kappa_sign(dimension, pen.look.ascii());

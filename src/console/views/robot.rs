@@ -6,7 +6,7 @@
 //!   ╭──o──╮               ┌ ─ ─ ─ ─ ┐
 //!   │     ╎ ■             │ o──o─■  │
 //!  ━┷━━━━━━━━━━           └ ─ ─ ─ ─ ┘
-//!  grasp@1.0.0  0.21 m/s  4.1 N  held
+//!  grasp@1.0.0  0.21 m/s  4.1 N  holding
 //!  twin (dashed) grasp@1.1.0 drives nothing
 //! ```
 
@@ -18,6 +18,7 @@ use crate::widgets::dots::{Dots, Ink};
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_body::TaskKind;
+use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_protocol::picture::{ArmPicture, Picture, Point, Region, Scenery};
 
 const SCENERY: Ink = Ink { role: ThemeRole::Scenery, ascii: ".", dashed: false };
@@ -42,19 +43,31 @@ const BELOW_ROWS_MIN: u16 = 10;
 
 /// Draws the robot pane's inside.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let Some(picture) = model.pictured() else {
+    let Some(picture) = model.told.picture.as_deref() else {
         let missing = "No picture: the live cell has not been seen yet, or it is no simulated one";
         pen.text(area, 0, ThemeRole::Muted, missing);
         return;
     };
     let nothing = Scenery::default();
-    let scenery = model.charted().map_or(&nothing, |snapshot| &snapshot.scenery);
-    draw_picture(picture, scenery, pen, area);
+    let scenery = model.told.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
+    let stopped = model.told.snapshot.as_deref().and_then(super::status::stopped);
+    let stands = stopped.into_iter().chain(unsettled(model, picture, usize::from(area.width), pen));
+    draw_picture(picture, scenery, stands.collect(), pen, area);
 }
 
-/// Draws one moment with what stands round the robot, and says below what is done in it. Any area is large enough.
-pub fn draw_picture(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect) {
-    let words = words(picture, pen);
+/// How whoever moves the arm stands, unless it is active and nothing else.
+fn unsettled(model: &Model, picture: &Picture, room: usize, pen: &Pen<'_>) -> Option<Row> {
+    let version = picture.version.as_ref()?;
+    let families = &model.told.snapshot.as_ref()?.families;
+    let flags = families.iter().find(|family| family.active.as_ref() == Some(version))?.flags?;
+    let row = super::stands(State::Active, &flags, room, pen.look);
+    (flags != Flags::default()).then_some(row)
+}
+
+/// Draws one moment with what stands round the robot, and says below what is done in it and how whoever does it
+/// stands. Any area is large enough.
+pub fn draw_picture(picture: &Picture, scenery: &Scenery, stands: Vec<Row>, pen: &mut Pen<'_>, area: Rect) {
+    let words = words(picture, stands, pen);
     let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
@@ -77,7 +90,7 @@ pub fn draw_picture(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, are
 }
 
 /// What is said about the picture, the gravest first.
-fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
+fn words(picture: &Picture, stands: Vec<Row>, pen: &Pen<'_>) -> Vec<Row> {
     let look = pen.look;
     let mut rows = Vec::new();
     let mut alarming = Row::new();
@@ -93,15 +106,16 @@ fn words(picture: &Picture, pen: &Pen<'_>) -> Vec<Row> {
     }
     let task = picture.task.map_or("at rest", TaskKind::name);
     let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
-    let held = if picture.body.held { "held" } else { "free" };
+    let held = if picture.body.held { "holding" } else { "empty" };
     rows.push(
         // A version's name begins with its task.
         Row::of(ThemeRole::Title, if version.is_empty() { task } else { &version })
             .with(ThemeRole::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
             .with(if picture.body.held { ThemeRole::Object } else { ThemeRole::Muted }, held),
     );
+    rows.extend(stands);
     if let Some(twin) = &picture.twin {
-        let held = if twin.body.held { ", held" } else { "" };
+        let held = if twin.body.held { ", holding" } else { "" };
         rows.push(
             Row::of(ThemeRole::Twin, &format!("twin, dashed: {}{held}", twin.version))
                 .with(ThemeRole::Muted, "; it drives nothing"),

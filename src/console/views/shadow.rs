@@ -37,7 +37,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let mut head = Row::of(ThemeRole::Title, &subject.to_string());
     head.push(ThemeRole::Text, &extent(model, candidate, shadow));
     pen.row(area, 0, &head);
-    let area = below(area, 1);
+    let area = super::frozen(model, pen, below(area, 1));
     match pen.fit {
         Fit::Tiny | Fit::One => {
             pen.row(area, 0, &tabs::panes(model));
@@ -117,7 +117,8 @@ fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: R
 }
 
 fn monitors(model: &Model) -> &[MonitorView] {
-    model.charted().map_or(&[][..], |snapshot| &snapshot.live.monitors)
+    // They watch who has the arm: they are never frozen.
+    model.told.snapshot.as_deref().map_or(&[][..], |snapshot| &snapshot.live.monitors)
 }
 
 /// Each monitor's charts: how much of the way to the limit is gone.
@@ -175,7 +176,16 @@ fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row
 fn list(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let rows = model.disagreement_rows();
     if rows.is_empty() {
-        pen.text(area, 0, ThemeRole::Muted, "Twin and live world have agreed so far");
+        let subject = model.subject();
+        let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
+        let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
+        let worked = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
+        let text = match worked {
+            0 => "No sequence has been shadowed yet: there is nothing to agree on".to_owned(),
+            1 => "Twin and live world agreed in the one sequence so far".to_owned(),
+            n => format!("Twin and live world have agreed in all {n} sequences so far"),
+        };
+        pen.text(area, 0, ThemeRole::Muted, &text);
         return;
     }
     pen.list(area, rows.len(), focused.then(|| model.row()), |index, _| {

@@ -1,4 +1,4 @@
-//! The status line: the gravest alarm nobody has acknowledged, how many there are, and what waits for people.
+//! The status line: the alarm that comes first, how many there are, and what waits for people.
 //! In every view, under every filter and at every size.
 //!
 //! ```text
@@ -14,14 +14,19 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use crate::words::seconds;
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
-use holdpoint_protocol::snapshot::{AlarmView, Snapshot};
+use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// Columns kept for the text of an alarm before counts are left off.
 const TEXT_MIN: usize = 26;
 
+/// Columns from which a version is named here.
+const WIDE: usize = 110;
+
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let waits = waiting(model, pen.look);
+    let held = model.told.snapshot.as_deref().map(|snapshot| held(snapshot, pen.look, width));
+    let waits = held.unwrap_or_default().and(waiting(model, pen.look));
     let Some(snapshot) = &model.told.snapshot else {
         let text = "No word from the engine yet";
         pen.row(
@@ -41,16 +46,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(Wording::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
-    let role = if highest(snapshot).is_some() { ThemeRole::Text } else { ThemeRole::Muted };
+    let role = if snapshot.foremost_alarm().is_some() { ThemeRole::Text } else { ThemeRole::Muted };
     let row = head.with(role, &text).and(counts).to_column(room + 1).and(waits);
     pen.row(area, 0, &row);
-}
-
-/// The alarm that comes first: unacknowledged, the most urgent, the longest there.
-#[must_use]
-pub fn highest(snapshot: &Snapshot) -> Option<&AlarmView> {
-    let open = snapshot.alarms.iter().filter(|alarm| alarm.state.calls());
-    open.min_by_key(|alarm| (alarm.priority, alarm.since_ms))
 }
 
 /// A priority as number, sign and word, `1▲ CRIT`.
@@ -76,7 +74,7 @@ pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
 
 fn head(snapshot: &Snapshot, look: &Look) -> Row {
     let mut row = stopped(snapshot).unwrap_or_default();
-    if let Some(alarm) = highest(snapshot) {
+    if let Some(alarm) = snapshot.foremost_alarm() {
         row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
         row.push(ThemeRole::Text, " ");
     } else {
@@ -87,17 +85,15 @@ fn head(snapshot: &Snapshot, look: &Look) -> Row {
 }
 
 fn head_text(snapshot: &Snapshot) -> String {
-    highest(snapshot).map_or_else(
-        || "no unacknowledged alarm".to_owned(),
+    snapshot.foremost_alarm().map_or_else(
+        || "no alarm".to_owned(),
         |alarm| {
-            // What is over still waits to be seen.
+            // What is over still waits to be seen, and what was seen is still there.
             let over = match alarm.state {
                 AlarmState::ReturnedUnacknowledged => " (returned)",
-                AlarmState::Normal
-                | AlarmState::Unacknowledged
-                | AlarmState::Acknowledged
-                | AlarmState::Latched
-                | AlarmState::Shelved => "",
+                AlarmState::Acknowledged => " (acknowledged)",
+                AlarmState::Latched => " (latched)",
+                AlarmState::Normal | AlarmState::Unacknowledged | AlarmState::Shelved => "",
             };
             format!("{}{over}: {}", alarm.subject, alarm.text)
         },
@@ -149,6 +145,29 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
     say(summary.latched, ThemeRole::Warning, format!("{latched}{}", summary.latched));
     say(summary.shelved, ThemeRole::Quiet, format!("{shelved}{}", summary.shelved));
     row
+}
+
+/// Versions that have the arm provisionally while somebody holds their promotion: in words, or in signs and a count.
+fn held(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
+    let held = snapshot.families.iter().filter(|family| {
+        family.active.is_some() && family.flags.is_some_and(|flags| flags.provisional && flags.paused)
+    });
+    let names: Vec<String> =
+        held.filter_map(|family| family.active.as_ref()).map(ToString::to_string).collect();
+    let flags = Flags { provisional: true, paused: true, ..Flags::default() };
+    let works = Mark::version(State::Active, &flags);
+    let (Some(first), Some(holds)) = (names.first(), Mark::beside(State::Active, &flags)) else {
+        return Row::new();
+    };
+    let (works_glyph, holds_glyph) = (look.glyph(works.glyph), look.glyph(holds.glyph));
+    let more = if names.len() > 1 { format!(" +{}", names.len() - 1) } else { String::new() };
+    if width >= WIDE {
+        Row::of(works.role, &format!("{works_glyph} {}{more} provisional ", super::short(first, 24)))
+            .with(holds.role, &format!("{holds_glyph} {} ", holds.word))
+    } else {
+        Row::of(works.role, &format!("{works_glyph} provisional{more} "))
+            .with(holds.role, &format!("{holds_glyph} paused "))
+    }
 }
 
 /// What waits for people, and what was missed.

@@ -15,13 +15,13 @@ use crate::words::seconds;
 
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
-    if model.told.story.is_empty() {
+    if model.story().is_empty() {
         pen.text(area, 0, ThemeRole::Muted, "Nothing has happened yet");
         return;
     }
     let cursor = focused.then(|| model.row());
-    pen.list(area, model.told.story.len(), cursor, |index, _| {
-        model.told.story.iter().rev().nth(index).map_or_else(Row::new, |told| {
+    pen.list(area, model.story().len(), cursor, |index, _| {
+        model.story().iter().rev().nth(index).map_or_else(Row::new, |told| {
             Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms))).with(ThemeRole::Text, &told.text)
         })
     });

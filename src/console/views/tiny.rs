@@ -4,7 +4,7 @@
 //! ◇ SIM  arm-1  STALE 12 s
 //! 1▲ CRIT arm-1: the monitor …
 //! ◷ 2 wait
-//! ? keys  q quits
+//! X stop  q quits  ? keys
 //! ```
 
 use ratatui::layout::Rect;
@@ -16,9 +16,10 @@ use crate::model::{Model, Overlay};
 use crate::theme::Mark;
 use crate::widgets::pen::{Pen, above, below};
 use crate::widgets::row::Row;
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// Lines from which an overlay can be read at all.
-const OVERLAY_HEIGHT_MIN: u16 = 6;
+pub const OVERLAY_HEIGHT_MIN: u16 = 6;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let last = Rect { y: area.bottom() - 1, height: 1, ..area };
@@ -42,7 +43,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// The gravest alarm and what waits, in one line.
 fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     let waits = status::waiting(model, pen.look);
-    let highest = model.told.snapshot.as_deref().and_then(status::highest);
+    let highest = model.told.snapshot.as_deref().and_then(Snapshot::foremost_alarm);
     let stopped = model.told.snapshot.as_deref().and_then(status::stopped);
     let row = match highest {
         Some(alarm) => {
@@ -64,12 +65,13 @@ fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     let key = |action| model.keymap.key(action);
-    let row = Row::of(ThemeRole::Key, &key(Action::Quit))
+    let row = hints::stop(model)
+        .with(ThemeRole::Key, &format!("  {}", key(Action::Quit)))
         .with(ThemeRole::Text, " quits  ")
-        .with(ThemeRole::Key, &key(Action::Abort))
-        .with(ThemeRole::Text, " abort  ")
         .with(ThemeRole::Key, &key(Action::Help))
-        .with(ThemeRole::Text, " keys");
+        .with(ThemeRole::Text, " keys  ")
+        .with(ThemeRole::Key, &key(Action::Abort))
+        .with(ThemeRole::Text, " abort");
     pen.row(area, 0, &row);
 }
 
@@ -87,7 +89,7 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         }
         Some(Overlay::Prompt(open)) => return prompt::draw(model, open, pen, area),
         Some(Overlay::Palette(open)) => return palette::draw(model, open, pen, area),
-        Some(Overlay::Form(open)) => return super::form::draw(open, pen, area),
+        Some(Overlay::Form(open)) => return super::form::draw(model, open, pen, area),
         None => {}
     }
     let now_ms = model.engine_ms();

@@ -72,7 +72,7 @@ impl Client {
             Answer::Hello { protocol, version, .. } => {
                 Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
             }
-            Answer::Closed { text } => Err(lines.protocol(text)),
+            Answer::Closed { text } => Err(lines.closed(text)),
             Answer::Reply { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
                 Err(lines.protocol("its first line is no hello".to_owned()))
             }
@@ -104,7 +104,7 @@ impl Client {
         self.lines.send(call)?;
         match self.lines.expect(REPLY_SECS)? {
             Answer::Reply { reply } => Ok(*reply),
-            Answer::Closed { text } => Err(self.lines.protocol(text)),
+            Answer::Closed { text } => Err(self.lines.closed(text)),
             Answer::Hello { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
                 Err(self.lines.protocol("that is no reply".to_owned()))
             }
@@ -119,7 +119,7 @@ impl Client {
         self.lines.send(&Call::Subscribe {})?;
         match self.lines.expect(HELLO_SECS)? {
             Answer::Subscribed => Ok(Subscription { lines: self.lines }),
-            Answer::Closed { text } => Err(self.lines.protocol(text)),
+            Answer::Closed { text } => Err(self.lines.closed(text)),
             Answer::Hello { .. } | Answer::Reply { .. } | Answer::Event { .. } | Answer::Lagged { .. } => {
                 Err(self.lines.protocol("that is no subscription".to_owned()))
             }
@@ -137,7 +137,7 @@ impl Subscription {
             None => Ok(None),
             Some(Answer::Event { event }) => Ok(Some(Notification::Event(event))),
             Some(Answer::Lagged { missed }) => Ok(Some(Notification::Missed(missed))),
-            Some(Answer::Closed { text }) => Err(self.lines.protocol(text)),
+            Some(Answer::Closed { text }) => Err(self.lines.closed(text)),
             Some(Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed) => {
                 Err(self.lines.protocol("that is no event".to_owned()))
             }
@@ -206,6 +206,10 @@ impl Lines {
                 Err(error) => return Err(broken("read from", path, error)),
             }
         }
+    }
+
+    fn closed(&self, text: String) -> DoorError {
+        DoorError::Closed { path: self.path.clone(), text }
     }
 
     fn protocol(&self, problem: String) -> DoorError {

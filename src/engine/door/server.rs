@@ -125,8 +125,9 @@ impl DoorServer {
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
                 Read::Call(Call::Subscribe {}) => {
                     let Some(_place) = self.classes.observer() else {
-                        let text =
-                            format!("{OBSERVERS_MAX} connections are told events, which is all there may be");
+                        let text = format!(
+                            "{OBSERVERS_MAX} connections are told events, which is all there may be: end one that watches this engine"
+                        );
                         return write(&mut writer, &Answer::Closed { text }).await;
                     };
                     return self.tell(reader, writer).await;
@@ -255,7 +256,7 @@ async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
     }
     Ok(match serde_json::from_slice(&line) {
         Ok(call) => Read::Call(call),
-        Err(error) => Read::Bad(format!("this is no call: {error}")),
+        Err(error) => Read::Bad(format!("this is no call of protocol {PROTOCOL}: {error}")),
     })
 }
 

@@ -13,6 +13,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_text::is_visible;
 
 use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, secs_to_ms, tier, view};
 use super::signers::signer;
@@ -110,7 +111,7 @@ pub(crate) fn check(
         let text = format!("the profile {} has no emergency door", context.profile.name.name());
         return refuse(Refusal::NotAllowed, text, Some("people approve it, or it waits"));
     }
-    if said.decision != Answer::Approve || said.reason.trim().is_empty() {
+    if said.decision != Answer::Approve || !is_visible(&said.reason) {
         let text = "the emergency door takes an approval with a reason".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }

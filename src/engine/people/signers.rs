@@ -5,7 +5,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::AuditBody;
-use holdpoint_text::Hint;
+use holdpoint_text::{Hint, is_visible};
 
 use crate::fault::Fault;
 use crate::record::Record;
@@ -23,6 +23,10 @@ pub(crate) fn signer(
     if let Some(text) = shown.filter(|text| text.len() > SHOWN_BYTES_MAX) {
         let text =
             format!("the text of the screen has {} bytes; at most {SHOWN_BYTES_MAX} are allowed", text.len());
+        return refuse(Refusal::BadInput, text, None);
+    }
+    if !is_visible(&signed.approval().reason) {
+        let text = "a decision needs a reason that can be read".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }
     let folder = record.ledger().store().layout().identities();

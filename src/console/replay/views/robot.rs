@@ -39,7 +39,7 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     if area.height == 0 {
         return;
     }
-    robot::draw_picture(picture, &model.timeline.recording().scenery, pen, area);
+    robot::draw_picture(picture, &model.timeline.recording().scenery, Vec::new(), pen, area);
     // What is long past is not drawn as if it were now.
     if model.timeline.gap_ms(model.cursor).is_some() {
         pen.lay(area, ThemeRole::Muted);

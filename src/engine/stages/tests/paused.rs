@@ -1,10 +1,11 @@
 //! What a pause, and whatever else changes a version, does to what was under way with it: nothing is lost, and the
 //! engine does not hold for it.
 
+use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 
 use crate::ledger::Note;
@@ -69,7 +70,9 @@ fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
 fn a_paused_active_version_works_on_and_is_confirmed_when_it_is_resumed() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
-    pause(&mut bench, &id);
+    let reply = bench.pipeline.command(Command::Pause(operation(&id)));
+    let Reply::Accepted { text, .. } = &reply else { panic!("{reply:?}") };
+    assert!(text.contains("keeps the arm, provisionally; its promotion is paused"), "{text}");
     let over = |bench: &mut Bench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
     for _ in 0..200 {
         work(&mut bench, 1);
@@ -216,5 +219,50 @@ fn what_ran_when_a_version_was_rejected_is_on_record() {
         let left = (Some(State::Demoted), Some(repeated));
         assert_eq!(ran(&bench), left);
         assert_eq!(ran(&bench.restart()), left);
+    }
+}
+
+/// The end of a drift, and of a fault, was answered as if one had set in.
+#[test]
+fn the_end_of_a_drift_is_answered_as_its_end() {
+    let mut bench = Bench::new();
+    let mut said = |command: Command| match bench.pipeline.command(command) {
+        Reply::Accepted { text, .. } => text,
+        other => panic!("{other:?}"),
+    };
+    let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Mild));
+    assert!(said(Command::Drift { kind, magnitude }).contains("set in"));
+    assert_eq!(said(Command::Drift { kind: None, magnitude: None }), "the drift has ended");
+    assert!(said(Command::LiveFault { fault: Some(LiveFault::ALL[0]) }).contains("set in"));
+    assert_eq!(said(Command::LiveFault { fault: None }), "the fault is mended");
+}
+
+/// A reason of zero-width characters passed for a reason.
+#[test]
+fn a_reason_that_nobody_can_read_is_refused_by_every_command_that_takes_one() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    for unseen in ["\u{200b}", " \u{2060}\u{feff}", "\u{3164}", "\t"] {
+        let (by, reason) = ("ada".to_owned(), unseen.to_owned());
+        let of = || Operation { version: id.clone(), by: by.clone(), reason: reason.clone() };
+        let commands = [
+            Command::Reject(of()),
+            Command::Rollback(of()),
+            Command::Vacate(of()),
+            Command::Demote { operation: of(), profiles: vec![ProfileName::Real] },
+            Command::Release { operation: of(), profiles: Vec::new() },
+            Command::Pause(of()),
+            Command::Resume(of()),
+            Command::Repeat { operation: of(), stage: Stage::Sandbox },
+            Command::Restrict(of()),
+            Command::Rearm(of()),
+            Command::Continue(of()),
+            Command::Goal { goal: "grasp".to_owned(), by: by.clone(), reason: reason.clone() },
+        ];
+        for command in commands {
+            let reply = bench.pipeline.command(command.clone());
+            let Reply::Refused { code, text, .. } = &reply else { panic!("{command:?}: {reply:?}") };
+            assert!(*code == Refusal::BadInput && text.contains("reason"), "{command:?}: {reply:?}");
+        }
     }
 }

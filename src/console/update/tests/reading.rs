@@ -1,0 +1,121 @@
+//! Nothing is approved that was not on the screen, and what is kept with a decision is what was there.
+
+use super::*;
+
+const SMALL: (u16, u16) = (80, 14);
+
+fn opened(tier: u8) -> TestConsole {
+    let mut console = TestConsole::new(tier);
+    let mut now = snapshot(tier, 'e');
+    now.prompts[0].untested = (1..20).map(|number| format!("what is number {number}")).collect();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    console.now_ms += GUARD_MS;
+    console
+}
+
+fn unread(console: &TestConsole) -> usize {
+    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("no prompt") };
+    prompt.unread()
+}
+
+fn decision(effects: &[Effect]) -> (Answer, String) {
+    let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
+    (decision.answer(), decision.shown().to_owned())
+}
+
+#[test]
+fn nothing_is_approved_before_every_line_was_on_the_screen() {
+    let mut console = opened(0);
+    let all = unread(&console);
+    assert!(!decides(&console.keys("Y")), "before the first frame");
+    assert_eq!(console.block(), Some(Obstacle::Unread));
+    let mut left = all;
+    for page in 0.. {
+        console.draw(SMALL);
+        let now = unread(&console);
+        assert!(now < left, "page {page} shows something new");
+        left = now;
+        if left == 0 {
+            break;
+        }
+        assert!(!decides(&console.keys("Y")), "{left} of {all} unread");
+        assert_eq!(console.block(), Some(Obstacle::Unread));
+        console.press(KeyCode::PageDown);
+    }
+    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("no prompt") };
+    let text = prompt.text();
+    let (answer, shown) = decision(&console.keys("Y"));
+    assert_eq!((answer, shown), (Answer::Approve, text.join("\n")));
+}
+
+/// Keys that come faster than frames scroll over lines that nobody can have seen.
+#[test]
+fn what_was_scrolled_over_between_two_frames_was_not_read() {
+    let mut console = opened(0);
+    console.draw(SMALL);
+    (0..40).for_each(|_| drop(console.press(KeyCode::PageDown)));
+    console.draw(SMALL);
+    assert!(unread(&console) > 0);
+    assert!(!decides(&console.keys("Y")));
+}
+
+#[test]
+fn a_window_without_room_for_the_decision_shows_none_of_it() {
+    let mut console = opened(0);
+    let all = unread(&console);
+    for size in [(80, 3), (20, 8), (1, 1), (0, 0), (80, 2)] {
+        console.draw(size);
+        assert_eq!(unread(&console), all, "{size:?}");
+    }
+}
+
+#[test]
+fn a_line_is_read_once_all_its_rows_were_there_at_one_width() {
+    let mut console = opened(0);
+    for width in (20..100).step_by(7) {
+        console.draw((width, 16));
+    }
+    let before = unread(&console);
+    // Read at another width stays read.
+    console.draw((120, 16));
+    assert!(unread(&console) <= before);
+    console.draw((120, 80));
+    assert_eq!(unread(&console), 0);
+}
+
+#[test]
+fn rejecting_needs_no_reading_and_keeps_what_was_shown_alone() {
+    let mut console = opened(0);
+    console.draw(SMALL);
+    let left = unread(&console);
+    console.keys("N");
+    console.keys("not now");
+    console.press(KeyCode::Esc);
+    let (answer, shown) = decision(&console.keys("N"));
+    assert_eq!(answer, Answer::Reject);
+    assert!(shown.contains("Promote grasp@1.3.0") && !shown.contains("what is number 19"), "{shown}");
+    assert!(shown.contains(&format!("({left} of ")), "{shown}");
+}
+
+#[test]
+fn a_question_read_again_is_unread() {
+    let mut console = opened(0);
+    console.draw((120, 80));
+    assert_eq!(unread(&console), 0);
+    console.keys("r");
+    assert!(unread(&console) > 0);
+}
+
+#[test]
+fn a_reason_that_nobody_can_see_is_none() {
+    for unseen in ["\u{200b}", "\u{200d}\u{2060}", " \u{3164} ", "\u{ad}"] {
+        let mut console = TestConsole::new(2);
+        console.open_prompt();
+        console.fill("aaaa", unseen);
+        assert!(!decides(&console.keys("Y")), "{unseen:?}");
+        assert_eq!(console.block(), Some(Obstacle::Reason), "{unseen:?}");
+        assert!(!decides(&console.keys("N")), "{unseen:?}");
+    }
+}

@@ -1,0 +1,251 @@
+//! What must be readable at 3 a.m., in every view and at every size: who has the arm and how, what is stopped, and the
+//! key that stops.
+
+use std::sync::Arc;
+
+use holdpoint::console::form::{Form, Intent};
+use holdpoint::console::frame::{decision_on_screen, text_of};
+use holdpoint::console::line::EditLine;
+use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
+use holdpoint::console::model::{Frozen, Model, Notice, Overlay, Typing, View};
+use holdpoint::console::prompt::Prompt;
+use holdpoint::governance::alarms::{AlarmState, Priority};
+use holdpoint::governance::lifecycle::{Flags, State};
+use holdpoint::protocol::command::Caller;
+use holdpoint::protocol::snapshot::{AlarmView, Snapshot, StoppedView};
+use ratatui::layout::Rect;
+
+use crate::support;
+
+const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
+
+fn look() -> Look {
+    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+}
+
+fn shown(model: &Model, (width, height): (u16, u16)) -> String {
+    text_of(model, &look(), width, height)
+}
+
+fn told(model: &mut Model, change: impl FnOnce(&mut Snapshot)) {
+    let mut snapshot = (**model.told.snapshot.as_ref().unwrap()).clone();
+    change(&mut snapshot);
+    model.told.snapshot = Some(Arc::new(snapshot));
+}
+
+/// `place@1.1.0` has the arm, provisionally, and somebody holds its promotion.
+fn held_provisional(view: View, pane: usize) -> Model {
+    let mut model = support::at(view);
+    let flags = Flags { provisional: true, paused: true, ..Flags::default() };
+    told(&mut model, |snapshot| {
+        let place = snapshot.families.iter_mut().find(|family| family.family.as_str() == "place").unwrap();
+        place.active = Some(support::id("place@1.1.0"));
+        place.flags = Some(flags);
+        snapshot.candidates.retain(|candidate| candidate.version == support::id("place@1.1.0"));
+        for candidate in &mut snapshot.candidates {
+            (candidate.state, candidate.flags, candidate.progress) = (State::Active, flags, None);
+        }
+    });
+    let mut picture = support::picture();
+    picture.version = Some(support::id("place@1.1.0"));
+    model.told.picture = Some(Arc::new(picture));
+    let mut page = (*model.told.registry.page).clone();
+    for row in &mut page.rows {
+        (row.state, row.flags) = (State::Active, flags);
+    }
+    model.told.registry.page = Arc::new(page);
+    let mut detail = support::detail();
+    detail.version = support::id("place@1.1.0");
+    model.told.detail = Some(Arc::new(detail));
+    model.place.chosen = Some(support::id("place@1.1.0"));
+    model.place.panes[view as usize] = pane;
+    model
+}
+
+#[test]
+fn a_paused_provisional_version_has_the_arm_and_is_said_to_everywhere() {
+    for view in View::ALL {
+        for pane in 0..view.panes().len() {
+            let model = held_provisional(view, pane);
+            for size in SIZES {
+                let text = shown(&model, size);
+                let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
+                let status = text.lines().rev().nth(1).unwrap();
+                assert!(status.contains("provisional") && status.contains("paused"), "status line, {at}");
+                let body: Vec<&str> = text.lines().skip(2).take(usize::from(size.1) - 4).collect();
+                let body = body.join("\n");
+                let told =
+                    matches!((view, pane), (View::Overview, 0 | 1) | (View::Registry | View::Candidate, _));
+                if told {
+                    assert!(body.contains("provisional") && body.contains("paused"), "{at}");
+                }
+                assert!(!body.contains("‖ held"), "that hides who has the arm: {at}");
+            }
+        }
+    }
+    insta::assert_snapshot!(
+        "held_provisional_100x30",
+        shown(&held_provisional(View::Overview, 0), (100, 30))
+    );
+    insta::assert_snapshot!("held_provisional_80x24", shown(&held_provisional(View::Overview, 0), (80, 24)));
+}
+
+#[test]
+fn the_strip_shows_it_watched_and_its_confirmation_held() {
+    let text = shown(&held_provisional(View::Overview, 0), (120, 36));
+    assert!(text.contains("◌monitor ‖confirm"), "{text}");
+}
+
+fn freeze(model: &mut Model) {
+    model.place.frozen = Some(Frozen {
+        at_ms: 700_000,
+        snapshot: model.told.snapshot.clone().unwrap(),
+        story: model.told.story.clone(),
+    });
+}
+
+#[test]
+fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
+    for view in View::ALL {
+        for pane in 0..view.panes().len() {
+            let mut model = support::at(view);
+            model.place.panes[view as usize] = pane;
+            freeze(&mut model);
+            told(&mut model, |snapshot| {
+                snapshot.families[2].active = Some(support::id("place@7.7.7"));
+                snapshot.stopped = Some(StoppedView {
+                    by: "grace".to_owned(),
+                    caller: Caller::Script,
+                    reason: String::new(),
+                    since_ms: 760_000,
+                    stood_after_ticks: None,
+                });
+                snapshot.alarms[0].text = "a new alarm".to_owned();
+                snapshot.questions.clear();
+                snapshot.prompts.clear();
+            });
+            let mut picture = support::picture();
+            picture.version = Some(support::id("grasp@8.8.8"));
+            model.told.picture = Some(Arc::new(picture));
+            for size in SIZES {
+                let text = shown(&model, size);
+                let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
+                assert!(text.contains("STOPPED by grace"), "{at}");
+                assert!(text.contains("frozen since 00:11:40"), "{at}");
+                let status = text.lines().rev().nth(1).unwrap();
+                assert!(!status.contains("wait"), "nothing waits any more, {at}");
+                if view == View::Overview && (pane == 0 || size.0 >= 80) {
+                    assert!(text.contains("place@7.7.7"), "{at}");
+                }
+                if view == View::Overview && pane == 1 {
+                    assert!(text.contains("grasp@8.8.8"), "{at}");
+                }
+                if view == View::Shadow {
+                    assert!(text.contains("FROZEN since 00:11:40"), "{at}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_frozen_story_stands_still_and_says_since_when() {
+    for size in SIZES {
+        let mut model = support::at(View::Overview);
+        model.place.panes[0] = 2;
+        freeze(&mut model);
+        let before = shown(&model, size);
+        let mut newest = model.told.story.back().unwrap().clone();
+        newest.seq += 1;
+        newest.text = "the newest".to_owned();
+        model.told.story.push_back(newest);
+        assert_eq!(shown(&model, size), before, "{size:?}");
+        assert!(before.contains("FROZEN since 00:11:40"), "{size:?}:\n{before}");
+        model.place.frozen = None;
+        assert!(shown(&model, size).contains("the newest"), "{size:?}");
+    }
+}
+
+#[test]
+fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
+    let mut models: Vec<(String, Model, &str)> =
+        View::ALL.into_iter().map(|view| (format!("{view:?}"), support::at(view), "X stop")).collect();
+    let mut with = |name: &str, key: &'static str, change: &dyn Fn(&mut Model)| {
+        let mut model = support::at(View::Alarms);
+        change(&mut model);
+        models.push((name.to_owned(), model, key));
+    };
+    let long = "something that was answered at length ".repeat(20);
+    with("notice", "X stop", &|model| {
+        model.notice = Some(Notice { text: long.clone(), bad: true, until_ms: 99_000 });
+    });
+    with("typing", "f9 stop", &|model| model.entry.typing = Some(Typing::Command(EditLine::new(&long))));
+    with("form", "f9 stop", &|model| {
+        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Go(1), Vec::new()))));
+    });
+    with("quit", "X stop", &|model| {
+        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Quit, Vec::new()))));
+    });
+    with("prompt", "X stop", &|model| {
+        let snapshot = support::snapshot();
+        let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms).unwrap();
+        model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    });
+    with("read-only", "X stop", &|model| model.settings.read_only = true);
+    for (name, model, key) in &models {
+        for size in [(200, 60), (120, 36), (100, 30), (80, 24), (60, 16), (40, 10), (30, 4), (24, 3)] {
+            let text = shown(model, size);
+            let foot = text.lines().last().unwrap();
+            assert!(foot.contains(key), "{name} {size:?}:\n{text}");
+        }
+    }
+}
+
+#[test]
+fn a_decision_says_how_much_of_it_is_unread_and_which_key_shows_it() {
+    let mut model = support::at(View::Approvals);
+    let snapshot = support::snapshot();
+    let mut prompt = Prompt::open(&support::question(2), &snapshot, 0).unwrap();
+    let all = prompt.text().len();
+    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt.clone())));
+    let text = shown(&model, (80, 24));
+    assert!(text.contains(&format!("{all} of {all} lines unread: pagedown shows the next")), "{text}");
+    assert!(text.contains("[Y Promote]"), "{text}");
+    // Page by page, as frames are drawn.
+    for _ in 0..all {
+        model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt.clone())));
+        let seen = decision_on_screen(&model, &look(), Rect::new(0, 0, 80, 24)).unwrap();
+        let text = shown(&model, (80, 24));
+        for row in &seen.rows {
+            assert!(text.contains(row.text.trim()), "{:?} is said to be on the screen:\n{text}", row.text);
+        }
+        prompt.saw(&seen);
+        prompt.scroll_by(true, true);
+    }
+    assert_eq!(prompt.unread(), 0);
+    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    assert!(!shown(&model, (80, 24)).contains("unread"));
+}
+
+#[test]
+fn the_alarm_that_comes_first_is_on_the_alarm_line() {
+    let mut model = support::at(View::Overview);
+    let alarm = |name: &str, state, since_ms| AlarmView {
+        subject: name.to_owned(),
+        state,
+        state_below: state,
+        priority: Priority::Critical,
+        since_ms,
+        ..support::snapshot().alarms[0].clone()
+    };
+    told(&mut model, |snapshot| {
+        snapshot.alarms = vec![
+            alarm("older", AlarmState::ReturnedUnacknowledged, 1_000),
+            alarm("standing", AlarmState::Unacknowledged, 2_000),
+        ];
+    });
+    let line = |model: &Model| shown(model, (120, 36)).lines().rev().nth(1).unwrap().to_owned();
+    assert!(line(&model).starts_with("1▲ CRIT standing:"), "{}", line(&model));
+    told(&mut model, |snapshot| snapshot.alarms[1].state = AlarmState::Shelved);
+    assert!(line(&model).starts_with("1▲ CRIT older (returned):"), "{}", line(&model));
+}
