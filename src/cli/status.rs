@@ -321,6 +321,7 @@ impl Source<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::report::FamilyStatusRow;
     use super::*;
 
     fn row(state: State, provisional: bool) -> VersionRow {
@@ -356,6 +357,28 @@ mod tests {
         );
         let json = serde_json::to_value(&stale).unwrap();
         assert_eq!(json["stale"], serde_json::json!(["profile", "active-version"]));
+    }
+
+    #[test]
+    fn a_paused_provisional_version_is_said_to_have_the_arm() {
+        let version = VersionRow { paused: true, ..row(State::Active, true) };
+        assert!(version.line().contains("active, promotion paused, provisional"), "{}", version.line());
+        let held = VersionRow { paused: true, ..row(State::Sandboxed, false) };
+        assert!(held.line().contains("sandboxed, paused"), "{}", held.line());
+        let family = FamilyStatusRow {
+            family: "grasp".to_owned(),
+            active: Some(version.version),
+            rollback_target: None,
+            safe_stopped: None,
+            provisional_episodes: None,
+            provisional: true,
+            promotion_paused: true,
+        };
+        let line = family.line();
+        assert!(
+            line.contains("active grasp@1.1.0") && line.contains("provisional, its promotion paused"),
+            "{line}"
+        );
     }
 
     #[test]

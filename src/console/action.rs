@@ -154,9 +154,9 @@ actions! {
     OpenRecording = "open-recording", Version, ["o"];
     /// Open the live scene in 3D
     OpenLive = "open-live", Lists, ["O"];
-    /// Hold this candidate, reason required
+    /// Hold this candidate, or the promotion of a provisional version; reason required
     Pause = "pause", Version, ["p"];
-    /// Let a held candidate go on, reason required
+    /// Let what is held go on, reason required
     Resume = "resume", Version, ["u"];
     /// Reject this candidate for good, reason required
     Refuse = "refuse", Version, ["F"];

@@ -306,7 +306,7 @@ impl Prompt {
         }
         let Some(who) = who else { return Err(Obstacle::NoIdentity) };
         let typed = self.reason.text().trim();
-        let reason = if !is_visible(typed) { "evidence read at the console" } else { typed };
+        let reason = if is_visible(typed) { typed } else { "evidence read at the console" };
         Ok(PromptAnswer {
             by: who.name.clone(),
             answer,

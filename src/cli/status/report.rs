@@ -238,7 +238,7 @@ fn stopped_line(stopped: &StoppedView) -> String {
 }
 
 impl FamilyStatusRow {
-    fn line(&self) -> String {
+    pub(super) fn line(&self) -> String {
         let name =
             |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
         let mut line = format!(

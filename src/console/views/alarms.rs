@@ -31,7 +31,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
     let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
     if items.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "No alarm: everything is normal");
+        pen.text(inside, 0, ThemeRole::Muted, "No alarm is open");
         return;
     }
     let look = pen.look;

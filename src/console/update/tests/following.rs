@@ -127,7 +127,8 @@ fn a_form_follows_its_version_and_asks_to_be_read_again() {
 
 #[test]
 fn a_form_closes_when_it_would_be_for_something_else() {
-    let moved: [(&str, fn(&mut Snapshot)); 4] = [
+    type Change = fn(&mut Snapshot);
+    let moved: [(&str, Change); 4] = [
         ("F", |now| now.candidates[0].state = State::Active),
         ("p", |now| now.candidates[0].flags.paused = true),
         ("D", |now| now.candidates[0].state = State::Rejected),
