@@ -30,11 +30,9 @@ pub(crate) fn own_caller(record: &Record) -> Caller {
     if record.clock().is_scripted() { Caller::Script } else { caller::own() }
 }
 
-/// Stops the cell, if nobody has yet, and puts it on record.
-pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, by: String, reason: String) -> Reply {
-    let caller = own_caller(record);
-    // Who asked through the door or at the console has stopped the arm already, under the own name.
-    world.switch().halt(AskedStop { by, reason, caller });
+/// Stops the cell and puts it on record. Who asked through the door or at the console has stopped the arm already.
+pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Reply {
+    world.switch().halt(asked);
     let written = take_in(record, world);
     let stopped = match &world.halted {
         Some(halted) if halted.by.is_empty() => "the cell is stopped".to_owned(),
@@ -51,9 +49,17 @@ pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, by: String, reaso
     }
 }
 
-/// Puts a stop on record that was asked for on any thread; the first one is who stopped the cell.
+/// Puts every stop on record that was asked for on any thread; the first one is who stopped the cell.
 pub(crate) fn take_in(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
-    let Some(AskedStop { mut by, mut reason, caller }) = world.switch().take_asked() else { return Ok(()) };
+    let mut written = Ok(());
+    while let Some(asked) = world.switch().take_asked() {
+        written = written.and(note(record, world, asked));
+    }
+    written
+}
+
+fn note(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Result<(), StoreError> {
+    let AskedStop { mut by, mut reason, caller, id: _ } = asked;
     // Nobody is sent back for a long name while an arm moves.
     for text in [&mut by, &mut reason] {
         text.truncate(text.floor_char_boundary(REASON_BYTES_MAX));

@@ -133,8 +133,8 @@ impl Host {
     pub fn ask(&self, request: Request) -> Result<(), Busy> {
         let stops = request.command.stops_the_arm();
         if let (Command::Stop { by, reason }, Some(switch)) = (&request.command, self.shared.switch.get()) {
-            let (by, reason) = (by.clone(), reason.clone());
-            switch.halt(AskedStop { by, reason, caller: crate::caller::own() });
+            let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
+            switch.halt(AskedStop { id, by, reason, caller: crate::caller::own() });
         }
         let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
         self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).map_err(|_| Busy)?;

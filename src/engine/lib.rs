@@ -53,7 +53,7 @@ use crate::ledger::{Ledger, LedgerError};
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
-use crate::world::switch::Switch;
+use crate::world::switch::{AskedStop, Switch};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_protocol::clock::Clock;
@@ -267,7 +267,10 @@ impl Engine {
                     version: None,
                 }
             }
-            Command::Stop { by, reason } => self.pipeline.halt(by, reason),
+            Command::Stop { by, reason } => {
+                let (id, caller) = (request.id.clone(), caller.clone());
+                self.pipeline.halt(AskedStop { id, by, reason, caller })
+            }
             _ if self.ended => refused("the engine is ending"),
             command => self.pipeline.command_of(command, caller),
         };

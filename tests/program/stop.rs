@@ -109,6 +109,16 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
         matches!(stopped.caller, Caller::Process { process: Some(own), .. } if own == std::process::id()),
         "{stopped:?}"
     );
+    // Whoever stops a stopped cell may know of something else: that is on record too, once, and stops nothing anew.
+    front.events.clear();
+    accepted(
+        &front.carry_out(Command::Stop { by: "bo".to_owned(), reason: "there is a second one".to_owned() }),
+    );
+    front.until(|kind| matches!(kind, EventKind::CellStopped { by, .. } if by == "bo"));
+    assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
+    let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
+    let stops = Views::open(&Layout::new(folder.path()).database()).unwrap().audit(&stops).unwrap();
+    assert_eq!(stops.len(), 2, "{stops:?}");
     let worked = front.snapshot().live.sequences;
     front.host.stop(PATIENCE).unwrap();
 

@@ -144,8 +144,8 @@ impl DoorServer {
         let stops = matches!(request.command, Command::Stop { .. });
         if let Command::Stop { by, reason } = &request.command {
             // Here and now, whatever the engine is at, and however many requests wait.
-            let (by, reason) = (by.clone(), reason.clone());
-            self.switch.halt(AskedStop { by, reason, caller: caller.clone() });
+            let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
+            self.switch.halt(AskedStop { id, by, reason, caller: caller.clone() });
         }
         let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
         if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {

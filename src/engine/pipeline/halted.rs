@@ -3,6 +3,7 @@
 use super::{Pipeline, Progress};
 use crate::fault::Fault;
 use crate::halt;
+use crate::world::switch::AskedStop;
 use holdpoint_protocol::command::Reply;
 use holdpoint_text::Hint;
 
@@ -18,8 +19,8 @@ impl Pipeline {
     }
 
     /// A person stops the cell, at any time. A stop that cannot be written is one all the same; the engine holds then.
-    pub(crate) fn halt(&mut self, by: String, reason: String) -> Reply {
-        let reply = halt::stop(&mut self.record, &mut self.world, by, reason);
+    pub(crate) fn halt(&mut self, asked: AskedStop) -> Reply {
+        let reply = halt::stop(&mut self.record, &mut self.world, asked);
         if let Reply::Refused { text, .. } = &reply
             && self.record.holding().is_none()
         {

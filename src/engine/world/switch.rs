@@ -4,10 +4,14 @@
 //! [`Switch::halt`] is a person's stop of the cell: it latches, the body itself brakes and takes no command while it
 //! lasts, and only `Switch::release` ends it. Decides nothing, and waits for nobody.
 
+use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use holdpoint_protocol::command::Caller;
+
+/// The most stops that wait to be put on record, and the most ids that are known.
+const ASKED_MAX: usize = 64;
 
 /// No tick yet.
 const NEVER: u64 = u64::MAX;
@@ -15,12 +19,23 @@ const NEVER: u64 = u64::MAX;
 /// A stop as it was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AskedStop {
+    /// Id of the request, by which one that comes here twice (at the door, and from the engine) is known.
+    pub id: String,
     /// The name that was claimed.
     pub by: String,
     /// Why; may be empty.
     pub reason: String,
     /// Whose process asked, as the system has it.
     pub caller: Caller,
+}
+
+/// Stops that were asked for.
+#[derive(Debug, Default)]
+struct Asked {
+    /// Not put on record yet, the first one first.
+    waiting: VecDeque<AskedStop>,
+    /// Ids of the last ones.
+    known: VecDeque<String>,
 }
 
 /// See the module's head.
@@ -37,8 +52,8 @@ pub struct Switch {
     asked_at: AtomicU64,
     /// Ticks from the halt to the standing arm.
     stood_after: AtomicU64,
-    /// What was asked and not put on record yet.
-    asked: Mutex<Option<AskedStop>>,
+    /// What was asked.
+    asked: Mutex<Asked>,
 }
 
 impl Default for Switch {
@@ -50,7 +65,7 @@ impl Default for Switch {
             stepped: AtomicU64::new(0),
             asked_at: AtomicU64::new(0),
             stood_after: AtomicU64::new(NEVER),
-            asked: Mutex::new(None),
+            asked: Mutex::default(),
         }
     }
 }
@@ -76,13 +91,21 @@ impl Switch {
         self.is_halted() || self.stop.load(Ordering::Acquire) == number
     }
 
-    /// A person stops the cell. The first one is kept; further ones change nothing.
+    /// A person stops the cell. Whoever asks while it is stopped is put on record, too: that person may know of
+    /// something that the first one did not. Beyond [`ASKED_MAX`] in one turn of the engine the same stop stands for all.
     pub fn halt(&self, asked: AskedStop) {
         // Whoever panicked with the lock held left a whole value; stopping must not fail for that.
         let mut slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if !self.is_halted() {
+        let first = !self.is_halted();
+        if first {
             self.latch();
-            *slot = Some(asked);
+        }
+        if first || (slot.waiting.len() < ASKED_MAX && !slot.known.contains(&asked.id)) {
+            slot.known.push_back(asked.id.clone());
+            if slot.known.len() > ASKED_MAX {
+                slot.known.pop_front();
+            }
+            slot.waiting.push_back(asked);
         }
     }
 
@@ -102,15 +125,15 @@ impl Switch {
     /// The arm may work again. Refused, with `false`, while a stop is not on record yet.
     pub(crate) fn release(&self) -> bool {
         let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if slot.is_none() {
+        if slot.waiting.is_empty() {
             self.halted.store(false, Ordering::Release);
         }
-        slot.is_none()
+        slot.waiting.is_empty()
     }
 
     /// A stop that was asked for and is to be put on record.
     pub(crate) fn take_asked(&self) -> Option<AskedStop> {
-        self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take()
+        self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front()
     }
 
     /// The body has stepped; `stands` tells since how many ticks every joint stands, while the cell is stopped.
@@ -139,7 +162,7 @@ mod tests {
     use super::*;
 
     fn asked(by: &str) -> AskedStop {
-        AskedStop { by: by.to_owned(), reason: String::new(), caller: Caller::Script }
+        AskedStop { id: by.to_owned(), by: by.to_owned(), reason: String::new(), caller: Caller::Script }
     }
 
     #[test]
@@ -163,9 +186,13 @@ mod tests {
         switch.stepped(None);
         switch.halt(asked("ana"));
         switch.halt(asked("bo"));
+        // The same request, once at the door and once from the engine.
+        switch.halt(asked("bo"));
         assert!(switch.is_halted() && switch.stops(1) && switch.stops(2));
         assert!(!switch.release(), "it is not on record yet");
-        assert_eq!(switch.take_asked().map(|asked| asked.by), Some("ana".to_owned()));
+        let on_record: Vec<String> =
+            std::iter::from_fn(|| switch.take_asked()).map(|asked| asked.by).collect();
+        assert_eq!(on_record, ["ana", "bo"]);
         assert_eq!(switch.stood_after(true), None);
         for _ in 0..30 {
             switch.stepped(None);
