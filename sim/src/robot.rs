@@ -14,6 +14,7 @@ use holdpoint_body::clearance::ClearanceModel;
 use holdpoint_body::ik::{IkOptions, IkOutcome};
 use holdpoint_body::number::{finite_list, finite3, positive};
 use holdpoint_body::{Geometry, JointVec, Shape};
+use holdpoint_text::file::read_text as read_file;
 
 use crate::error::SimError;
 use crate::number::parse_toml;
@@ -272,12 +273,7 @@ fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, S
 pub(crate) fn read_text(path: &Path) -> Result<String, SimError> {
     let name = path.display().to_string();
     let fail = |error: std::io::Error| SimError::file(&name, "file", format!("cannot be read: {error}"));
-    let length = std::fs::metadata(path).map_err(fail)?.len();
-    if length > FILE_MAX_BYTES {
-        let problem = format!("is \"{length}\" bytes long; at most {FILE_MAX_BYTES} are read");
-        return Err(SimError::file(&name, "file", problem));
-    }
-    std::fs::read_to_string(path).map_err(fail)
+    read_file(path, FILE_MAX_BYTES).map_err(fail)
 }
 
 /// FNV-1a, 64 bit.

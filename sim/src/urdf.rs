@@ -14,6 +14,23 @@ use holdpoint_body::Shape;
 use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::{JointVec, MAX_JOINTS};
 
+// What is refused as no arm: several times what industrial arms have (ISO 9283 classes end well below).
+
+/// Farthest that a joint turns from its zero, rad: two turns.
+const ANGLE_MAX_RAD: f64 = 4.0 * core::f64::consts::PI;
+/// Fastest joint, rad/s.
+const SPEED_MAX_RAD_S: f64 = 20.0;
+/// Strongest joint, N m.
+const EFFORT_MAX_N_M: f64 = 10_000.0;
+/// Largest part, and largest step from one to the next, m.
+const LENGTH_MAX_M: f64 = 5.0;
+/// Heaviest part, kg.
+const MASS_MAX_KG: f64 = 500.0;
+/// Largest moment of inertia, kg m².
+const INERTIA_MAX_KG_M2: f64 = 1_000.0;
+/// Largest stiffness, damping and acceleration, in their SI units.
+const GAIN_MAX: f64 = 1.0e6;
+
 /// What the two files say together.
 pub struct Tree {
     pub name: String,
@@ -115,8 +132,29 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
         if list.len() != n {
             return Err(SimError::file(file, key, format!("\"{}\" values for {n} joints", list.len())));
         }
+        if let Some(value) = list.iter().find(|value| value.abs() > GAIN_MAX) {
+            let problem = format!("\"{value}\"; at most {GAIN_MAX} is allowed");
+            return Err(SimError::file(file, key, problem));
+        }
         if key != "home_rad" && list.iter().any(|v| *v <= 0.0) {
             return Err(SimError::file(file, key, format!("\"{list:?}\": every value must be above 0")));
+        }
+    }
+    let (g, m) = (&config.gripper, &config.motors);
+    let single = [
+        ("gripper.pad_friction", g.pad_friction, 10.0),
+        ("gripper.stiffness_n_m", g.stiffness_n_m, GAIN_MAX),
+        ("gripper.damping_n_s_m", g.damping_n_s_m, GAIN_MAX),
+        ("gripper.force_max_n", g.force_max_n, 1_000.0),
+        ("gripper.speed_max_m_s", g.speed_max_m_s, 2.0),
+        ("gripper.armature_kg", g.armature_kg, MASS_MAX_KG),
+        ("motors.armature_kg_m2", m.armature_kg_m2, INERTIA_MAX_KG_M2),
+        ("motors.joint_damping_n_m_s_rad", m.joint_damping_n_m_s_rad, GAIN_MAX),
+    ];
+    let offset = config.tool.xyz_m.map(|value| ("tool.xyz_m", value, LENGTH_MAX_M));
+    for (key, value, most) in single.into_iter().chain(offset) {
+        if value.abs() > most {
+            return Err(SimError::file(file, key, format!("\"{value}\"; at most {most} is allowed")));
         }
     }
     Ok(())
@@ -249,6 +287,10 @@ impl<'a> UrdfReader<'a> {
             );
             return Err(self.error(here.into(), problem));
         }
+        self.within(here, "limit's lower end, rad", limit.lower, ANGLE_MAX_RAD)?;
+        self.within(here, "limit's upper end, rad", limit.upper, ANGLE_MAX_RAD)?;
+        self.within(here, "limit's velocity, rad/s", limit.velocity, SPEED_MAX_RAD_S)?;
+        self.within(here, "limit's effort, N m", limit.effort, EFFORT_MAX_N_M)?;
         Ok(JointSpec {
             name: joint.name.clone(),
             origin: Transform::new(origin),
@@ -260,12 +302,23 @@ impl<'a> UrdfReader<'a> {
         })
     }
 
+    /// Refuses what no arm has: numbers that are finite and nothing else would overflow somewhere in the physics.
+    fn within(&self, here: &str, what: &str, value: f64, most: f64) -> Result<(), SimError> {
+        if value.abs() <= most {
+            return Ok(());
+        }
+        Err(self.error(here.into(), format!("{what}, is \"{value}\"; at most {most} either way is allowed")))
+    }
+
     fn origin(&self, here: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, SimError> {
         if origin.xyz.iter().chain(origin.rpy.iter()).any(|v| !v.is_finite()) {
             return Err(self.error(
                 here.into(),
                 format!("origin \"{:?} {:?}\" is not finite", origin.xyz.0, origin.rpy.0),
             ));
+        }
+        for value in origin.xyz.iter() {
+            self.within(here, "the origin, m", *value, LENGTH_MAX_M)?;
         }
         Ok(pose(&origin.xyz, &origin.rpy))
     }
@@ -355,6 +408,10 @@ impl<'a> UrdfReader<'a> {
                 self.error(here.into(), format!("inertia \"{} {} {}\" must be above 0", i.ixx, i.iyy, i.izz))
             );
         }
+        self.within(here, "the mass, kg", inertial.mass.value, MASS_MAX_KG)?;
+        for value in [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz] {
+            self.within(here, "the inertia, kg m²", value, INERTIA_MAX_KG_M2)?;
+        }
         let at = seat * self.origin(here, &inertial.origin)?;
         let local = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
         let turn = at.rotation.to_rotation_matrix().into_inner();
@@ -386,6 +443,9 @@ impl<'a> UrdfReader<'a> {
             return Err(
                 self.error(here.into(), format!("shape size \"{sizes:?}\" must be finite and above 0"))
             );
+        }
+        for size in sizes {
+            self.within(here, "the shape's size, m", size, LENGTH_MAX_M)?;
         }
         Ok(shape)
     }

@@ -151,7 +151,7 @@ fn own_error(error: OwnProfileError) -> CliError {
 /// A text of at most so many bytes, and one more, by which whoever checks sees that there are too many.
 fn text(path: &Path, bytes_max: usize) -> std::io::Result<String> {
     let mut text = String::new();
-    std::fs::File::open(path)?.take(bytes_max as u64 + 1).read_to_string(&mut text)?;
+    holdpoint_text::file::open(path)?.take(bytes_max as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
 }
 

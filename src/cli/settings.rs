@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::error::CliError;
 use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
 use holdpoint_text::Untrusted;
+use holdpoint_text::file::read_text;
 
 /// A file of the operator's settings: its path for messages, and its text. Absent if there is none.
 pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
@@ -18,15 +19,9 @@ pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, Strin
     match std::fs::metadata(&path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unreadable(&error)),
-        Ok(found) if found.len() > bytes_max as u64 => {
-            return Err(unreadable(&format!(
-                "it has {} bytes; at most {bytes_max} are allowed",
-                found.len()
-            )));
-        }
         Ok(_) => {}
     }
-    let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&error))?;
+    let text = read_text(&path, bytes_max as u64).map_err(|error| unreadable(&error))?;
     Ok(Some((shown, text)))
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
-use super::script::Script;
+use super::script::{SCRIPT_BYTES_MAX, Script};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
@@ -59,7 +59,7 @@ const DEFAULT_SEED: u64 = 1;
 /// for an expectation that does not hold.
 pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
     let shown = holdpoint_text::Untrusted::new(run.script.display().to_string()).line().into_string();
-    let text = std::fs::read_to_string(run.script)
+    let text = holdpoint_text::file::read_text(run.script, SCRIPT_BYTES_MAX as u64)
         .map_err(|error| CliError::usage(format!("cannot read {shown}: {error}")))?;
     let script = Script::parse(&shown, &text).map_err(CliError::usage)?;
     let fresh;

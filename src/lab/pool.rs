@@ -203,7 +203,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, PoolError> {
     use std::io::Read as _;
     let error = |source| PoolError::File { file: shown(path), source };
     let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(error)?;
+    let file = holdpoint_text::file::open(path).map_err(error)?;
     file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(error)?;
     if bytes.len() as u64 > FILE_BYTES_MAX {
         let problem = format!("more than {FILE_BYTES_MAX} bytes are not allowed");

@@ -3,7 +3,7 @@
 //! Reads names, sizes and bytes. Must not look into a recording, so it works without the scene crate, and must not
 //! remove one: that is for who has written down why.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
@@ -113,7 +113,7 @@ pub fn of(folder: &Path, version: &CapabilityId) -> io::Result<Vec<PathBuf>> {
 /// # Errors
 /// If it cannot be read.
 pub fn digest(path: &Path) -> io::Result<Digest> {
-    let mut file = File::open(path)?;
+    let mut file = holdpoint_text::file::open(path)?;
     let mut hasher = Sha256::new();
     let mut piece = vec![0; PIECE_BYTES];
     loop {

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use cap_std::ambient_authority;
-use cap_std::fs::Dir;
+use cap_std::fs::{Dir, OpenOptions, OpenOptionsExt as _};
 use serde_json::Value;
 
 use crate::senses::Senses;
@@ -19,6 +19,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::submission::{Package, SUBMISSION_BYTES_MAX, Submission};
 use holdpoint_governance::text_error::{TextError, check_size};
+use holdpoint_text::file::{AT_ONCE, regular};
 use holdpoint_text::{Hint, Untrusted};
 
 /// Why a version could not be taken in.
@@ -210,8 +211,11 @@ impl<'a> Files<'a> {
     fn text(&self, path: &str, bytes_max: usize) -> Result<String, PackageError> {
         let file = named(self.name, path);
         let mut bytes = Vec::new();
+        let mut options = OpenOptions::new();
+        options.read(true).custom_flags(AT_ONCE);
         self.dir
-            .open(path)
+            .open_with(path, &options)
+            .and_then(|opened| regular(opened.into_std()))
             .and_then(|opened| opened.take(bytes_max as u64 + 1).read_to_end(&mut bytes))
             .map_err(|source| PackageError::Read { file: file.clone(), source })?;
         let text = String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: file.clone() })?;

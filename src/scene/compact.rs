@@ -14,7 +14,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::drawing::{Tail, paths, tail};
 use super::file::{Framed, message, opening, store};
-use super::limits::CHUNK_ROWS_MAX;
+use super::limits::{CHUNK_ROWS_MAX, READ_BYTES_MAX};
 use super::read::{Contents, contents};
 use super::rows::{Ids, Rows};
 use super::{ReadError, blueprint};
@@ -184,7 +184,8 @@ pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFinding
     };
     let Some(outcome) = tail.outcome else { return Ok(StartFindings::Open) };
     let pictures = pictures(&chunks);
-    let bytes = fs::read(path).map_err(|source| ReadError::file(path, source))?;
+    let bytes =
+        holdpoint_text::file::read(path, READ_BYTES_MAX).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
     Ok(StartFindings::Ended(EndedFile { digest, bytes: bytes.len() as u64, pictures }, outcome))
 }

@@ -3,7 +3,6 @@
 //! Nothing is made up: what is not in the file is not in the recording.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io::Read as _;
 use std::path::Path;
 
@@ -37,7 +36,7 @@ pub struct Contents {
 /// # Errors
 /// If it cannot be opened, is too large, or is something else.
 pub fn contents(path: &Path) -> Result<Contents, ReadError> {
-    let file = fs::File::open(path).map_err(|source| ReadError::file(path, source))?;
+    let file = holdpoint_text::file::open(path).map_err(|source| ReadError::file(path, source))?;
     let mut bytes = Vec::new();
     file.take(READ_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|source| ReadError::file(path, source))?;
     let length = bytes.len() as u64;

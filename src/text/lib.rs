@@ -11,6 +11,7 @@
 //! What this module must not do: judge whether text is honest. Look-alike letters stay; ids and digests are
 //! compared, never read.
 
+pub mod file;
 mod hint;
 mod sanitise;
 

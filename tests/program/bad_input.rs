@@ -254,6 +254,28 @@ fn scenarios_and_robots() {
     fixture.refuses("no robot", &["run", "--plain", "--robot", "/nowhere.urdf"], &["/nowhere.urdf"]);
 }
 
+/// Pipes kept the program waiting for ever, and devices filled its memory.
+#[test]
+fn what_is_no_regular_file_is_not_read() {
+    let fixture = Fixture::new();
+    let pipe = |path: &Path| {
+        drop(fs::remove_file(path));
+        rustix::fs::mkfifoat(rustix::fs::CWD, path, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    for file in ["manifest.toml", "submission.toml", "params.toml"] {
+        let candidate = fixture.candidate(&format!("piped-{file}"), |folder| drop(pipe(&folder.join(file))));
+        fixture.refuses(file, &["candidate", "register", &candidate], &[file, "no regular file"]);
+    }
+    let there = |name: &str| pipe(&fixture.root.path().join(name));
+    let (script, robot, profile) = (there("script.toml"), there("arm.urdf"), there("own.toml"));
+    let refused = &["no regular file"];
+    fixture.refuses("script", &["run", "--headless", "--script", &script], refused);
+    fixture.refuses("device", &["run", "--headless", "--script", "/dev/zero"], refused);
+    fixture.refuses("robot", &["run", "--plain", "--robot", &robot], refused);
+    fixture.refuses("profile", &["profile", "check", &profile], refused);
+}
+
 #[test]
 fn places_that_cannot_be_used() {
     let fixture = Fixture::new();

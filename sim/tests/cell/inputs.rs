@@ -34,7 +34,31 @@ fn a_robot_from_a_file_equals_the_built_in_one() {
 
 #[test]
 fn a_bad_robot_names_file_and_element() {
-    let cases: [(&str, String, String, &[&str]); 15] = [
+    let cases: [(&str, String, String, &[&str]); 19] = [
+        (
+            "a speed without an end",
+            URDF.replacen("velocity=\"2.175\"", "velocity=\"1e300\"", 1),
+            TOML.into(),
+            &["r.urdf", "joint1", "velocity", "at most 20"],
+        ),
+        (
+            "a mountain",
+            URDF.replacen("mass value=\"4.97\"", "mass value=\"1e30\"", 1),
+            TOML.into(),
+            &["r.urdf", "link1", "mass", "at most 500"],
+        ),
+        (
+            "a shape without an end",
+            URDF.replacen("radius=\"0.06\"", "radius=\"1e200\"", 1),
+            TOML.into(),
+            &["r.urdf", "link0", "at most 5"],
+        ),
+        (
+            "a grip without an end",
+            URDF.into(),
+            TOML.replacen("force_max_n = 70.0", "force_max_n = 1e300", 1),
+            &["r.toml", "gripper.force_max_n", "at most 1000"],
+        ),
         ("no XML", "<robot".into(), TOML.into(), &["r.urdf", "not a URDF"]),
         (
             "mesh",

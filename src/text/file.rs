@@ -1,0 +1,78 @@
+//! Files that somebody else may have put there: regular ones alone, and never more bytes than are allowed.
+//!
+//! A named pipe would keep whoever opens it waiting for ever, and a device has no end.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, ErrorKind, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+use rustix::fs::OFlags;
+
+/// With this flag (`open(2)`) a pipe is opened without waiting for whoever writes to it.
+#[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
+pub const AT_ONCE: i32 = OFlags::NONBLOCK.bits() as i32;
+
+/// Opens a regular file for reading. Links are followed.
+///
+/// # Errors
+/// If it cannot be opened, or is a folder, a pipe, a socket or a device.
+pub fn open(path: &Path) -> io::Result<File> {
+    regular(OpenOptions::new().read(true).custom_flags(AT_ONCE).open(path)?)
+}
+
+/// A file that was opened with [`AT_ONCE`], if it is a regular one.
+///
+/// # Errors
+/// If it is a folder, a pipe, a socket or a device.
+pub fn regular(file: File) -> io::Result<File> {
+    if file.metadata()?.is_file() {
+        return Ok(file);
+    }
+    Err(io::Error::new(ErrorKind::InvalidInput, "it is no regular file, and only those are read"))
+}
+
+/// All bytes of a regular file.
+///
+/// # Errors
+/// As [`open`], or if there are more than `bytes_max`.
+pub fn read(path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > bytes_max {
+        let text = format!("it has more than {bytes_max} bytes, and that many are allowed");
+        return Err(io::Error::new(ErrorKind::FileTooLarge, text));
+    }
+    Ok(bytes)
+}
+
+/// As [`read`], of a text.
+///
+/// # Errors
+/// As [`read`], or if it is not UTF-8.
+pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
+    String::from_utf8(read(path, bytes_max)?)
+        .map_err(|error| io::Error::new(ErrorKind::InvalidData, format!("it is no text in UTF-8: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regular_files_of_so_many_bytes_are_read_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "four").unwrap();
+        assert_eq!(read_text(&file, 4).unwrap(), "four");
+        assert!(read_text(&file, 3).unwrap_err().to_string().contains("more than 3 bytes"));
+        std::fs::write(&file, [0xff]).unwrap();
+        assert!(read_text(&file, 4).unwrap_err().to_string().contains("no text"));
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR).unwrap();
+        for other in [pipe.as_path(), folder.path(), Path::new("/dev/zero")] {
+            let error = read(other, 4).unwrap_err().to_string();
+            assert!(error.contains("no regular file"), "{}: {error}", other.display());
+        }
+    }
+}
