@@ -109,8 +109,12 @@ impl Layout {
 }
 
 /// The store belongs to this engine until this is dropped or the process ends.
+///
+/// The folder itself is locked, which cannot be deleted while something is in it, and the lock's file beside that: it
+/// says who has the store, and is what earlier versions of the program look at.
 #[derive(Debug)]
 pub(crate) struct EngineLock {
+    _folder: File,
     _file: File,
 }
 
@@ -129,23 +133,27 @@ impl EngineLock {
             .mode(0o600)
             .open(&path)
             .map_err(StoreError::io("open the engine lock", &path))?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                let mut owner = String::new();
-                let read = file.take(200).read_to_string(&mut owner).is_ok();
-                let owner = owner.trim_end();
-                let owner = if read && owner.starts_with("process ") { owner } else { "another process" };
-                return Err(StoreError::InUse { path: layout.folder().to_owned(), owner: owner.to_owned() });
+        let folder = File::open(layout.folder()).map_err(StoreError::io("open", layout.folder()))?;
+        for (lock, named) in [(&folder, layout.folder()), (&file, path.as_path())] {
+            match lock.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let mut owner = String::new();
+                    let read = (&file).take(200).read_to_string(&mut owner).is_ok();
+                    let owner = owner.trim_end();
+                    let owner = if read && owner.starts_with("process ") { owner } else { "another process" };
+                    let owner = owner.to_owned();
+                    return Err(StoreError::InUse { path: layout.folder().to_owned(), owner });
+                }
+                Err(TryLockError::Error(source)) => return Err(StoreError::io("lock", named)(source)),
             }
-            Err(TryLockError::Error(source)) => return Err(StoreError::io("lock", &path)(source)),
         }
         let text = format!("process {} since {}\n", std::process::id(), utc_now());
         file.set_len(0)
             .and_then(|()| file.rewind())
             .and_then(|()| file.write_all(text.as_bytes()))
             .map_err(StoreError::io("write the engine lock", &path))?;
-        Ok(Self { _file: file })
+        Ok(Self { _folder: folder, _file: file })
     }
 }
 

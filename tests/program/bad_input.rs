@@ -331,6 +331,9 @@ fn a_second_engine_on_the_same_store() {
     ] {
         fixture.refuses(&words.join(" "), words, &["in use", &owner]);
     }
+    // Without its file the lock is there all the same; only who has it cannot be said.
+    fs::remove_file(Layout::new(fixture.data()).lock()).unwrap();
+    fixture.refuses("no lock file", &["run", "--plain"], &["in use", "another process"]);
     drop(first);
 }
 
