@@ -17,8 +17,10 @@ pub(crate) const STORE: Schema =
     Schema { application_id: 0x4850_5431, steps: &[include_str!("schema/store-1.sql")] };
 
 /// The telemetry, `telemetry.db`: "HPT2".
-pub(crate) const TELEMETRY: Schema =
-    Schema { application_id: 0x4850_5432, steps: &[include_str!("schema/telemetry-1.sql")] };
+pub(crate) const TELEMETRY: Schema = Schema {
+    application_id: 0x4850_5432,
+    steps: &[include_str!("schema/telemetry-1.sql"), include_str!("schema/telemetry-2.sql")],
+};
 
 impl Schema {
     /// The newest version this program knows.

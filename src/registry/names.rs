@@ -32,6 +32,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::Shown
         | RecordKind::AlarmReset
         | RecordKind::Drift
+        | RecordKind::KeptVoided
         | RecordKind::LiveFault
         | RecordKind::GoalSet
         | RecordKind::CellStopped

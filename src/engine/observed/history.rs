@@ -237,6 +237,7 @@ impl History {
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset
+            | RecordKind::KeptVoided
             | RecordKind::LiveFault
             | RecordKind::CellStopped
             | RecordKind::CellReleased
