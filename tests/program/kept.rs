@@ -89,7 +89,8 @@ fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
     let edited = kept
         .execute(
             "UPDATE cell SET bytes = length(changed), body = CAST(changed AS BLOB) FROM (
-               SELECT key AS edited, replace(replace(replace(CAST(body AS TEXT), '\"success\":true', '\"success\":false'),
+               SELECT key AS edited, replace(replace(replace(replace(CAST(body AS TEXT),
+                 '\"success\":true', '\"success\":false'), '\"violation\":false', '\"violation\":true'),
                  '\"anomaly\":false', '\"anomaly\":true'), '\"recovery\":false', '\"recovery\":true') AS changed
                FROM cell) WHERE key = edited AND CAST(body AS TEXT) <> changed",
             [],
