@@ -21,11 +21,13 @@ mod engine_verbs;
 pub mod experiment;
 pub mod explain;
 pub mod identity;
+pub mod kept;
 #[cfg(feature = "console")]
 pub mod keys;
 pub mod man;
 pub mod metrics;
 pub mod output;
+mod own_folder;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;

@@ -70,9 +70,10 @@ fn waiting() -> &'static Path {
         .unwrap();
         let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("console-episodes");
         std::fs::create_dir_all(&cache).unwrap();
-        let words =
-            ["run", "--headless", "--script", script.to_str().unwrap(), "--cache", cache.to_str().unwrap()];
-        let output = home.run(&words);
+        let (script, cache) = (script.to_str().unwrap(), cache.to_str().unwrap());
+        let key = format!("{cache}.key");
+        let output =
+            home.run(&["run", "--headless", "--script", script, "--cache", cache, "--cache-key", &key]);
         assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
         home
     });

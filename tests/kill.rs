@@ -12,7 +12,7 @@ use holdpoint::engine::pipeline::Progress;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::registry::check_invariants;
+use holdpoint::registry::{KeptCells, KeptSecret, check_invariants};
 
 /// SplitMix64, so that a failing run can be repeated with its seed.
 fn random(state: &mut u64) -> u64 {
@@ -28,7 +28,9 @@ fn killed(data: &Path, cache: &Path, after: Duration) -> bool {
     let mut child = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["run", "--headless", "--script", "tests/scenarios/promote-benign.toml", "--seed", "5"])
         .arg("--cache")
-        .arg(cache)
+        .arg(cache.join("cells"))
+        .arg("--cache-key")
+        .arg(cache.join("cells.key"))
         .arg("--data")
         .arg(data)
         .stdout(Stdio::null())
@@ -59,6 +61,8 @@ fn the_next_start_recovers_from_a_kill_at_any_moment() {
     let seed = std::env::var("HOLDPOINT_KILL_SEED").map_or(20_261_121, |text| text.parse().unwrap());
     let mut state = seed;
     let cache = tempfile::tempdir().unwrap();
+    let cells = cache.path().join("cells");
+    let secret = KeptSecret::beside(&cache.path().join("cells.key"), &cells).unwrap();
     let mut landed = 0;
     for round in 0..kills {
         let data = tempfile::tempdir().unwrap();
@@ -76,7 +80,7 @@ fn the_next_start_recovers_from_a_kill_at_any_moment() {
             jobs: 2,
             scripted: true,
             cell: Cell::builtin().unwrap(),
-            cache: EpisodeCache::Shared(cache.path().to_owned()),
+            cache: EpisodeCache::Shared(KeptCells::in_folder(cells.clone(), secret.clone())),
         })
         .unwrap_or_else(|error| panic!("round {round}, seed {seed}, after {after:?}: {error}"));
         for _ in 0..3 {

@@ -21,7 +21,7 @@ pub enum KeyError {
     /// Others can read the secret.
     #[error("the key {path:?} has mode {mode:04o}; others must have no access")]
     Permissions { path: PathBuf, mode: u32 },
-    #[error("{path:?} is not an ed25519 key: 64 hexadecimal digits are needed")]
+    #[error("{path:?} is not a key: 64 hexadecimal digits are needed")]
     Malformed { path: PathBuf },
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]

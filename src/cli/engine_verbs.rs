@@ -127,12 +127,13 @@ impl EngineVerbs for RealEngine {
     ) -> Result<Exit, CliError> {
         let json = context.json;
         let robot = args.engine.robot.as_deref();
+        let cache = args.cache_key.cells_in(args.cache.as_deref(), "--cache")?;
         match &args.script {
             Some(script) => {
                 let run = RunScript {
                     script,
                     data: context.data_given.then_some(context.data.as_path()),
-                    cache: args.cache.as_deref(),
+                    cache,
                     seed: args.engine.seed,
                     jobs: args.engine.jobs(),
                     robot,

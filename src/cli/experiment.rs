@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::kept::CacheKeyArgs;
 use super::output::Table;
 use super::per_candidate::{self, PerCandidateArgs};
 use super::run::JOBS_MAX;
@@ -58,6 +59,9 @@ pub struct DriftArgs {
     /// The folder of cells and report; finished cells in it are not run again.
     #[arg(long, value_name = "DIR", default_value = "experiment-drift")]
     pub out: PathBuf,
+    /// What finished cells are authenticated with.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
     /// Live sequences until a version that is not taken off is left.
     #[arg(long, value_name = "N", default_value_t = 200)]
     pub horizon: u32,
@@ -84,6 +88,7 @@ fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         seed: args.seed,
         jobs: args.jobs.map_or_else(cores, usize::from),
         out: args.out.clone(),
+        kept: args.cache_key.cells(&args.out.join("cells"))?,
         horizon: args.horizon,
         pairs: args.pairs,
     };

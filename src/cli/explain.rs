@@ -14,6 +14,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::explained::{Explained, Explanation};
 use holdpoint_runtime::capability::PackageError;
@@ -77,7 +78,7 @@ fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError>
 }
 
 fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Explained { record, at_ms, ruling, rule, reasons, change, permissions, then } = decision;
+    let Explained { record, at_ms, ruling, rule, reasons, change, permissions, kept, then } = decision;
     let (stage, outcome) = (ruling.stage(), ruling.outcome());
     out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
     out.paragraph("  ", &format!("rule  {}: {}", rule.name(), rule.source()))?;
@@ -105,6 +106,9 @@ fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
     }
     for text in permissions.iter().flat_map(PermissionUse::lines) {
         out.paragraph("  ", &format!("permissions  {text}"))?;
+    }
+    for text in kept.iter().flat_map(KeptUse::lines) {
+        out.paragraph("  ", &format!("kept  {text}"))?;
     }
     for text in then {
         out.paragraph("  ", &format!("then  {text}"))?;

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::kept::CacheKeyArgs;
 use super::output::Table;
 use super::run::{JOBS_MAX, ProfileArg};
 use crate::cli::output::Output;
@@ -46,6 +47,9 @@ pub struct PerCandidateArgs {
     /// Keeps finished candidates here; a run that was cut off goes on from them.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// What they are authenticated with.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
 }
 
 /// Runs the experiment and prints its report.
@@ -60,7 +64,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
         seed: args.seed,
         blocks: args.blocks,
         jobs: args.jobs.map_or(cores, usize::from),
-        out: args.out.clone(),
+        kept: args.cache_key.cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
     // Progress is for whoever waits; losing it loses nothing.
     let tell = |line: &str| {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::chosen::{AskedProfile, AskedProfileParser, chosen};
+use super::kept::CacheKeyArgs;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
@@ -49,6 +50,9 @@ pub struct RunArgs {
     /// A folder of episodes already simulated, for runs to share; needs --headless.
     #[arg(long, value_name = "DIR", requires = "headless")]
     pub cache: Option<PathBuf>,
+    /// Whose folder it is.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
     /// Simulated seconds of the live cell in a second, or `max` [default: 1 in the console, max without it].
     #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
     pub pace: Option<LivePace>,

@@ -2,8 +2,9 @@
 //!
 //! Must not judge what is in them: that is for who asked for the file.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use super::own_folder::own_folder;
 use crate::error::CliError;
 use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
 use holdpoint_text::Untrusted;
@@ -11,8 +12,7 @@ use holdpoint_text::file::read_text;
 
 /// A file of the operator's settings: its path for messages, and its text. Absent if there is none.
 pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
-    let variable = |name| std::env::var_os(name).map(PathBuf::from);
-    let Some(folder) = folder(variable("XDG_CONFIG_HOME"), variable("HOME")) else { return Ok(None) };
+    let Some(folder) = own_folder() else { return Ok(None) };
     let path = folder.join(name);
     let shown = Untrusted::new(path.display().to_string()).line().into_string();
     let unreadable = |error: &dyn std::fmt::Display| CliError::usage(format!("cannot read {shown}: {error}"));
@@ -25,22 +25,12 @@ pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, Strin
     Ok(Some((shown, text)))
 }
 
-/// `$XDG_CONFIG_HOME/holdpoint`, else `~/.config/holdpoint`. Relative paths in the environment do not count.
-fn folder(xdg: Option<PathBuf>, home: Option<PathBuf>) -> Option<PathBuf> {
-    let absolute = |path: Option<PathBuf>| path.filter(|path| path.is_absolute());
-    let base = absolute(xdg).or_else(|| absolute(home).map(|home| home.join(".config")))?;
-    Some(base.join("holdpoint"))
-}
-
 /// The themes there are: the built-in ones and those in the folder `themes`.
 ///
 /// # Errors
 /// What is wrong with one of the files.
 pub(super) fn themes() -> Result<Themes, CliError> {
-    let variable = |name| std::env::var_os(name).map(PathBuf::from);
-    let Some(folder) = folder(variable("XDG_CONFIG_HOME"), variable("HOME")) else {
-        return Ok(Themes::default());
-    };
+    let Some(folder) = own_folder() else { return Ok(Themes::default()) };
     let Ok(entries) = std::fs::read_dir(folder.join("themes")) else { return Ok(Themes::default()) };
     let mut names: Vec<String> = entries
         .flatten()
@@ -52,21 +42,4 @@ pub(super) fn themes() -> Result<Themes, CliError> {
     let read = |name: String| file(&format!("themes/{name}"), FILE_BYTES_MAX).transpose();
     let files = names.into_iter().filter_map(read).collect::<Result<Vec<_>, _>>()?;
     Themes::with_files(&files).map_err(CliError::usage)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn settings_are_where_the_environment_says() {
-        for (xdg, home, expected) in [
-            (Some("/x"), Some("/h"), Some("/x/holdpoint")),
-            (Some("x"), Some("/h"), Some("/h/.config/holdpoint")),
-            (None, None, None),
-        ] {
-            let got = folder(xdg.map(Into::into), home.map(Into::into));
-            assert_eq!(got, expected.map(PathBuf::from), "{xdg:?} {home:?}");
-        }
-    }
 }

@@ -16,6 +16,7 @@ use holdpoint_governance::decision::{Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -59,6 +60,9 @@ pub struct Dossier {
     pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
+    /// What of pairs and drills was kept from before.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kept: Option<KeptUse>,
     pub sequences: Vec<ShadowSequence>,
     /// What the candidate did in the twins: what is normal for it in the live world.
     pub twins: Vec<EpisodeValues>,
@@ -86,7 +90,8 @@ pub struct Dossier {
 }
 
 impl Dossier {
-    /// Digest of the evidence in it: what was measured and assessed, not what was concluded since.
+    /// Digest of the evidence in it: what was measured and assessed, not what was concluded since, nor when it was
+    /// measured: a kept result and the same one worked anew are the same evidence.
     ///
     /// # Errors
     /// Never for values that passed the edge: they are finite.
@@ -97,6 +102,7 @@ impl Dossier {
             reasons: Vec::new(),
             closed: BTreeSet::new(),
             confirmation: None,
+            kept: None,
             held: false,
             ..self.clone()
         };

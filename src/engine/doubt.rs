@@ -7,6 +7,7 @@ use holdpoint_governance::behavior::BehaviorAssessment;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,9 @@ pub struct Confirmation {
     pub behavior: BehaviorAssessment,
     /// What the drills say of `kappa_R`.
     pub recovery: RecoveryAssessment,
+    /// What of it was kept from before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<KeptUse>,
 }
 
 impl Confirmation {

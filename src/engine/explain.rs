@@ -7,11 +7,14 @@ pub mod difference;
 mod on_record;
 mod remedy;
 
-use on_record::{DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord};
+use on_record::{
+    ConfirmationRecord, DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord,
+};
 pub use remedy::is_in_favour;
 
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::kept::{KeptUse, KeptVoid, SeedRange};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::rollback::{RollbackRecord, RungFailure};
 use holdpoint_governance::words::Word;
@@ -35,7 +38,11 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
         match kind {
             RecordKind::Decision => reader.decision(record, records.get(..index).unwrap_or_default()),
             RecordKind::Monitor => reader.monitor(record),
-            RecordKind::EvidencePut => reader.rollback(record),
+            RecordKind::EvidencePut => {
+                reader.rollback(record);
+                reader.confirmation(record);
+            }
+            RecordKind::KeptVoided => reader.voided(record),
             RecordKind::ApprovalPut => {
                 if let Some(said) = answers.next() {
                     let answer = said.decision;
@@ -171,6 +178,28 @@ impl Reader<'_> {
         self.decisions.push(climbed(record, &told, Vec::new()));
     }
 
+    /// What a confirmation took from kept results.
+    fn confirmation(&mut self, record: &AuditRecord) {
+        let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
+        let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Monitor) else { return };
+        let read = serde_json::from_str::<ConfirmationRecord>(&entry.json).unwrap_or_default();
+        for text in read.kept.iter().flat_map(KeptUse::lines) {
+            self.then(format!("confirmation: {text} (record {})", record.seq));
+        }
+    }
+
+    fn voided(&mut self, record: &AuditRecord) {
+        let Ok(KeptVoid { place, rerun, differing, .. }) = serde_json::from_str(&record.body) else {
+            self.unreadable(record);
+            return;
+        };
+        let count: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
+        self.then(format!(
+            "{count} of {rerun} results kept in the {place} came out otherwise when they were run again; none of them              counts, and the comparison began anew (record {})",
+            record.seq
+        ));
+    }
+
     fn people(&mut self, record: &AuditRecord, what: PeopleSaid, text: String) {
         let ruling = Ruling::People(what);
         self.decisions.push(Explained {
@@ -181,6 +210,7 @@ impl Reader<'_> {
             reasons: vec![said(text, Dimension::Approval)],
             change: Vec::new(),
             permissions: None,
+            kept: None,
             then: Vec::new(),
         });
     }
@@ -216,6 +246,7 @@ impl Reader<'_> {
             rule: ruling.rule(),
             ruling,
             permissions: dossier.permissions.clone().filter(|_| is_sandbox),
+            kept: dossier.kept.clone().filter(|_| is_sandbox),
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {
@@ -328,5 +359,5 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
         .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
     let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
-    Explained { record, at_ms, rule, ruling, reasons, change, permissions: None, then }
+    Explained { record, at_ms, rule, ruling, reasons, change, permissions: None, kept: None, then }
 }

@@ -15,6 +15,7 @@ pub mod rollback;
 pub mod sandbox;
 pub mod shadow;
 pub mod validation;
+mod voided;
 
 #[cfg(test)]
 mod tests;

@@ -9,6 +9,7 @@ pub mod episodes;
 pub mod evaluation;
 pub mod lab;
 pub mod measures;
+pub mod reuse;
 pub mod seeds;
 pub mod stress;
 pub mod trace;
@@ -18,7 +19,7 @@ pub mod worker;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use holdpoint_registry::Store;
+use holdpoint_registry::{KeptCells, Store};
 
 use self::cache::EpisodeCache;
 use self::crew::Crew;
@@ -80,6 +81,12 @@ impl Trials {
         self.cancel.load(Ordering::Relaxed)
     }
 
+    /// Where results of active versions are kept.
+    #[must_use]
+    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a KeptCells {
+        self.cache.cells(store)
+    }
+
     /// What an evaluation is run with.
     #[must_use]
     pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> Lab<'a> {
@@ -90,8 +97,7 @@ impl Trials {
             part: self.part,
             cancel: &self.cancel,
             cell,
-            cache: &self.cache,
-            store,
+            cells: self.cells(store),
         }
     }
 }

@@ -215,6 +215,7 @@ pub mod health;
 pub mod ids;
 pub mod interface;
 pub mod kappa;
+pub mod kept;
 pub mod lifecycle;
 pub mod manifest;
 pub mod metrics;

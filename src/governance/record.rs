@@ -50,6 +50,8 @@ crate::words! {
         TelemetrySealed = "telemetry-sealed",
         /// An alarm as it stands after a change.
         AlarmChanged = "alarm-changed",
+        /// Kept results came out otherwise when they were run again: none of them counts any more.
+        KeptVoided = "kept-voided",
         /// A stage's decision with its reasons and what it was made under.
         Decision = "decision",
         /// An action of the monitor with its reasons.

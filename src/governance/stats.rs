@@ -12,6 +12,7 @@ mod paired;
 pub mod population;
 mod proportion;
 mod special;
+pub mod spot_check;
 mod wilcoxon;
 
 use std::borrow::Cow;

@@ -15,14 +15,15 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
+use holdpoint_registry::KeptCells;
 use holdpoint_text::Hint;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
     /// The store's folder; a fresh one that is removed afterwards if none is given.
     pub data: Option<&'a Path>,
-    /// A folder of cached episodes that runs share.
-    pub cache: Option<&'a Path>,
+    /// Episodes of active versions that runs share; the store's own if absent.
+    pub cache: Option<KeptCells>,
     /// The run's seed in place of the script's.
     pub seed: Option<u64>,
     pub jobs: usize,
@@ -77,7 +78,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
         jobs: run.jobs,
         scripted: true,
         cell: cell(run.robot)?,
-        cache: run.cache.map_or(EpisodeCache::InStore, |folder| EpisodeCache::Shared(folder.to_owned())),
+        cache: run.cache.map_or(EpisodeCache::InStore, EpisodeCache::Shared),
     })
     .map_err(start_error)?;
     let mut pump = Pump::new(engine, run.sinks);

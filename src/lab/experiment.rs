@@ -10,6 +10,8 @@ mod drift_run;
 pub mod per_candidate;
 pub mod verdict;
 
+use holdpoint_governance::ids::Digest;
+use holdpoint_registry::{Found, KeptCells};
 use holdpoint_text::Hint;
 use std::borrow::Cow;
 use std::path::Path;
@@ -39,6 +41,9 @@ pub enum ExperimentError {
     Start(#[from] holdpoint_engine::StartError),
     #[error(transparent)]
     Fault(#[from] holdpoint_engine::fault::Fault),
+    /// What is kept cannot be used, or its key file.
+    #[error(transparent)]
+    Kept(#[from] holdpoint_registry::StoreError),
     /// A statistic could not be computed.
     #[error(transparent)]
     Stats(#[from] holdpoint_governance::stats::StatsError),
@@ -59,6 +64,7 @@ impl Hint for ExperimentError {
             Self::Pool(error) => error.hint(),
             Self::Start(error) => error.hint(),
             Self::Fault(error) => error.hint(),
+            Self::Kept(error) => error.hint(),
             Self::Stats(error) => error.hint(),
             Self::Option { .. }
             | Self::File { .. }
@@ -83,6 +89,14 @@ impl ExperimentError {
 
 /// Tells how far an experiment is; called from several threads.
 pub type Tell<'a> = dyn Fn(&str) + Sync + 'a;
+
+/// A finished cell as it is kept; one that cannot be read, or that was not kept with the secret, is none.
+fn kept<T: serde::de::DeserializeOwned>(cells: &KeptCells, key: &Digest) -> Option<T> {
+    match cells.get(key) {
+        Found::Cell { body, .. } => serde_json::from_slice(&body).ok(),
+        Found::Nothing | Found::Refused => None,
+    }
+}
 
 /// A folder that is gone when it is dropped.
 fn scratch() -> Result<tempfile::TempDir, ExperimentError> {

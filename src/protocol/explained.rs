@@ -11,6 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
@@ -50,6 +51,9 @@ pub struct Explained {
     /// Declared against observed permissions, after the sandbox.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub permissions: Option<PermissionUse>,
+    /// What the evidence took from kept results, after the sandbox; absent if everything was worked for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<KeptUse>,
     /// What happened next, until the next decision.
     pub then: Vec<String>,
 }
@@ -336,6 +340,7 @@ mod tests {
             reasons: vec![reason, beside],
             change: Vec::new(),
             permissions: None,
+            kept: None,
             then: Vec::new(),
         };
         let json = serde_json::to_string(&decision).unwrap();

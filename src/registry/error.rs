@@ -75,8 +75,8 @@ pub enum StoreError {
     /// A value that is not allowed.
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid { what: &'static str, value: String, allowed: String },
-    /// The key that signs checkpoints cannot be used.
-    #[error("store key {path:?} is not allowed: {source}")]
+    /// A key of the store, or of kept cells, cannot be used.
+    #[error("the key {path:?} is not allowed: {source}")]
     Key {
         /// The file with the secret.
         path: PathBuf,

@@ -32,7 +32,7 @@ impl Layout {
         self.folder.join("holdpoint.db")
     }
 
-    /// Telemetry batches and cached episodes.
+    /// Telemetry batches and kept cells.
     #[must_use]
     pub fn telemetry(&self) -> PathBuf {
         self.folder.join("telemetry.db")
@@ -63,6 +63,12 @@ impl Layout {
     #[must_use]
     pub fn store_public_key(&self) -> PathBuf {
         self.keys().join("store.pub")
+    }
+
+    /// The secret that kept cells are authenticated with.
+    #[must_use]
+    pub fn cell_key(&self) -> PathBuf {
+        self.keys().join("cells.key")
     }
 
     /// Signed checkpoints of the audit chain.

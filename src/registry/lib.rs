@@ -1,7 +1,7 @@
 //! The registry: what versions there are, in which state, on what evidence, and the audit chain of how it came so.
 //!
 //! Owns the store's folder and files, the one connection that writes, the audit chain with its checkpoints and
-//! verifier, the views and the telemetry file. Must not decide anything: it takes whole transactions of plain
+//! verifier, the views, the telemetry file and the kept cells. Must not decide anything: it takes whole transactions of plain
 //! changes, refuses those that would break an invariant, and keeps bodies (manifests, evidence, decisions) as the
 //! bytes it was given. The dispatcher gets the [`ActiveVersions`] and nothing else.
 
@@ -17,6 +17,7 @@ mod error;
 pub mod failpoint;
 mod fold;
 mod invariants;
+mod kept;
 mod layout;
 mod migrate;
 pub mod names;
@@ -41,6 +42,7 @@ pub use entries::{
 };
 pub use error::StoreError;
 pub use invariants::{Invariant, Violation, check_invariants};
+pub use kept::{Found, KeptCells, KeptSecret};
 pub use layout::{Layout, utc};
 pub use recovery::Interrupted;
 pub use store::{Opening, Store};

@@ -19,8 +19,10 @@ pub(crate) const STORE: Schema = Schema {
 };
 
 /// The telemetry, `telemetry.db`: "HPT2".
-pub(crate) const TELEMETRY: Schema =
-    Schema { application_id: 0x4850_5432, steps: &[include_str!("schema/telemetry-1.sql")] };
+pub(crate) const TELEMETRY: Schema = Schema {
+    application_id: 0x4850_5432,
+    steps: &[include_str!("schema/telemetry-1.sql"), include_str!("schema/telemetry-2.sql")],
+};
 
 impl Schema {
     /// The newest version this program knows.

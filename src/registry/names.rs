@@ -33,6 +33,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::AlarmReset
         | RecordKind::Asked
         | RecordKind::Drift
+        | RecordKind::KeptVoided
         | RecordKind::LiveFault
         | RecordKind::GoalSet
         | RecordKind::CellStopped

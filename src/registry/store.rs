@@ -17,11 +17,12 @@ use super::change::{Change, Receipt, Transaction};
 use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
 use super::error::StoreError;
 use super::invariants::check_registry;
+use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
 use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer, quick_check};
 use super::recovery::{Interrupted, interrupted};
-use super::telemetry::{Batch, BatchReceipt, EpisodeKey, TelemetryFile, TelemetryLimits};
+use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::AuditRecord;
@@ -53,7 +54,8 @@ struct Job {
 pub struct Store {
     jobs: Option<SyncSender<Job>>,
     writer: Option<JoinHandle<()>>,
-    telemetry: Mutex<TelemetryFile>,
+    telemetry: Arc<Mutex<TelemetryFile>>,
+    cells: KeptCells,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
     layout: Layout,
     store_id: String,
@@ -95,7 +97,8 @@ impl Store {
         let store_id = store_id(&connection)?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
-        let telemetry = TelemetryFile::open(&layout.telemetry(), limits)?;
+        let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
+        let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
         let public_key = key.verifying_key();
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
@@ -116,7 +119,8 @@ impl Store {
         Ok(Self {
             jobs: Some(jobs),
             writer: Some(writer),
-            telemetry: Mutex::new(telemetry),
+            telemetry,
+            cells,
             checkpoint_problem,
             layout,
             store_id,
@@ -226,20 +230,10 @@ impl Store {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.read(batch)
     }
 
-    /// A cached episode, `None` if there is none or it is damaged.
-    ///
-    /// # Errors
-    /// If the telemetry file cannot be read.
-    pub fn cached_episode(&self, key: &EpisodeKey) -> Result<Option<Vec<u8>>, StoreError> {
-        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.cached_episode(key)
-    }
-
-    /// Caches an episode.
-    ///
-    /// # Errors
-    /// If it is empty, too large, or cannot be written.
-    pub fn put_cached_episode(&self, key: &EpisodeKey, body: &[u8]) -> Result<(), StoreError> {
-        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cached_episode(key, body)
+    /// What the store keeps of work that need not be done again.
+    #[must_use]
+    pub const fn cells(&self) -> &KeptCells {
+        &self.cells
     }
 }
 

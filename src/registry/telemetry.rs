@@ -1,7 +1,7 @@
-//! Telemetry and cached episodes: a second database file that may lose its newest batches to a power cut, until
-//! they are sealed; then their digests can enter the audit chain.
+//! Telemetry and kept cells: a second database file that may lose its newest batches to a power cut, until they are
+//! sealed; then their digests can enter the audit chain. What a cell may be believed for is [`super::kept`]'s.
 //!
-//! Bounded: the oldest batches and the episodes longest unused are removed beyond the limits.
+//! Bounded: the oldest batches and the cells longest unused are removed beyond the limits.
 
 use std::path::Path;
 
@@ -18,18 +18,18 @@ use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 pub struct TelemetryLimits {
     /// All batch bodies together, bytes.
     pub batch_bytes_max: u64,
-    /// All cached episodes together, bytes.
-    pub episode_bytes_max: u64,
+    /// All kept cells together, bytes.
+    pub cell_bytes_max: u64,
 }
 
 impl Default for TelemetryLimits {
     fn default() -> Self {
-        Self { batch_bytes_max: 1 << 30, episode_bytes_max: 256 << 20 }
+        Self { batch_bytes_max: 1 << 30, cell_bytes_max: 256 << 20 }
     }
 }
 
-/// The largest batch or episode, bytes.
-const BODY_BYTES_MAX: usize = 4 << 20;
+/// The largest batch or cell, bytes.
+pub(crate) const BODY_BYTES_MAX: usize = 4 << 20;
 
 /// Rows of telemetry of one stream, encoded by the caller (postcard or JSON).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,11 +72,13 @@ pub struct EpisodeKey {
 }
 
 impl EpisodeKey {
-    fn digest(&self) -> Digest {
+    /// What it is kept under.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
         let seed = self.seed.to_le_bytes();
         let parts =
             [self.bundle.bytes().as_slice(), self.scenario.bytes(), &seed, self.engine_build.as_bytes()];
-        Digest::of_parts("holdpoint/episode-key/v1", &parts)
+        Digest::of_parts("holdpoint/episode-key/v2", &parts)
     }
 }
 
@@ -231,49 +233,54 @@ impl TelemetryFile {
         }
     }
 
-    /// A cached episode; one that does not match its digest is as good as none.
-    pub(crate) fn cached_episode(&mut self, key: &EpisodeKey) -> Result<Option<Vec<u8>>, StoreError> {
-        let key = key.digest().to_string();
-        self.write("read a cached episode", |tx| {
+    /// A kept cell as it lies there: its code and its body. Nobody may believe it for that.
+    pub(crate) fn cell(&mut self, key: &Digest) -> Result<Option<(String, Vec<u8>)>, StoreError> {
+        let key = key.to_string();
+        self.write("read a kept cell", |tx| {
             let found: Option<(String, Vec<u8>)> = tx
-                .prepare_cached("SELECT digest, body FROM episode WHERE key = ?1")?
+                .prepare_cached("SELECT mac, body FROM cell WHERE key = ?1")?
                 .query_row([&key], |row| Ok((row.get(0)?, row.get(1)?)))
                 .optional()?;
-            let Some((digest, body)) = found else { return Ok(None) };
-            if digest != episode_digest(&key, &body).to_string() {
-                return Ok(None);
+            if found.is_some() {
+                let tick = next_tick(tx)?;
+                tx.prepare_cached("UPDATE cell SET used = ?2 WHERE key = ?1")?.execute(params![key, tick])?;
             }
-            let tick = next_tick(tx)?;
-            tx.prepare_cached("UPDATE episode SET used = ?2 WHERE key = ?1")?.execute(params![key, tick])?;
-            Ok(Some(body))
+            Ok(found)
         })
     }
 
-    /// Caches an episode; removes those longest unused beyond the limit.
-    pub(crate) fn put_cached_episode(&mut self, key: &EpisodeKey, body: &[u8]) -> Result<(), StoreError> {
-        check_body("cached episode", body, true)?;
-        let key = key.digest().to_string();
-        let digest = episode_digest(&key, body).to_string();
-        let limit = self.limits.episode_bytes_max;
-        self.write("cache an episode", |tx| {
-            remove_episode(tx, &key)?;
+    /// Keeps a cell with its code; removes those longest unused beyond the limit.
+    pub(crate) fn put_cell(&mut self, key: &Digest, mac: &str, body: &[u8]) -> Result<(), StoreError> {
+        check_body("kept cell", body, true)?;
+        let key = key.to_string();
+        let limit = self.limits.cell_bytes_max;
+        self.write("keep a cell", |tx| {
+            remove_cell(tx, &key)?;
             let tick = next_tick(tx)?;
             tx.prepare_cached(
-                "INSERT INTO episode (key, digest, bytes, used, body) VALUES (?1, ?2, length(?4), ?3, ?4)",
+                "INSERT INTO cell (key, mac, bytes, used, body) VALUES (?1, ?2, length(?4), ?3, ?4)",
             )?
-            .execute(params![key, digest, tick, body])?;
-            tx.prepare_cached("UPDATE usage SET episode_bytes = episode_bytes + ?1")?
-                .execute([body.len()])?;
-            while used(tx, "SELECT episode_bytes FROM usage")? > limit {
+            .execute(params![key, mac, tick, body])?;
+            tx.prepare_cached("UPDATE usage SET cell_bytes = cell_bytes + ?1")?.execute([body.len()])?;
+            while used(tx, "SELECT cell_bytes FROM usage")? > limit {
                 let oldest: Option<String> = tx
-                    .prepare_cached("SELECT key FROM episode WHERE key <> ?1 ORDER BY used LIMIT 1")?
+                    .prepare_cached("SELECT key FROM cell WHERE key <> ?1 ORDER BY used LIMIT 1")?
                     .query_row([&key], |row| row.get(0))
                     .optional()?;
                 match oldest {
-                    Some(oldest) => remove_episode(tx, &oldest)?,
+                    Some(oldest) => remove_cell(tx, &oldest)?,
                     None => break,
                 }
             }
+            Ok(())
+        })
+    }
+
+    /// Throws every kept cell away.
+    pub(crate) fn void_cells(&mut self) -> Result<(), StoreError> {
+        self.write("throw the kept cells away", |tx| {
+            tx.execute("DELETE FROM cell", [])?;
+            tx.execute("UPDATE usage SET cell_bytes = 0", [])?;
             Ok(())
         })
     }
@@ -364,10 +371,6 @@ fn check_body(what: &'static str, body: &[u8], has_rows: bool) -> Result<(), Sto
     Ok(())
 }
 
-fn episode_digest(key: &str, body: &[u8]) -> Digest {
-    Digest::of_parts("holdpoint/episode/v1", &[key.as_bytes(), body])
-}
-
 fn used(tx: &Transaction<'_>, sql: &str) -> rusqlite::Result<u64> {
     tx.prepare_cached(sql)?.query_row([], |row| row.get(0))
 }
@@ -376,13 +379,13 @@ fn next_tick(tx: &Transaction<'_>) -> rusqlite::Result<i64> {
     tx.prepare_cached("UPDATE usage SET tick = tick + 1 RETURNING tick")?.query_row([], |row| row.get(0))
 }
 
-fn remove_episode(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<()> {
+fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<()> {
     let bytes: Option<i64> = tx
-        .prepare_cached("DELETE FROM episode WHERE key = ?1 RETURNING bytes")?
+        .prepare_cached("DELETE FROM cell WHERE key = ?1 RETURNING bytes")?
         .query_row([key], |row| row.get(0))
         .optional()?;
     if let Some(bytes) = bytes {
-        tx.prepare_cached("UPDATE usage SET episode_bytes = episode_bytes - ?1")?.execute([bytes])?;
+        tx.prepare_cached("UPDATE usage SET cell_bytes = cell_bytes - ?1")?.execute([bytes])?;
     }
     Ok(())
 }

@@ -16,6 +16,7 @@ mod cli;
 mod door;
 mod explain;
 mod host;
+mod kept;
 mod metrics;
 mod old_stores;
 mod pool;

@@ -26,7 +26,8 @@ fn holdpoint() -> Command {
 fn script(name: &str, data: &Path, cache: &Path) -> Command {
     let mut command = holdpoint();
     command.args(["run", "--headless", "--json", "--seed", "3", "--script"]);
-    command.arg(format!("tests/scenarios/{name}.toml")).arg("--data").arg(data).arg("--cache").arg(cache);
+    command.arg(format!("tests/scenarios/{name}.toml")).arg("--data").arg(data);
+    command.arg("--cache").arg(cache.join("cells")).arg("--cache-key").arg(cache.join("cells.key"));
     command
 }
 

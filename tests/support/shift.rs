@@ -562,6 +562,7 @@ pub fn detail() -> Detail {
             }],
             change: vec!["44 of 50 abort drills would have to pass".to_owned()],
             permissions: None,
+            kept: None,
             then: vec!["two people were asked".to_owned()],
         }],
         audit: audit_rows(),

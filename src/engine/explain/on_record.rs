@@ -11,6 +11,7 @@ use holdpoint_governance::behavior::BehaviorAssessment;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{Drills, Pair};
 use holdpoint_governance::gate::ShadowAssessment;
+use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::permission::PermissionUse;
@@ -96,6 +97,16 @@ pub(super) struct DossierRecord {
     pub(super) pairs: Option<Vec<Pair>>,
     #[serde(deserialize_with = "readable")]
     pub(super) permissions: Option<PermissionUse>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) kept: Option<KeptUse>,
+}
+
+/// The evidence of a confirmation, as far as it is explained.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct ConfirmationRecord {
+    #[serde(deserialize_with = "readable")]
+    pub(super) kept: Option<KeptUse>,
 }
 
 impl DossierRecord {

@@ -267,6 +267,7 @@ impl History {
             | RecordKind::Shown
             | RecordKind::AlarmReset
             | RecordKind::Asked
+            | RecordKind::KeptVoided
             | RecordKind::LiveFault
             | RecordKind::CellStopped
             | RecordKind::CellReleased

@@ -8,6 +8,7 @@
 
 use holdpoint_governance::evidence::{Binding, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::kept::KeptPlace;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
@@ -17,6 +18,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::progress;
+use super::voided::void;
 use crate::binding::{binding, party};
 use crate::cell::Conditions;
 use crate::context::Context;
@@ -44,8 +46,8 @@ impl ConfirmationRun {
 
     /// Whether nothing is left but to conclude it.
     #[must_use]
-    pub const fn is_over(&self) -> bool {
-        self.evaluation.ended().is_some()
+    pub fn is_over(&self) -> bool {
+        self.evaluation.is_over()
     }
 }
 
@@ -111,8 +113,14 @@ pub fn slice(
     if monitors.of(&id).is_none() {
         return Ok(ConfirmationStep::Gone);
     }
+    if run.evaluation.is_refuted() {
+        void(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;
+        let again = begin(context, record, dossiers, &id)?;
+        return Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)));
+    }
     if run.is_over() {
-        let settled = conclude(context, record, dossiers, &id, &run.evaluation)?;
+        let place = trials.cells(record.ledger().store()).place();
+        let settled = conclude(context, record, dossiers, &id, (&run.evaluation, place))?;
         return Ok(if settled { ConfirmationStep::Settled(id) } else { ConfirmationStep::DoubtRemains(id) });
     }
     let candidate = record.capability(&id)?;
@@ -149,11 +157,12 @@ fn conclude(
     record: &mut Record,
     dossiers: &mut Dossiers,
     id: &CapabilityId,
-    evaluation: &Evaluation,
+    (evaluation, place): (&Evaluation, KeptPlace),
 ) -> Result<bool, Fault> {
     let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
     let (behavior, recovery) = evaluation.assess(&context.profile);
-    let confirmation = Confirmation { pairs, drills, behavior, recovery };
+    let kept = evaluation.reuse().on_record(place);
+    let confirmation = Confirmation { pairs, drills, behavior, recovery, kept };
     let json = serde_json::to_string(&confirmation)?;
     let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
     let mut changes = record.ledger().store().seal_telemetry()?;

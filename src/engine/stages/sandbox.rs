@@ -14,6 +14,7 @@ use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
 use super::validation;
+use super::voided::void;
 use crate::binding::{binding, made_under, measured_terms_of, party};
 use crate::cell::Conditions;
 use crate::context::Context;
@@ -101,6 +102,7 @@ pub fn begin(
     dossier.pairs.clear();
     dossier.hard_stops.clear();
     dossier.modes.clear();
+    dossier.kept = None;
     // What shadow and an earlier confirmation came to was about evidence that is gathered anew now.
     dossier.shadow = None;
     dossier.confirmation = None;
@@ -153,7 +155,13 @@ impl Sandbox<'_> {
                 }
             }
             SandboxPhase::Compare(mut comparison) => {
-                if comparison.evaluation.ended().is_some() {
+                if comparison.evaluation.is_refuted() {
+                    let reuse = comparison.evaluation.reuse();
+                    void(self.record, self.trials, &id, &active.id(), reuse)?;
+                    let run = begin(self.context, self.record, self.dossiers, &id)?;
+                    return Ok(SandboxStep { run: Some(run), episodes: 0 });
+                }
+                if comparison.evaluation.is_over() {
                     self.decide(&id, &comparison)?;
                     return Ok(over);
                 }
@@ -264,6 +272,7 @@ impl Sandbox<'_> {
         let profile = &self.context.profile;
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
         let (mut measured, rehearsed) = evaluation.assess(profile);
+        let place = self.trials.cells(self.record.ledger().store()).place();
         let dossier = self.dossiers.edit(id);
         behavior::doubt_under_stress(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
         let mode = SandboxMode::Perturbation;
@@ -278,6 +287,7 @@ impl Sandbox<'_> {
             ..before
         };
         dossier.conditions = kappas.conditions();
+        dossier.kept = evaluation.reuse().on_record(place);
         dossier.behavior = Some(measured);
         dossier.recovery = Some(rehearsed);
         dossier.kappas = Some(kappas.clone());

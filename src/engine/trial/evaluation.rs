@@ -7,6 +7,7 @@
 use crate::fault::Fault;
 use crate::trial::drills::DrillResult;
 use crate::trial::lab::{Lab, Outlook, Party};
+use crate::trial::reuse::Reuse;
 use crate::trial::seeds::{Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::composition::recovery_is_reviewable;
@@ -180,6 +181,7 @@ pub struct Evaluation {
     turns: usize,
     ended: Option<EndReason>,
     part: PartialSlice,
+    reuse: Reuse,
 }
 
 /// What is worked of a slice that is not whole yet.
@@ -205,13 +207,32 @@ impl Evaluation {
             turns: 0,
             ended,
             part: PartialSlice::default(),
+            reuse: Reuse::default(),
         }
     }
 
-    /// How it ended; absent while there is work left.
+    /// How its work ended; absent while there is some left.
     #[must_use]
     pub const fn ended(&self) -> Option<EndReason> {
         self.ended
+    }
+
+    /// Whether it can be decided by: its work has ended, and what was kept of it has stood its spot check.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.ended.is_some() && self.reuse.is_checked() && !self.is_refuted()
+    }
+
+    /// Whether kept results that it rests on are false: nothing may be concluded from it.
+    #[must_use]
+    pub fn is_refuted(&self) -> bool {
+        self.reuse.false_ones().next().is_some()
+    }
+
+    /// What of it was kept from before.
+    #[must_use]
+    pub const fn reuse(&self) -> &Reuse {
+        &self.reuse
     }
 
     /// The pairs so far, as the rules read them.
@@ -243,7 +264,8 @@ impl Evaluation {
     }
 
     /// Works one slice and looks whether the rest can still matter. `None`: the lab works in parts, and the slice
-    /// is not whole yet; nothing has changed but what is kept of it. How a slice is cut changes no result.
+    /// is not whole yet; nothing has changed but what is kept of it. How a slice is cut changes no result. Once the
+    /// work has ended, a part of what was kept is run again.
     ///
     /// # Errors
     /// If the lab fails; nothing is concluded from the slice then.
@@ -254,6 +276,10 @@ impl Evaluation {
         active: &Party,
         profile: &Profile,
     ) -> Result<Option<Slice>, Fault> {
+        if self.ended.is_some() {
+            self.reuse.check_part(lab, active)?;
+            return Ok(None);
+        }
         let mut records = Vec::new();
         let before = self.tried();
         let turn = self.next_turn();
@@ -291,7 +317,7 @@ impl Evaluation {
         let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let worked = lab.pairs(candidate, active, next)?;
+        let worked = lab.pairs(candidate, active, next, &mut self.reuse)?;
         self.part.pairs.extend(worked);
         if self.part.pairs.len() < seeds.len() {
             return Ok(None);
@@ -318,7 +344,7 @@ impl Evaluation {
         let seeds = self.seeds(lab, &self.standing(), NextSlice::Drills(kind));
         let open = seeds.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let worked = lab.drills(candidate, active, kind, next)?;
+        let worked = lab.drills(candidate, active, kind, next, &mut self.reuse)?;
         self.part.drills.0.extend(worked.0);
         self.part.drills.1.extend(worked.1);
         if self.part.drills.0.len() < seeds.len() {
@@ -420,7 +446,6 @@ fn tally(tally: &mut DrillTally, results: &[DrillResult]) {
 mod tests {
     use super::*;
     use crate::cell::Cell;
-    use crate::trial::cache::EpisodeCache;
     use crate::trial::crew::Crew;
     use crate::trial::seeds::CALIBRATION_FROM_RUN;
     use crate::trial::undisturbed::Shelf;
@@ -477,8 +502,7 @@ mod tests {
             part,
             cancel: &cancel,
             cell: &cell,
-            cache: &EpisodeCache::InStore,
-            store: &store,
+            cells: store.cells(),
         };
         let (candidate, active) = (party(candidate), party(active));
         let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());

@@ -1,15 +1,15 @@
 //! Where versions are tried out: episodes, pairs and drills by a crew of workers, cached if they can be.
 //!
-//! What an active version did under a seed is kept, so that a second candidate does not pay for it again.
-//! Runs what it is told and judges nothing.
+//! What an active version did under a seed is kept, so that a second candidate does not pay for it again; whoever takes
+//! it is told so ([`Reuse`]). Runs what it is told and judges nothing.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::cache::EpisodeCache;
 use super::crew::{Chore, Crew, Errand};
 use super::drills::{Cast, DrillCase, DrillResult};
 use super::episodes::{alone, cache_key, pair};
+use super::reuse::{Reuse, Taken, value};
 use super::seeds::{Purpose, episode_seed};
 use super::undisturbed::{Shelf, TrialCase};
 use super::worker::Worker;
@@ -17,7 +17,8 @@ use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
-use holdpoint_registry::{EpisodeKey, Store};
+use holdpoint_governance::kept::KeptWork;
+use holdpoint_registry::{EpisodeKey, Found, KeptCells};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
@@ -51,10 +52,14 @@ pub struct Lab<'a> {
     pub cancel: &'a AtomicBool,
     /// Robot, scene and distributions.
     pub cell: &'a Cell,
-    /// Where episodes of the version compared with are kept.
-    pub cache: &'a EpisodeCache,
-    /// The store the cache may lie in.
-    pub store: &'a Store,
+    /// Where results of the version compared with are kept.
+    pub cells: &'a KeptCells,
+}
+
+/// A kept result as it was read.
+struct Kept<T> {
+    result: T,
+    own: bool,
 }
 
 /// A version that takes part, with what it runs under.
@@ -115,7 +120,7 @@ impl Lab<'_> {
         outcomes.into_iter().map(|outcome| Ok(outcome.pair()?.0)).collect()
     }
 
-    /// The sandbox's episodes of the given seeds with both versions: candidate first.
+    /// The sandbox's episodes of the given seeds with both versions: candidate first. Says which were kept.
     ///
     /// # Errors
     /// As [`Lab::episodes`].
@@ -124,25 +129,34 @@ impl Lab<'_> {
         candidate: &Party,
         active: &Party,
         seeds: &[u64],
+        reuse: &mut Reuse,
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
-        let known: Vec<Option<TaskRecord>> = seeds.iter().map(|seed| self.cached(active, *seed)).collect();
+        let mut known: Vec<Option<Kept<TaskRecord>>> = Vec::with_capacity(seeds.len());
+        for seed in seeds {
+            known.push(self.kept(&self.episode_key(active, *seed), reuse));
+        }
         let table = self.table(candidate, active);
         let errands = seeds.iter().zip(&known).map(|(seed, known)| table.pair(*seed, known.is_some()));
         let outcomes = self.crew.work(errands.collect(), self.cancel)?;
         let mut pairs = Vec::with_capacity(seeds.len());
-        for (outcome, known) in outcomes.into_iter().zip(known) {
+        for ((outcome, known), seed) in outcomes.into_iter().zip(known).zip(seeds) {
             let (new, fresh) = outcome.pair()?;
             if let Some(old) = &fresh {
                 self.keep(active, old)?;
             }
-            let Some(old) = fresh.or(known) else { break };
+            if let Some(Kept { result, own }) = &known {
+                let value = value(&serde_json::to_vec(result)?);
+                reuse.take(Taken { work: KeptWork::Episodes, seed: *seed, value, own: *own });
+            }
+            let Some(old) = fresh.or(known.map(|kept| kept.result)) else { break };
             pairs.push((new, old));
         }
         complete(&pairs, seeds.len())?;
         Ok(pairs)
     }
 
-    /// Drills of one kind on the given seeds, with both versions: the candidate's results, the active version's.
+    /// Drills of one kind on the given seeds, with both versions: the candidate's results, the active version's. Says
+    /// which were kept.
     ///
     /// # Errors
     /// As [`Lab::episodes`].
@@ -152,19 +166,26 @@ impl Lab<'_> {
         active: &Party,
         kind: DrillKind,
         seeds: &[u64],
+        reuse: &mut Reuse,
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), Fault> {
-        let known = self.cached_drills(active, kind, seeds);
+        let known = self.kept_drills(active, kind, seeds, reuse);
         let table = self.table(candidate, active);
         let outcomes = self.crew.work(table.drills(kind, seeds, known.is_some()), self.cancel)?;
         let results = outcomes.into_iter().map(ErrandOutcome::drill).collect::<Result<Vec<_>, Fault>>()?;
         let mut of_candidate = results;
         let of_active = match known {
-            Some(known) => known,
+            Some(Kept { result: known, own }) => {
+                for (seed, result) in seeds.iter().zip(&known) {
+                    let value = value(&serde_json::to_vec(result)?);
+                    reuse.take(Taken { work: KeptWork::Drills(kind), seed: *seed, value, own });
+                }
+                known
+            }
             None => {
                 let of_active = of_candidate.split_off(seeds.len().min(of_candidate.len()));
                 complete(&of_active, seeds.len())?;
                 let key = self.drill_key(active, kind, seeds);
-                self.cache.put(self.store, &key, &serde_json::to_vec(&of_active)?)?;
+                self.cells.put(&key, &serde_json::to_vec(&of_active)?)?;
                 of_active
             }
         };
@@ -182,14 +203,18 @@ impl Lab<'_> {
         }
         let table = self.table(candidate, active);
         let mut errands = Vec::new();
+        // What will be taken is said when it is.
+        let mut unsaid = Reuse::default();
         for outlook in next {
             match outlook {
                 Outlook::Pairs(seeds) => {
-                    let pair = |seed: &u64| table.pair(*seed, self.cached(active, *seed).is_some());
+                    let mut known =
+                        |seed| self.kept::<TaskRecord>(&self.episode_key(active, seed), &mut unsaid);
+                    let pair = |seed: &u64| table.pair(*seed, known(*seed).is_some());
                     errands.extend(seeds.iter().map(pair));
                 }
                 Outlook::Drills(kind, seeds) => {
-                    let known = self.cached_drills(active, *kind, seeds).is_some();
+                    let known = self.kept_drills(active, *kind, seeds, &mut unsaid).is_some();
                     errands.extend(table.drills(*kind, seeds, known));
                 }
             }
@@ -206,38 +231,86 @@ impl Lab<'_> {
         })
     }
 
-    fn episode_key(&self, party: &Party, seed: u64) -> EpisodeKey {
+    /// Runs kept work of a version again, in this order: the bytes that would be kept of each.
+    ///
+    /// # Errors
+    /// As [`Lab::episodes`].
+    pub fn again(
+        &self,
+        active: &Party,
+        kept: impl Iterator<Item = (KeptWork, u64)>,
+    ) -> Result<Vec<Vec<u8>>, Fault> {
+        let table = self.table(active, active);
+        let outcomes =
+            self.crew.work(kept.map(|(work, seed)| table.again(work, seed)).collect(), self.cancel)?;
+        let mut bytes = Vec::with_capacity(outcomes.len());
+        for outcome in outcomes {
+            bytes.push(match outcome {
+                ErrandOutcome::Drill(result) => serde_json::to_vec(&result)?,
+                ErrandOutcome::Alone(_) | ErrandOutcome::Pair(_) => {
+                    serde_json::to_vec(&without_path(&outcome.pair()?.0))?
+                }
+            });
+        }
+        Ok(bytes)
+    }
+
+    /// An episode was worked again and came to this: from now on it is this process's own.
+    pub fn vouch(&self, active: &Party, seed: u64, bytes: &[u8]) {
+        self.cells.vouch(&self.episode_key(active, seed), bytes);
+    }
+
+    fn episode_key(&self, party: &Party, seed: u64) -> Digest {
         let scenario = cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
         key(&party.version, scenario, seed)
     }
 
-    fn drill_key(&self, party: &Party, kind: DrillKind, seeds: &[u64]) -> EpisodeKey {
+    fn drill_key(&self, party: &Party, kind: DrillKind, seeds: &[u64]) -> Digest {
         let first = seeds.first().copied().unwrap_or(0);
         let under = cache_key(self.cell, &party.terms, &party.version, Conditions::Canonical, first);
         let count = (seeds.len() as u64).to_le_bytes();
-        let parts = [under.bytes().as_slice(), kind.name().as_bytes(), &count];
-        key(&party.version, Digest::of_parts("holdpoint.drill.v2", &parts), first)
+        // Who takes over decides what a drill comes to as well; an active version's predecessor is itself.
+        let fallback = party.fallback.as_ref().map_or(under, Capability::digest);
+        let parts = [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes()];
+        key(&party.version, Digest::of_parts("holdpoint.drill.v3", &parts), first)
     }
 
-    /// A cached episode; a damaged entry is no entry.
-    fn cached(&self, party: &Party, seed: u64) -> Option<TaskRecord> {
-        let bytes = self.cache.get(self.store, &self.episode_key(party, seed))?;
-        serde_json::from_slice(&bytes).ok()
+    /// A kept result; what cannot be read or is not what was kept is none.
+    fn kept<T: serde::de::DeserializeOwned>(&self, key: &Digest, reuse: &mut Reuse) -> Option<Kept<T>> {
+        match self.cells.get(key) {
+            Found::Nothing => None,
+            Found::Refused => {
+                reuse.refuse();
+                None
+            }
+            Found::Cell { body, own } => {
+                let result = serde_json::from_slice(&body).ok()?;
+                Some(Kept { result, own })
+            }
+        }
     }
 
-    /// Cached drills, in the order of their seeds.
-    fn cached_drills(&self, party: &Party, kind: DrillKind, seeds: &[u64]) -> Option<Vec<DrillResult>> {
-        let bytes = self.cache.get(self.store, &self.drill_key(party, kind, seeds))?;
-        let known: Vec<DrillResult> = serde_json::from_slice(&bytes).ok()?;
-        (known.len() == seeds.len()).then_some(known)
+    /// Kept drills, in the order of their seeds.
+    fn kept_drills(
+        &self,
+        party: &Party,
+        kind: DrillKind,
+        seeds: &[u64],
+        reuse: &mut Reuse,
+    ) -> Option<Kept<Vec<DrillResult>>> {
+        let known: Kept<Vec<DrillResult>> = self.kept(&self.drill_key(party, kind, seeds), reuse)?;
+        (known.result.len() == seeds.len()).then_some(known)
     }
 
     fn keep(&self, party: &Party, record: &TaskRecord) -> Result<(), Fault> {
-        // The path is for drawing and shadow; a cached comparison does not need it.
-        let record = TaskRecord { path: Vec::new(), ..record.clone() };
         let key = self.episode_key(party, record.seed);
-        Ok(self.cache.put(self.store, &key, &serde_json::to_vec(&record)?)?)
+        Ok(self.cells.put(&key, &serde_json::to_vec(&without_path(record))?)?)
     }
+}
+
+/// The path is for drawing and shadow; a kept comparison does not need it.
+fn without_path(record: &TaskRecord) -> TaskRecord {
+    TaskRecord { path: Vec::new(), ..record.clone() }
 }
 
 impl Matchup {
@@ -266,23 +339,37 @@ impl Matchup {
 
     /// Drills of one kind: the candidate's, then the active version's where they are not known.
     fn drills(self: &Arc<Self>, kind: DrillKind, seeds: &[u64], known: bool) -> Vec<Errand<ErrandOutcome>> {
-        let drill = |of_candidate: bool, seed: u64| {
-            let table = Arc::clone(self);
-            let party = if of_candidate { &self.candidate } else { &self.active };
-            let work = party.key(&self.cell, Conditions::Canonical, seed);
-            // A version that is handed over to, and one that takes over, decide what a drill comes to as well.
-            let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
-            let parts = [work, self.active.version.digest(), fallback];
-            // A version may be compared with itself: both are worked.
-            let what = format!("{} of {}", kind.name(), if of_candidate { "candidate" } else { "active" });
-            Errand {
-                key: errand_key(&what, &parts),
-                work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, seed)),
-            }
-        };
-        let of_candidate = seeds.iter().map(|seed| drill(true, *seed));
-        let of_active = seeds.iter().filter(|_| !known).map(|seed| drill(false, *seed));
+        let of_candidate = seeds.iter().map(|seed| self.drill_errand(true, kind, *seed));
+        let of_active = seeds.iter().filter(|_| !known).map(|seed| self.drill_errand(false, kind, *seed));
         of_candidate.chain(of_active).collect()
+    }
+
+    fn drill_errand(
+        self: &Arc<Self>,
+        of_candidate: bool,
+        kind: DrillKind,
+        seed: u64,
+    ) -> Errand<ErrandOutcome> {
+        let table = Arc::clone(self);
+        let party = if of_candidate { &self.candidate } else { &self.active };
+        let work = party.key(&self.cell, Conditions::Canonical, seed);
+        // A version that is handed over to, and one that takes over, decide what a drill comes to as well.
+        let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
+        let parts = [work, self.active.version.digest(), fallback];
+        // A version may be compared with itself: both are worked.
+        let what = format!("{} of {}", kind.name(), if of_candidate { "candidate" } else { "active" });
+        Errand {
+            key: errand_key(&what, &parts),
+            work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, seed)),
+        }
+    }
+
+    /// What was kept of the active version, once more.
+    fn again(self: &Arc<Self>, work: KeptWork, seed: u64) -> Errand<ErrandOutcome> {
+        match work {
+            KeptWork::Episodes => self.pair(seed, true),
+            KeptWork::Drills(kind) => self.drill_errand(false, kind, seed),
+        }
     }
 
     /// One drill, beginning with what other kinds of drill have worked of the same.
@@ -334,8 +421,9 @@ fn errand_key(what: &str, parts: &[Digest]) -> Digest {
     Digest::of_parts("holdpoint.errand.v1", &bytes)
 }
 
-fn key(version: &Capability, scenario: Digest, seed: u64) -> EpisodeKey {
-    EpisodeKey { bundle: version.bundle.digest(), scenario, seed, engine_build: COMPUTED_BY.to_owned() }
+fn key(version: &Capability, scenario: Digest, seed: u64) -> Digest {
+    let bundle = version.bundle.digest();
+    EpisodeKey { bundle, scenario, seed, engine_build: COMPUTED_BY.to_owned() }.digest()
 }
 
 /// A list that is shorter than what was asked for was interrupted.

@@ -32,6 +32,8 @@ crate::words! {
         Approval = "approval",
         /// One person let a version in by the emergency door, and nobody has reviewed it yet.
         Unreviewed = "unreviewed",
+        /// Kept results of an active version are not what running it again gives.
+        KeptFalse = "kept-false",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -64,7 +66,7 @@ impl AlarmKind {
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
-            Self::EngineFault => AlarmTopic::Engine,
+            Self::KeptFalse | Self::EngineFault => AlarmTopic::Engine,
         }
     }
 }
@@ -97,6 +99,8 @@ pub enum AlarmKey {
     Approval(CapabilityId),
     /// The version that was let in by the emergency door.
     Unreviewed(CapabilityId),
+    /// What is kept, all of it.
+    KeptFalse,
     /// The one engine there is.
     EngineFault,
 }
@@ -122,6 +126,7 @@ impl AlarmKey {
             Self::Rejected(_) => AlarmKind::Rejected,
             Self::Approval(_) => AlarmKind::Approval,
             Self::Unreviewed(_) => AlarmKind::Unreviewed,
+            Self::KeptFalse => AlarmKind::KeptFalse,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -140,7 +145,7 @@ impl fmt::Display for AlarmKey {
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
-            Self::CellDegraded | Self::EngineFault => write!(f, "{kind}"),
+            Self::CellDegraded | Self::KeptFalse | Self::EngineFault => write!(f, "{kind}"),
         }
     }
 }
@@ -163,9 +168,10 @@ impl FromStr for AlarmKey {
             AlarmKind::Rejected => Self::Rejected(version()?),
             AlarmKind::Approval => Self::Approval(version()?),
             AlarmKind::Unreviewed => Self::Unreviewed(version()?),
+            AlarmKind::KeptFalse if about.is_none() => Self::KeptFalse,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
-            AlarmKind::EngineFault | AlarmKind::CellDegraded => return Err(bad()),
+            AlarmKind::EngineFault | AlarmKind::CellDegraded | AlarmKind::KeptFalse => return Err(bad()),
         })
     }
 }
@@ -204,7 +210,7 @@ mod tests {
         for kind in AlarmKind::ALL {
             let about = match kind {
                 AlarmKind::SafeStopped | AlarmKind::NotRecovered => ":grasp",
-                AlarmKind::EngineFault | AlarmKind::CellDegraded => "",
+                AlarmKind::EngineFault | AlarmKind::CellDegraded | AlarmKind::KeptFalse => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated
                 | AlarmKind::Restricted

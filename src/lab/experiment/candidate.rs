@@ -4,8 +4,6 @@
 //! finds is what the engine decided. People, if the profile asks them, always agree: what stops a candidate
 //! here is the engine's own judgement.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
@@ -27,6 +25,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::standing::{Decider, Stands};
+use holdpoint_registry::KeptCells;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
 
@@ -44,8 +43,8 @@ pub struct Setting<'a> {
     pub profile: ProfileName,
     /// The run's seed: which episodes it is judged on.
     pub seed: u64,
-    /// A folder of active versions' episodes that runs share.
-    pub cache: &'a Path,
+    /// Active versions' episodes, which runs share.
+    pub cells: &'a KeptCells,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,7 +118,7 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
         jobs: 1,
         scripted: true,
         cell: setting.cell.clone(),
-        cache: EpisodeCache::Shared(setting.cache.to_owned()),
+        cache: EpisodeCache::Shared(setting.cells.clone()),
     })?;
     let pump = Pump::new(engine, Vec::new());
     let mut drive = Drive { pump, requests: 0, name, version, seen: Seen::default() };

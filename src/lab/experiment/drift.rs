@@ -4,7 +4,7 @@
 //! Runs cells on several threads, keeps each finished one in a file and skips it the next time. Sources: paper
 //! section 7 (recovery 79.6 %); design rules 3.12 and 5.5. One cell: `drift_run.rs`; the files: `drift_report.rs`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -12,10 +12,11 @@ use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::Serialize;
 
 use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};
-use super::{ExperimentError, Tell, drift_report, write_whole};
+use super::{ExperimentError, Tell, drift_report, kept};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_registry::KeptCells;
 
 /// The most runs of one experiment.
 pub const RUNS_MAX: u64 = 10_000;
@@ -24,15 +25,17 @@ pub const RUNS_MAX: u64 = 10_000;
 pub const SEQUENCES_MAX: u32 = 2_000;
 
 /// What is to be measured.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct DriftOptions {
     /// Independent runs, each with a seed of its own.
     pub runs: u64,
     /// Seed of the first run; the others follow it.
     pub seed: u64,
     pub jobs: usize,
-    /// Where cells and report go.
+    /// Where the report goes.
     pub out: PathBuf,
+    /// Where finished cells are kept.
+    pub kept: KeptCells,
     /// Live sequences until a version that is not taken off is left.
     pub horizon: u32,
     /// Sequences of the twins that tell whether a drift worsens a version.
@@ -128,8 +131,8 @@ pub struct DriftReport {
 /// Options that are not allowed, files that cannot be written, faults of the pipeline.
 pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, ExperimentError> {
     check(options)?;
-    let cells = options.out.join("cells");
-    std::fs::create_dir_all(&cells).map_err(ExperimentError::file(&cells))?;
+    std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
+    let cells = &options.kept;
     let setting = DriftSetting::new(options.horizon, options.pairs)?;
     let digest = setting.digest()?;
     let next = AtomicU64::new(0);
@@ -143,7 +146,7 @@ pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, Exper
                     if index >= options.runs {
                         return;
                     }
-                    if let Err(error) = one_run(&setting, digest, options.seed + index, &cells, tell) {
+                    if let Err(error) = one_run(&setting, digest, options.seed + index, cells, tell) {
                         next.store(options.runs, Ordering::Relaxed);
                         if let Ok(mut failed) = failed.lock() {
                             failed.get_or_insert(error);
@@ -159,7 +162,7 @@ pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, Exper
     if let Some(error) = failed.into_inner().unwrap_or_default() {
         return Err(error);
     }
-    let report = summarise(options, digest, &cells)?;
+    let report = summarise(options, digest)?;
     drift_report::write(&report, &options.out)?;
     Ok(report)
 }
@@ -179,14 +182,16 @@ fn check(options: &DriftOptions) -> Result<(), ExperimentError> {
     Ok(())
 }
 
-fn file_of(cells: &Path, seed: u64, drift: Drift) -> PathBuf {
-    cells.join(format!("{seed}-{}-{}.json", drift.kind, drift.magnitude))
+/// What a cell is kept under.
+fn key_of(setting: &Digest, seed: u64, drift: Drift) -> Digest {
+    let (kind, magnitude) = (drift.kind.to_string(), drift.magnitude.to_string());
+    let parts = [setting.bytes().as_slice(), &seed.to_le_bytes(), kind.as_bytes(), magnitude.as_bytes()];
+    Digest::of_parts("holdpoint.drift-cell.v1", &parts)
 }
 
-/// A kept cell; one of another setting, or one that cannot be read, is none.
-fn kept(path: &Path, digest: Digest) -> Option<CellRun> {
-    let run: CellRun = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
-    (run.setting == digest).then_some(run)
+fn kept_run(cells: &KeptCells, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
+    let run: CellRun = kept(cells, &key_of(setting, seed, drift))?;
+    (run.setting == *setting).then_some(run)
 }
 
 /// All cells of a run that are not there yet.
@@ -194,11 +199,11 @@ fn one_run(
     setting: &DriftSetting,
     digest: Digest,
     seed: u64,
-    cells: &Path,
+    cells: &KeptCells,
     tell: &Tell<'_>,
 ) -> Result<(), ExperimentError> {
     let missing: Vec<Drift> =
-        drifts().filter(|drift| kept(&file_of(cells, seed, *drift), digest).is_none()).collect();
+        drifts().filter(|drift| kept_run(cells, &digest, seed, *drift).is_none()).collect();
     if missing.is_empty() {
         return Ok(());
     }
@@ -218,7 +223,7 @@ fn one_run(
             magnitude: drift.magnitude,
             result,
         };
-        write_whole(&file_of(cells, seed, drift), &serde_json::to_vec(&run)?)?;
+        cells.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?;
     }
     Ok(())
 }
@@ -240,14 +245,14 @@ fn line_of(drift: Drift, result: Option<&CellResult>) -> String {
     format!("{kind} {magnitude}: {effect}, {ended}")
 }
 
-fn summarise(options: &DriftOptions, digest: Digest, cells: &Path) -> Result<DriftReport, ExperimentError> {
+fn summarise(options: &DriftOptions, digest: Digest) -> Result<DriftReport, ExperimentError> {
     let mut not_activated = 0;
     let mut summed = Vec::new();
     for drift in drifts() {
         let mut results = Vec::new();
         let mut missing = 0;
         for seed in options.seed..options.seed + options.runs {
-            let run = kept(&file_of(cells, seed, drift), digest)
+            let run = kept_run(&options.kept, &digest, seed, drift)
                 .ok_or_else(|| ExperimentError::Unexpected(format!("the cell of run {seed} is gone")))?;
             match run.result {
                 Some(result) => results.push(result),
@@ -320,6 +325,7 @@ fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentErro
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_registry::KeptSecret;
 
     #[test]
     fn spreads_of_few_values() {
@@ -336,6 +342,7 @@ mod tests {
             seed: 100,
             jobs: 1,
             out: PathBuf::from("unused"),
+            kept: KeptCells::in_folder(PathBuf::from("unused"), KeptSecret::fresh().unwrap()),
             horizon: 200,
             pairs: 60,
         };

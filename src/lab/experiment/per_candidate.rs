@@ -4,7 +4,7 @@
 //! They are spread over a few run seeds: candidates that share one share the episodes of the active version (and
 //! their luck with them), so that a pool does not pay for a baseline per candidate.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -13,12 +13,13 @@ use serde::{Deserialize, Serialize};
 
 use super::candidate::{CandidateEnd, Setting, take};
 use super::verdict::{Claim, Judged, Summary};
-use super::{ExperimentError, Tell, scratch};
+use super::{ExperimentError, Tell, kept, scratch};
 use crate::pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
+use holdpoint_registry::{KeptCells, KeptSecret};
 use holdpoint_runtime::capability;
 use holdpoint_text::Hint;
 
@@ -33,8 +34,9 @@ pub struct RunPlan {
     /// Run seeds that the candidates are spread over.
     pub blocks: u64,
     pub jobs: usize,
-    /// Finished candidates are kept here and not run again; nowhere if absent.
-    pub out: Option<PathBuf>,
+    /// Finished candidates and active versions' episodes are kept here and not run again; nowhere beyond this run if
+    /// absent.
+    pub kept: Option<KeptCells>,
 }
 
 /// What a run came to.
@@ -64,7 +66,10 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
     let scratch = scratch()?;
-    let folder = plan.out.as_deref().unwrap_or(scratch.path());
+    let cells = match &plan.kept {
+        Some(cells) => cells.clone(),
+        None => KeptCells::in_folder(scratch.path().to_owned(), KeptSecret::fresh()?),
+    };
     let cell = Cell::builtin()?;
     let mut tasks = Vec::new();
     for profile in &plan.profiles {
@@ -73,7 +78,7 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
             tasks.push(Task { name, package, profile: *profile, seed });
         }
     }
-    let ends = work(plan.jobs, &cell, folder, &tasks, tell)?;
+    let ends = work(plan.jobs, &cell, &cells, &tasks, tell)?;
     // Everything is decided: only now is the truth looked at.
     let truth = pool.truth()?;
     judge(&truth, ends, &plan.profiles)
@@ -93,13 +98,10 @@ fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
 fn work(
     jobs: usize,
     cell: &Cell,
-    folder: &Path,
+    cells: &KeptCells,
     tasks: &[Task<'_>],
     tell: &Tell<'_>,
 ) -> Result<Vec<CandidateEnd>, ExperimentError> {
-    let ends = folder.join("ends");
-    std::fs::create_dir_all(&ends).map_err(ExperimentError::file(&ends))?;
-    let cache = folder.join("episodes");
     let next = AtomicUsize::new(0);
     let done = AtomicUsize::new(0);
     let began = Instant::now();
@@ -112,7 +114,7 @@ fn work(
             if failed.lock().is_ok_and(|failed| failed.is_some()) {
                 return;
             }
-            match one(cell, folder, &cache, task) {
+            match one(cell, cells, task) {
                 Ok(end) => {
                     let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
                     tell(&progress(&end, finished, tasks.len(), began));
@@ -146,7 +148,7 @@ fn work(
 }
 
 /// One candidate, or what is kept of it from an earlier run of the same build.
-fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
+fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
     let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
         .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
     let parts = [
@@ -160,16 +162,13 @@ fn one(cell: &Cell, folder: &Path, cache: &Path, task: &Task<'_>) -> Result<Cand
     ]
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-    let path = folder.join("ends").join(format!("{}.json", Digest::of_parts("holdpoint.end.v1", &parts)));
-    // A damaged file is no file.
-    let kept =
-        std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<CandidateEnd>(&bytes).ok());
-    if let Some(kept) = kept.filter(|kept| kept.name == task.name) {
+    let key = Digest::of_parts("holdpoint.end.v2", &parts);
+    if let Some(kept) = kept::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
         return Ok(kept);
     }
-    let setting = Setting { cell, profile: task.profile, seed: task.seed, cache };
+    let setting = Setting { cell, profile: task.profile, seed: task.seed, cells };
     let end = take(&setting, task.name, task.package.clone())?;
-    super::write_whole(&path, &serde_json::to_vec(&end)?)?;
+    cells.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)
 }
 

@@ -1,6 +1,6 @@
-//! Telemetry batches, their seals, retention, and cached episodes.
+//! Telemetry batches, their seals, retention, and kept cells.
 
-use holdpoint_registry::{Batch, Change, EpisodeKey, Store, TelemetryLimits, VerifyError, verify};
+use holdpoint_registry::{Batch, Change, EpisodeKey, Found, Store, TelemetryLimits, VerifyError, verify};
 use rusqlite::Connection;
 
 use crate::support::*;
@@ -49,7 +49,7 @@ fn sealed_batches_are_vouched_for() {
 #[test]
 fn the_oldest_go_first() {
     let folder = tempfile::tempdir().unwrap();
-    let limits = TelemetryLimits { batch_bytes_max: 250, episode_bytes_max: 250 };
+    let limits = TelemetryLimits { batch_bytes_max: 250, cell_bytes_max: 250 };
     let store = Store::open_with(folder.path(), limits).unwrap();
     bootstrap(&store, "grasp");
     let batches: Vec<_> =
@@ -60,22 +60,30 @@ fn the_oldest_go_first() {
     let report = verify(&store.layout().database(), None).unwrap();
     assert_eq!((report.batches, report.batches_pruned), (2, 2));
 
+    let (cells, is_there) = (store.cells(), |seed| is_kept(&store, seed).is_some());
     for seed in 0..2 {
-        store.put_cached_episode(&key(seed), &[7; 100]).unwrap();
+        cells.put(&key(seed).digest(), &[7; 100]).unwrap();
     }
-    assert!(store.cached_episode(&key(0)).unwrap().is_some());
-    store.put_cached_episode(&key(2), &[8; 100]).unwrap();
-    let there: Vec<_> = (0..3).map(|seed| store.cached_episode(&key(seed)).unwrap().is_some()).collect();
-    assert_eq!(there, [true, false, true], "the one longest unused goes");
+    assert!(is_there(0));
+    cells.put(&key(2).digest(), &[8; 100]).unwrap();
+    assert_eq!([0, 1, 2].map(is_there), [true, false, true], "the one longest unused goes");
+}
+
+/// The body that is kept of an episode, and whether this opening of the store worked it.
+fn is_kept(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
+    match store.cells().get(&key(seed).digest()) {
+        Found::Cell { body, own } => Some((body, own)),
+        Found::Nothing | Found::Refused => None,
+    }
 }
 
 #[test]
-fn a_cached_episode_is_that_one_or_none() {
+fn a_kept_episode_is_that_one_or_none() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
-    store.put_cached_episode(&key(1), b"first").unwrap();
-    store.put_cached_episode(&key(1), b"second").unwrap();
-    assert_eq!(store.cached_episode(&key(1)).unwrap().as_deref(), Some(b"second".as_slice()));
+    store.cells().put(&key(1).digest(), b"first").unwrap();
+    store.cells().put(&key(1).digest(), b"second").unwrap();
+    assert_eq!(is_kept(&store, 1), Some((b"second".to_vec(), true)));
     let others = [
         key(2),
         EpisodeKey { bundle: digest("x"), ..key(1) },
@@ -83,12 +91,82 @@ fn a_cached_episode_is_that_one_or_none() {
         EpisodeKey { engine_build: "2".into(), ..key(1) },
     ];
     for other in others {
-        assert_eq!(store.cached_episode(&other).unwrap(), None, "{other:?}");
+        assert_eq!(store.cells().get(&other.digest()), Found::Nothing, "{other:?}");
     }
     drop(store);
-    let telemetry = folder.path().join("telemetry.db");
-    Connection::open(telemetry).unwrap().execute_batch("UPDATE episode SET body = zeroblob(6)").unwrap();
-    assert_eq!(open(folder.path()).cached_episode(&key(1)).unwrap(), None);
+    assert_eq!(is_kept(&open(folder.path()), 1), Some((b"second".to_vec(), false)));
+}
+
+/// What somebody writes who can write the file and does not have the secret.
+#[test]
+fn an_edited_cell_is_no_cell() {
+    for (what, sql) in [
+        ("body", "UPDATE cell SET body = CAST('edited' AS BLOB)"),
+        ("body with a digest anyone can compute", "UPDATE cell SET body = x'3132', bytes = 2, mac = key"),
+        ("code", "UPDATE cell SET mac = replace(mac, substr(mac, 1, 1), 'g')"),
+        ("no hexadecimal code", "UPDATE cell SET mac = printf('%64s', '')"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = open(folder.path());
+        store.cells().put(&key(1).digest(), b"second").unwrap();
+        drop(store);
+        Connection::open(folder.path().join("telemetry.db")).unwrap().execute_batch(sql).unwrap();
+        assert_eq!(open(folder.path()).cells().get(&key(1).digest()), Found::Refused, "{what}");
+    }
+}
+
+/// A true cell under another key is not the cell of that key.
+#[test]
+fn a_replayed_cell_is_no_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    for seed in [1, 2] {
+        store.cells().put(&key(seed).digest(), format!("episode {seed}").as_bytes()).unwrap();
+    }
+    drop(store);
+    let swap = "UPDATE cell SET key = 'x' || substr(key, 2) WHERE key = ?1";
+    let connection = Connection::open(folder.path().join("telemetry.db")).unwrap();
+    let (one, two) = (key(1).digest().to_string(), key(2).digest().to_string());
+    connection.execute(swap, [&one]).unwrap();
+    connection.execute("UPDATE cell SET key = ?1 WHERE key = ?2", [&one, &two]).unwrap();
+    drop(connection);
+    assert_eq!(open(folder.path()).cells().get(&key(1).digest()), Found::Refused);
+}
+
+#[test]
+fn voided_cells_are_gone_and_new_ones_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    store.cells().put(&key(1).digest(), b"one").unwrap();
+    store.cells().void().unwrap();
+    assert_eq!(is_kept(&store, 1), None);
+    store.cells().put(&key(2).digest(), b"two").unwrap();
+    assert!(is_kept(&store, 2).is_some());
+}
+
+/// Episodes of the schema without codes are no evidence: they go, and batches stay.
+#[test]
+fn episodes_of_an_older_schema_are_no_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("telemetry.db");
+    let older = Connection::open(&path).unwrap();
+    older.execute_batch(include_str!("../../schema/telemetry-1.sql")).unwrap();
+    older.pragma_update(None, "application_id", 0x4850_5432).unwrap();
+    older.pragma_update(None, "user_version", 1).unwrap();
+    let row = "INSERT INTO episode (key, digest, bytes, used, body) VALUES (?1, ?1, 2, 1, x'3132')";
+    older.execute(row, [key(1).digest().to_string()]).unwrap();
+    older.execute_batch("UPDATE usage SET episode_bytes = 2").unwrap();
+    drop(older);
+    let store = open(folder.path());
+    assert_eq!(store.cells().get(&key(1).digest()), Found::Nothing);
+    drop(store);
+    let now = Connection::open(&path).unwrap();
+    let used: (i64, i64) = now
+        .query_row("SELECT cell_bytes, (SELECT count(*) FROM cell) FROM usage", [], |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })
+        .unwrap();
+    assert_eq!(used, (0, 0));
 }
 
 #[test]

@@ -1,0 +1,163 @@
+//! What one comparison took from kept results, and the spot check that has to come before it decides anything.
+//!
+//! Results that this process worked itself are known to it. Of those that another process kept, so many are drawn at the
+//! end, run again and compared bit for bit, that a block of which one in twenty is false shows it in 95 of 100
+//! comparisons (`governance::stats::spot_check`). Draws and compares; what follows from a difference is for the stage.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::fault::Fault;
+use crate::trial::lab::{Lab, Party};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::kept::{KeptBlock, KeptPlace, KeptUse, KeptVoid, KeptWork, SeedRange};
+use holdpoint_governance::stats::spot_check::spot_check;
+
+/// A result that was kept from before.
+#[derive(Clone, Debug)]
+pub struct Taken {
+    pub work: KeptWork,
+    pub seed: u64,
+    /// Digest of its bytes.
+    pub value: Digest,
+    /// This process worked it itself.
+    pub own: bool,
+}
+
+/// How far the spot check is.
+#[derive(Clone, Debug, Default)]
+enum Check {
+    #[default]
+    NotDrawn,
+    /// Places among what was taken that are still to be run again, the last first.
+    Drawn(Vec<usize>),
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default)]
+pub struct Reuse {
+    taken: Vec<Taken>,
+    refused: u32,
+    check: Check,
+    /// Places that came to the same.
+    same: Vec<usize>,
+    /// Places that came to something else.
+    other: Vec<usize>,
+}
+
+/// Digest of a result's bytes.
+#[must_use]
+pub fn value(bytes: &[u8]) -> Digest {
+    Digest::of_parts("holdpoint.kept-value.v1", &[bytes])
+}
+
+impl Reuse {
+    pub fn take(&mut self, taken: Taken) {
+        self.taken.push(taken);
+    }
+
+    /// Something lay where a kept result should, and was not one.
+    pub const fn refuse(&mut self) {
+        self.refused = self.refused.saturating_add(1);
+    }
+
+    /// Whether nothing is left to be run again. What is added afterwards is not checked.
+    #[must_use]
+    pub fn is_checked(&self) -> bool {
+        match &self.check {
+            Check::NotDrawn => self.taken.iter().all(|taken| taken.own),
+            Check::Drawn(left) => left.is_empty(),
+        }
+    }
+
+    /// What came to something else than was kept, when it was run again.
+    pub fn false_ones(&self) -> impl Iterator<Item = &Taken> {
+        self.other.iter().filter_map(|place| self.taken.get(*place))
+    }
+
+    /// Runs a part of what was drawn again; draws first, from everything that was taken.
+    ///
+    /// # Errors
+    /// If the lab fails, or the system gives no random numbers.
+    pub fn check_part(&mut self, lab: &Lab<'_>, active: &Party) -> Result<(), Fault> {
+        if matches!(self.check, Check::NotDrawn) {
+            self.check = Check::Drawn(self.draw(lab)?);
+        }
+        let Check::Drawn(left) = &mut self.check else { return Ok(()) };
+        let part = left.split_off(left.len().saturating_sub(lab.part));
+        let taken: Vec<(usize, &Taken)> =
+            part.iter().filter_map(|place| Some((*place, self.taken.get(*place)?))).collect();
+        let again = lab.again(active, taken.iter().map(|(_, taken)| (taken.work, taken.seed)))?;
+        for ((place, taken), bytes) in taken.into_iter().zip(again) {
+            if value(&bytes) == taken.value {
+                if taken.work == KeptWork::Episodes {
+                    lab.vouch(active, taken.seed, &bytes);
+                }
+                self.same.push(place);
+            } else {
+                self.other.push(place);
+            }
+        }
+        Ok(())
+    }
+
+    /// Places to be run again: of episodes and of drills so many that their check has its power.
+    fn draw(&self, lab: &Lab<'_>) -> Result<Vec<usize>, Fault> {
+        let mut drawn = Vec::new();
+        for episodes in [true, false] {
+            // Seeds may come round again in a large budget: one answer is enough.
+            let mut seen = BTreeSet::new();
+            let mut is_in = |taken: &Taken| {
+                let is_of = !taken.own && (taken.work == KeptWork::Episodes) == episodes;
+                is_of && seen.insert((taken.work, taken.seed))
+            };
+            let foreign: Vec<usize> =
+                (0_usize..).zip(&self.taken).filter_map(|(place, one)| is_in(one).then_some(place)).collect();
+            let wanted = spot_check(u32::try_from(foreign.len()).unwrap_or(u32::MAX));
+            let block = digest(foreign.iter().filter_map(|place| self.taken.get(*place)));
+            let wanted = usize::try_from(wanted).unwrap_or(usize::MAX);
+            let places = lab.cells.secret().draw(&block, foreign.len(), wanted)?;
+            drawn.extend(places.iter().filter_map(|place| foreign.get(*place)));
+        }
+        drawn.reverse();
+        Ok(drawn)
+    }
+
+    /// What came out otherwise, for the record.
+    #[must_use]
+    pub fn voided(&self, place: KeptPlace, active: &CapabilityId) -> KeptVoid {
+        let mut works: BTreeMap<KeptWork, Vec<u64>> = BTreeMap::new();
+        for taken in self.false_ones() {
+            works.entry(taken.work).or_default().push(taken.seed);
+        }
+        let differing = works.into_iter().map(|(work, seeds)| (work, SeedRange::of(seeds))).collect();
+        let rerun = (self.same.len() + self.other.len()) as u64;
+        KeptVoid { place, active: active.clone(), rerun, differing }
+    }
+
+    /// For the record; absent if nothing was kept.
+    #[must_use]
+    pub fn on_record(&self, place: KeptPlace) -> Option<KeptUse> {
+        let mut works: Vec<KeptWork> = self.taken.iter().map(|taken| taken.work).collect();
+        works.sort_unstable();
+        works.dedup();
+        let block = |work: KeptWork| {
+            let of = || self.taken.iter().filter(move |taken| taken.work == work);
+            let rerun = self.same.iter().filter_map(|place| self.taken.get(*place));
+            KeptBlock {
+                work,
+                seeds: SeedRange::of(of().map(|taken| taken.seed)),
+                own: u32::try_from(of().filter(|taken| taken.own).count()).unwrap_or(u32::MAX),
+                digest: digest(of()),
+                rerun: SeedRange::of(rerun.filter(|taken| taken.work == work).map(|taken| taken.seed)),
+            }
+        };
+        let blocks: Vec<KeptBlock> = works.into_iter().map(block).collect();
+        let used = !blocks.is_empty() || self.refused > 0;
+        used.then_some(KeptUse { place, blocks, refused: self.refused })
+    }
+}
+
+fn digest<'a>(taken: impl Iterator<Item = &'a Taken>) -> Digest {
+    let values: Vec<&[u8]> = taken.map(|taken| taken.value.bytes().as_slice()).collect();
+    Digest::of_parts("holdpoint.kept-block.v1", &values)
+}
