@@ -9,8 +9,10 @@
 
 mod approvals;
 mod damage;
+mod edits;
 mod kill;
 mod opening;
+mod rebuild;
 mod registry;
 mod released;
 mod support;
