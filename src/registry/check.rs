@@ -17,6 +17,8 @@ use super::open::{damaged, not_the_chain, open_reader, quick_check};
 use super::rebuild::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
+use super::snapshot;
+use holdpoint_approvals::keyfile;
 
 /// The most records that are applied once more only to name the columns of a row that differ.
 const RECORDS_REPLAYED_MAX: u64 = 20_000;
@@ -29,7 +31,8 @@ pub(crate) fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<Fold
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
     let store_id = store_id(&connection, &database)?;
-    let fold = checked_chain(&connection, &database)?;
+    let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
+    let fold = checked_chain(&connection, &database, known)?;
     check_newest_checkpoint(&fold, layout, &store_id, key)?;
     check_tables(&fold, &connection, &database, &store_id)?;
     Ok(fold)
@@ -45,15 +48,19 @@ pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
     // One moment of the store: an engine may be writing to it.
     begin("BEGIN")?;
     let store_id = store_id(&connection, database)?;
-    let fold = checked_chain(&connection, database)?;
+    let layout = Layout::new(database.parent().unwrap_or(Path::new(".")));
+    let key = keyfile::read_public(&layout.store_public_key()).ok();
+    let known = key.and_then(|(key, _)| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
+    let fold = checked_chain(&connection, database, known)?;
     check_tables(&fold, &connection, database, &store_id)?;
     begin("COMMIT")?;
     Ok(connection)
 }
 
-/// The chain, whole, and its end.
-fn checked_chain(connection: &Connection, database: &Path) -> Result<Fold, StoreError> {
-    let fold = checked_records(connection, database)?;
+/// The chain, whole or from a snapshot on, and its end.
+fn checked_chain(connection: &Connection, database: &Path, known: Option<Fold>) -> Result<Fold, StoreError> {
+    let mut fold = known.unwrap_or_else(Fold::empty);
+    fold.read_records(connection).map_err(refused_chain(connection, database))?;
     fold.check_end(connection).map_err(refused_chain(connection, database))?;
     Ok(fold)
 }

@@ -50,6 +50,9 @@ impl From<rusqlite::Error> for FoldError {
     }
 }
 
+/// Before the first record.
+const START: Head = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
+
 /// A batch of telemetry the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SealedBatch {
@@ -66,12 +69,20 @@ pub(crate) struct Vouched {
     pub(crate) seq: u64,
 }
 
+/// The parts of a fold that a snapshot keeps.
+pub(crate) struct FoldParts<'a> {
+    pub(crate) end: Head,
+    pub(crate) rows: &'a BTreeMap<RowName, Vouched>,
+    pub(crate) states: &'a BTreeMap<String, (State, u64)>,
+    pub(crate) order: &'a [String],
+}
+
 /// What the chain says.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
     end: Head,
     /// Records up to here were not read: a snapshot stands for them.
-    since: u64,
+    since: Head,
     rows: BTreeMap<RowName, Vouched>,
     states: BTreeMap<String, (State, u64)>,
     /// By the record that set it: a version and its row version from then on. Of the records that were read.
@@ -113,8 +124,8 @@ impl Fold {
     /// The fold of no records.
     pub(crate) const fn empty() -> Self {
         Self {
-            end: Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 },
-            since: 0,
+            end: START,
+            since: START,
             rows: BTreeMap::new(),
             states: BTreeMap::new(),
             sets: BTreeMap::new(),
@@ -169,12 +180,39 @@ impl Fold {
 
     /// The last record that was not read.
     pub(crate) const fn since(&self) -> u64 {
-        self.since
+        self.since.seq
+    }
+
+    /// What a snapshot keeps of it.
+    pub(crate) fn parts(&self) -> FoldParts<'_> {
+        FoldParts { end: self.end, rows: &self.rows, states: &self.states, order: &self.order }
+    }
+
+    /// A fold that goes on where a snapshot ended.
+    pub(crate) const fn from_parts(
+        end: Head,
+        rows: BTreeMap<RowName, Vouched>,
+        states: BTreeMap<String, (State, u64)>,
+        order: Vec<String>,
+    ) -> Self {
+        Self {
+            end,
+            since: end,
+            rows,
+            states,
+            sets: BTreeMap::new(),
+            order,
+            hashes: Vec::new(),
+            batches: Vec::new(),
+        }
     }
 
     /// The hash of a record, `None` if there is none or it was not read.
     pub(crate) fn hash(&self, seq: u64) -> Option<Digest> {
-        let index = seq.checked_sub(self.since)?.checked_sub(1)?;
+        if seq == self.since.seq && seq > 0 {
+            return Some(self.since.hash);
+        }
+        let index = seq.checked_sub(self.since.seq)?.checked_sub(1)?;
         usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
     }
 

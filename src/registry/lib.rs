@@ -29,6 +29,7 @@ mod recovery;
 mod replay;
 mod rows;
 mod shape;
+mod snapshot;
 mod store;
 mod telemetry;
 mod verify;

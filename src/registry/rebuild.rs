@@ -120,7 +120,7 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     fs::hard_link(&database, &kept_as).map_err(StoreError::io("keep the damaged file as", &kept_as))?;
     fs::rename(&part, &database).map_err(StoreError::io("rename", &part))?;
     sync_folder(layout.folder())?;
-    Checkpoint::sign(&store_id, head, &key).write(&layout.checkpoints())?;
+    Checkpoint::sign(&store_id, head, None, &key).write(&layout.checkpoints())?;
     Ok(Some(rebuilt))
 }
 

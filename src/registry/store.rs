@@ -26,9 +26,11 @@ use super::migrate::STORE;
 use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
 use super::shape::first_difference;
+use super::snapshot;
 use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use holdpoint_approvals::keyfile;
+use holdpoint_governance::ids::Digest;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;
@@ -109,6 +111,7 @@ impl Store {
             key,
             checkpoints: layout.checkpoints(),
             identities: layout.identities(),
+            snapshot_seq: fold.since(),
             fold,
             compared: None,
             checkpointed_seq: head.seq,
@@ -274,6 +277,8 @@ struct StoreWriter {
     /// SQLite's count of what others wrote to the database, when the tables were last held against the chain.
     compared: Option<i64>,
     checkpointed_seq: u64,
+    /// The record of the last snapshot of the fold.
+    snapshot_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
     altered: Arc<Mutex<Option<String>>>,
     // After the connection: fields are dropped in their order.
@@ -330,9 +335,21 @@ impl StoreWriter {
         Ok(answer)
     }
 
+    /// Writes a snapshot of the fold if the last one is long ago. Tells its digest.
+    fn snapshot(&mut self, head: Head) -> Result<Option<Digest>, StoreError> {
+        let due = head.seq >= self.snapshot_seq + snapshot::EVERY_RECORDS;
+        if !due || (self.fold.end().seq, self.fold.end().hash) != (head.seq, head.hash) {
+            return Ok(None);
+        }
+        self.snapshot_seq = head.seq;
+        snapshot::write(&self.fold, &self.checkpoints)
+    }
+
     /// Writes a checkpoint; a failure is kept for the engine to raise, the records are on disk.
     fn checkpoint(&mut self, head: Head) {
-        let written = Checkpoint::sign(&self.store_id, head, &self.key).write(&self.checkpoints);
+        let written = self.snapshot(head).and_then(|fold| {
+            Checkpoint::sign(&self.store_id, head, fold, &self.key).write(&self.checkpoints)
+        });
         if written.is_ok() {
             self.checkpointed_seq = head.seq;
         }

@@ -11,6 +11,8 @@ mod approvals;
 mod damage;
 mod edits;
 mod kill;
+mod killed;
+mod long;
 mod opening;
 mod rebuild;
 mod registry;
