@@ -45,6 +45,7 @@ mod settings;
 mod side;
 pub mod status;
 pub mod stop;
+pub mod store;
 #[cfg(feature = "console")]
 pub mod theme;
 
@@ -146,6 +147,8 @@ pub enum Verb {
     Alarms(alarms::AlarmsArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
+    /// Mends the store: makes its tables anew from the audit log.
+    Store(store::StoreArgs),
     #[cfg(feature = "console")]
     /// Shows what was recorded of an upgrade.
     Replay(replay::ReplayArgs),
@@ -232,6 +235,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
+        Some(Verb::Store(args)) => store::run(&context()?, args, out),
         #[cfg(feature = "console")]
         Some(Verb::Replay(args)) => replay::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),

@@ -117,17 +117,33 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
     Ok(Exit::Confirmed)
 }
 
-/// Opens the store's views for reading.
+/// Opens the store's views for reading the chain, for judging evidence, or where an engine checks them before it acts.
 ///
 /// # Errors
 /// [`CliError::Usage`] if there is no store, or it cannot be read.
 pub(super) fn open(data: &Path) -> Result<Views, CliError> {
+    Views::open(&database(data)?).map_err(CliError::usage)
+}
+
+/// Opens the store's views for showing what the tables hold: they are what the chain says.
+///
+/// # Errors
+/// [`CliError::Usage`] if there is no store, or its tables are not what its chain says.
+pub(super) fn open_checked(data: &Path) -> Result<Views, CliError> {
+    Views::open_checked(&database(data)?).map_err(CliError::usage)
+}
+
+/// The database of a store.
+///
+/// # Errors
+/// [`CliError::Usage`] if there is none.
+pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
     let database = Layout::new(data).database();
-    if !database.is_file() {
-        return Err(CliError::usage(format!("there is no store in {data:?}"))
-            .with_hint("`holdpoint run` makes one; --data DIR names another"));
+    if database.is_file() {
+        return Ok(database);
     }
-    Views::open(&database).map_err(CliError::usage)
+    Err(CliError::usage(format!("there is no store in {data:?}"))
+        .with_hint("`holdpoint run` makes one; --data DIR names another"))
 }
 
 fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(), CliError> {

@@ -36,7 +36,7 @@ pub struct ExplainArgs {
 /// # Errors
 /// If there is no store, or no such version in it.
 pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = audit::open(&context.data)?;
+    let views = audit::open_checked(&context.data)?;
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
         let text = format!("{id} is not in the store {:?}", context.data);

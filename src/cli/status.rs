@@ -125,7 +125,11 @@ fn parse_subject(text: &str) -> Result<StatusSubject, String> {
 /// # Errors
 /// [`CliError`].
 pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = audit::open(&context.data)?;
+    // An engine that answers has checked the tables, and holds if somebody changes them.
+    let views = match running(context)? {
+        Some(_) => audit::open(&context.data)?,
+        None => audit::open_checked(&context.data)?,
+    };
     match &args.subject {
         None => {}
         Some(StatusSubject::Family(family)) => known_family(&views, family)?,

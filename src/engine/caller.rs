@@ -9,7 +9,8 @@ use holdpoint_protocol::command::Caller;
 const USERS_BYTES_MAX: u64 = 1 << 20;
 
 /// This process.
-pub(crate) fn own() -> Caller {
+#[must_use]
+pub fn own() -> Caller {
     named(rustix::process::geteuid().as_raw(), Some(std::process::id()))
 }
 

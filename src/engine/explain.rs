@@ -94,7 +94,8 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::Commissioned
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
-            | RecordKind::RecordingRemoved => {}
+            | RecordKind::RecordingRemoved
+            | RecordKind::StoreRebuilt => {}
         }
     }
     let decisions = reader.decisions;

@@ -7,7 +7,7 @@
 mod alarms;
 mod binding;
 pub mod bound;
-mod caller;
+pub mod caller;
 mod calls;
 pub mod cell;
 pub mod check;

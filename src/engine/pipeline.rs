@@ -228,6 +228,7 @@ impl Pipeline {
     }
 
     fn slice(&mut self) -> Result<Progress, Fault> {
+        self.record.ledger().store().unaltered()?;
         self.look_at_alarms();
         self.unpark();
         if self.world.is_halted() {

@@ -130,6 +130,24 @@ fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     drop(engine(folder.path(), "arm7").unwrap());
 }
 
+/// What takes power away is still written where its own rows are whole; nothing more is decided or let in.
+#[test]
+fn a_store_that_is_changed_under_a_running_engine_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    let other = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
+    other.execute_batch("UPDATE family SET reason = 'edited' WHERE name = 'align'").unwrap();
+    let version: CapabilityId = "grasp@1.0.0".parse().unwrap();
+    let operation = Operation { version, by: "ada".to_owned(), reason: "a test".to_owned() };
+    let reply = pipeline.command(Command::Restrict(operation));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    pipeline.advance();
+    let holding = pipeline.record().holding().map(ToOwned::to_owned).unwrap_or_default();
+    assert!(holding.contains("the family \"align\" does not match the audit chain"), "{holding}");
+    drop(pipeline);
+    assert!(matches!(Store::open(folder.path()), Err(holdpoint_registry::StoreError::Refused { .. })));
+}
+
 #[test]
 fn another_agent_holds() {
     let folder = tempfile::tempdir().unwrap();

@@ -5,7 +5,6 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::ActiveCause;
 use super::error::StoreError;
-use super::rows::ChainedTable;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
 
@@ -68,7 +67,6 @@ impl Applier<'_> {
         }
         let active_name = active.map(ToString::to_string);
         let pinned_name = pinned.map(ToString::to_string);
-        let mut gate = (None, 0u32);
         match (cause, active) {
             (ActiveCause::Vacate, None) => {}
             (ActiveCause::Vacate, Some(_)) => return refuse("a vacated family has no active version"),
@@ -86,7 +84,6 @@ impl Applier<'_> {
                     return refuse("the version that is replaced must be pinned as rollback target");
                 }
                 self.check_gate(version, *evidence, *approvals_needed, before.void_seq)?;
-                gate = (Some(evidence.to_string()), *approvals_needed);
             }
             (ActiveCause::Restore, Some(_)) => {
                 if before.pinned.is_none() || before.pinned != active_name {
@@ -101,6 +98,26 @@ impl Applier<'_> {
                 }
             }
         }
+        self.write_active(family, (active, pinned), cause, robot)
+    }
+
+    /// Moves an active pointer that may be moved.
+    pub(super) fn write_active(
+        &self,
+        family: &Family,
+        (active, pinned): (Option<&CapabilityId>, Option<&CapabilityId>),
+        cause: &ActiveCause,
+        robot: Option<&str>,
+    ) -> Result<Touched, StoreError> {
+        let [active_name, pinned_name] = [active, pinned].map(|version| version.map(ToString::to_string));
+        let gate = match cause {
+            ActiveCause::Gate { evidence, approvals_needed } => {
+                (Some(evidence.to_string()), *approvals_needed)
+            }
+            ActiveCause::Bootstrap | ActiveCause::Restore | ActiveCause::Vacate | ActiveCause::Rearm => {
+                (None, 0)
+            }
+        };
         let seq = self.next_seq();
         self.execute(
             "set the active version",
@@ -115,10 +132,8 @@ impl Applier<'_> {
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
             params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms, robot],
         )?;
-        let rows =
-            vec![(ChainedTable::Family, family.to_string()), (ChainedTable::Activation, seq.to_string())];
         let subject = active_name.unwrap_or_else(|| family.to_string());
-        Ok(Touched::new(RecordKind::ActiveSet, subject, rows))
+        Ok(Touched::new(RecordKind::ActiveSet, subject))
     }
 
     /// Whether a version was registered as its family's first.
@@ -190,7 +205,7 @@ impl Applier<'_> {
              ON CONFLICT (name) DO UPDATE SET safe_stopped = ?2, reason = ?3",
             params![family.as_str(), safe_stopped, reason],
         )?;
-        Ok(Touched::new(RecordKind::FamilySet, family, vec![(ChainedTable::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilySet, family))
     }
 
     /// Keeps the lifecycle model's view of a family.
@@ -199,7 +214,7 @@ impl Applier<'_> {
         self.family(family)?;
         let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";
         self.execute("keep a family's standing", sql, params![family.as_str(), json])?;
-        Ok(Touched::new(RecordKind::StandingSet, family, vec![(ChainedTable::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::StandingSet, family))
     }
 
     /// Everything recorded for the family up to now no longer counts.
@@ -211,6 +226,6 @@ impl Applier<'_> {
             "UPDATE family SET void_seq = ?2 WHERE name = ?1",
             params![family.as_str(), self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::FamilyVoided, family, vec![(ChainedTable::Family, family.to_string())]))
+        Ok(Touched::new(RecordKind::FamilyVoided, family))
     }
 }

@@ -14,18 +14,24 @@ use super::change::{
 };
 use super::columns::parsed;
 use super::error::StoreError;
+use super::fold::{ChainFault, Fold};
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
-use super::rows::{ChainedTable, row_digest};
+use super::rows::{RowName, row_digest, rows_of};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
+/// The longest text that a record repeats, bytes: what measurements fill is kept once, the rest can be had from the
+/// chain when its row is damaged.
+const TEXT_IN_RECORD_BYTES_MAX: usize = 16 << 10;
+/// Fields of a change that hold texts.
+const TEXTS: [&str; 6] = ["json", "manifest", "submission", "permissions", "environments", "signature"];
 /// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
 
@@ -37,9 +43,20 @@ pub(crate) struct ApprovalBasis<'a> {
     pub(crate) identities: &'a Path,
 }
 
+impl ApprovalBasis<'_> {
+    /// For what takes in no approval.
+    pub(crate) fn none() -> Self {
+        Self { store_id: "", identities: Path::new("") }
+    }
+}
+
 /// A transaction being applied.
 pub(super) struct Applier<'a> {
     pub(super) connection: &'a Connection,
+    /// What the chain says of the rows before this transaction.
+    fold: &'a Fold,
+    /// Digests of the rows that this transaction wrote.
+    written: BTreeMap<RowName, Digest>,
     pub(super) at_ms: u64,
     wall_ms: i64,
     pub(super) place: ApprovalBasis<'a>,
@@ -54,16 +71,15 @@ pub(super) struct Applier<'a> {
     pub(super) families: BTreeSet<String>,
 }
 
-/// What a change touched: its record's kind and subject, and the rows whose digests enter it.
+/// What a change came to: its record's kind and subject.
 pub(super) struct Touched {
-    kind: RecordKind,
-    subject: String,
-    rows: Vec<(ChainedTable, String)>,
+    pub(super) kind: RecordKind,
+    pub(super) subject: String,
 }
 
 impl Touched {
-    pub(super) fn new(kind: RecordKind, subject: impl ToString, rows: Vec<(ChainedTable, String)>) -> Self {
-        Self { kind, subject: subject.to_string(), rows }
+    pub(super) fn new(kind: RecordKind, subject: impl ToString) -> Self {
+        Self { kind, subject: subject.to_string() }
     }
 }
 
@@ -78,10 +94,16 @@ pub(crate) fn apply(
     connection: &Connection,
     transaction: &Transaction,
     place: ApprovalBasis<'_>,
+    fold: &Fold,
 ) -> Result<(Receipt, Head), StoreError> {
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
     let before = audit::head(connection).map_err(StoreError::sql("read the audit chain"))?;
+    if before != fold.end() {
+        let problem =
+            format!("the audit chain ends at {}, this engine wrote up to {}", before.seq, fold.end().seq);
+        return Err(StoreError::Altered(problem));
+    }
     if let Some(receipt) = earlier_receipt(connection, transaction, digest)? {
         return Ok((receipt, before));
     }
@@ -90,6 +112,8 @@ pub(crate) fn apply(
     }
     let mut applier = Applier {
         connection,
+        fold,
+        written: BTreeMap::new(),
         at_ms: transaction.at_ms,
         wall_ms: transaction.wall_ms,
         place,
@@ -102,8 +126,10 @@ pub(crate) fn apply(
     };
     crate::fp!("begin");
     for change in &transaction.changes {
+        let rows = rows_of(change, applier.next_seq());
+        applier.check_before(&rows)?;
         let touched = applier.change(change)?;
-        applier.record(&touched, change)?;
+        applier.record(&touched, change, rows)?;
     }
     for body in &transaction.audit {
         applier.caller_record(body)?;
@@ -206,6 +232,31 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), StoreErro
     }
 }
 
+impl<'a> Applier<'a> {
+    /// Applies the change of a record that is there.
+    pub(super) fn replaying(
+        connection: &'a Connection,
+        fold: &'a Fold,
+        place: ApprovalBasis<'a>,
+        record: &AuditRecord,
+    ) -> Self {
+        Self {
+            connection,
+            fold,
+            written: BTreeMap::new(),
+            at_ms: record.at_ms,
+            wall_ms: record.wall_ms,
+            place,
+            first_seq: record.seq,
+            head: Head { seq: record.seq.saturating_sub(1), hash: record.prev, at_ms: record.at_ms },
+            row_versions: Vec::new(),
+            row_versions_before: BTreeMap::new(),
+            approved: BTreeMap::new(),
+            families: BTreeSet::new(),
+        }
+    }
+}
+
 impl Applier<'_> {
     /// Sequence number of the record of the change being applied.
     pub(super) const fn next_seq(&self) -> u64 {
@@ -247,15 +298,40 @@ impl Applier<'_> {
             .map_err(StoreError::sql(what))
     }
 
-    /// Appends the record of a change with the digests of the rows it touched.
-    fn record(&mut self, touched: &Touched, change: &Change) -> Result<(), StoreError> {
-        let mut rows = Vec::with_capacity(touched.rows.len());
-        for (table, key) in &touched.rows {
-            let digest =
+    /// What a change replaces is what the chain says of it: a row that somebody else changed is never taken over.
+    fn check_before(&self, rows: &[RowName]) -> Result<(), StoreError> {
+        for (table, key) in rows {
+            let found =
                 row_digest(self.connection, *table, key).map_err(StoreError::sql("read a row back"))?;
+            let written = self.written.get(&(*table, key.clone())).copied();
+            let expected = written.or_else(|| self.fold.row(*table, key).map(|vouched| vouched.digest));
+            if found != expected {
+                let problem = match self.fold.row(*table, key) {
+                    Some(vouched) => format!("it is not what record {} says", vouched.seq),
+                    None => "no record speaks of it".to_owned(),
+                };
+                let fault = ChainFault::Row { table: table.name(), key: key.clone(), problem };
+                return Err(StoreError::Altered(fault.to_string()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Appends the record of a change with the digests of the rows it touched.
+    fn record(
+        &mut self,
+        touched: &Touched,
+        change: &Change,
+        changed: Vec<RowName>,
+    ) -> Result<(), StoreError> {
+        let mut rows = Vec::with_capacity(changed.len());
+        for (table, key) in changed {
+            let digest =
+                row_digest(self.connection, table, &key).map_err(StoreError::sql("read a row back"))?;
             let digest =
                 digest.ok_or_else(|| StoreError::NotFound { what: table.name(), name: key.clone() })?;
             rows.push(json!([table.name(), key, digest]));
+            self.written.insert((table, key), digest);
         }
         let body = json!({ "change": summary(change)?, "rows": rows });
         let body = canonical_json(&body)
@@ -280,7 +356,7 @@ impl Applier<'_> {
         Ok(())
     }
 
-    fn change(&mut self, change: &Change) -> Result<Touched, StoreError> {
+    pub(super) fn change(&mut self, change: &Change) -> Result<Touched, StoreError> {
         match change {
             Change::RegisterVersion(new) => self.register(new),
             Change::SetState { version, expected_row_version, from, to, reason } => {
@@ -316,7 +392,7 @@ impl Applier<'_> {
                 check_int("batch", *batch)?;
                 check_int("rows", *rows)?;
                 self.version(version)?;
-                Ok(Touched::new(RecordKind::TelemetrySealed, version, Vec::new()))
+                Ok(Touched::new(RecordKind::TelemetrySealed, version))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
                 self.alarm(alarm, subject, (*state, *priority), json)
@@ -363,7 +439,7 @@ impl Applier<'_> {
                 self.at_ms
             ],
         )?;
-        Ok(Touched::new(RecordKind::EvidencePut, version, vec![(ChainedTable::Evidence, seq.to_string())]))
+        Ok(Touched::new(RecordKind::EvidencePut, version))
     }
 
     /// Profile, policy digest and since which record; must have been set.
@@ -390,7 +466,7 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
             params![profile.name(), policy_digest.to_string(), json, self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::ContextSet, "", vec![(ChainedTable::Context, "1".to_owned())]))
+        Ok(Touched::new(RecordKind::ContextSet, ""))
     }
 
     fn alarm(
@@ -421,11 +497,11 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
             params![alarm, subject, state.name(), priority.name(), json, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::AlarmChanged, subject, vec![(ChainedTable::Alarm, alarm.to_owned())]))
+        Ok(Touched::new(RecordKind::AlarmChanged, subject))
     }
 }
 
-/// What the chain says of a change: everything but the long texts, which its rows' digests vouch for.
+/// What the chain says of a change: everything but long texts, which its rows' digests vouch for.
 fn summary(change: &Change) -> Result<Value, StoreError> {
     #[derive(Serialize)]
     struct ApprovalSummary<'a> {
@@ -461,8 +537,14 @@ fn summary(change: &Change) -> Result<Value, StoreError> {
     };
     let mut value = value.map_err(|error| StoreError::invalid("change", "", error))?;
     if let Some(fields) = value.as_object_mut() {
-        for text in ["json", "manifest", "submission", "permissions", "environments", "signature"] {
-            fields.remove(text);
+        for text in TEXTS {
+            if fields
+                .get(text)
+                .and_then(Value::as_str)
+                .is_some_and(|text| text.len() > TEXT_IN_RECORD_BYTES_MAX)
+            {
+                fields.remove(text);
+            }
         }
     }
     Ok(value)

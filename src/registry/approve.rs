@@ -5,11 +5,23 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use super::rows::ChainedTable;
 use holdpoint_approvals::{Identity, SignedApproval};
 use holdpoint_governance::approval::Answer;
-use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::RecordKind;
+
+/// An approval as its row has it.
+pub(super) struct ApprovalRow<'a> {
+    pub(super) nonce: &'a str,
+    pub(super) version: &'a CapabilityId,
+    pub(super) who: &'a str,
+    pub(super) decision: Answer,
+    pub(super) row_version: u64,
+    pub(super) not_after_ms: u64,
+    pub(super) claim: Digest,
+    /// All of it, JSON text.
+    pub(super) signed: &'a str,
+}
 
 impl Applier<'_> {
     pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
@@ -44,8 +56,7 @@ impl Applier<'_> {
             0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
             _ => Ok(()),
         })?;
-        let rows = vec![(ChainedTable::ApprovalRequest, request.id.clone())];
-        Ok(Touched::new(RecordKind::ApprovalRequested, &request.version, rows))
+        Ok(Touched::new(RecordKind::ApprovalRequested, &request.version))
     }
 
     pub(super) fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
@@ -68,24 +79,38 @@ impl Applier<'_> {
             return Err(refuse("its nonce was seen before".to_owned()));
         }
         let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
+        self.write_approval(&ApprovalRow {
+            nonce: &nonce,
+            version: &approval.version,
+            who: &approval.who,
+            decision: approval.decision,
+            row_version: approval.row_version,
+            not_after_ms: approval.not_after_ms,
+            claim: approval.claim_digest(),
+            signed: &text,
+        })
+    }
+
+    /// Keeps an approval that may be kept.
+    pub(super) fn write_approval(&self, row: &ApprovalRow<'_>) -> Result<Touched, StoreError> {
         self.execute(
             "keep an approval",
             "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
             params![
-                nonce,
+                row.nonce,
                 self.next_seq(),
-                approval.version.to_string(),
-                approval.who,
-                approval.decision.name(),
-                approval.row_version,
-                approval.not_after_ms,
-                approval.claim_digest().to_string(),
+                row.version.to_string(),
+                row.who,
+                row.decision.name(),
+                row.row_version,
+                row.not_after_ms,
+                row.claim.to_string(),
                 self.at_ms,
-                text
+                row.signed
             ],
         )?;
-        Ok(Touched::new(RecordKind::ApprovalPut, &approval.version, vec![(ChainedTable::Approval, nonce)]))
+        Ok(Touched::new(RecordKind::ApprovalPut, row.version))
     }
 
     pub(super) fn consume_approval(
@@ -142,17 +167,26 @@ impl Applier<'_> {
             return Err(refuse(problem));
         }
         signed.verify_signature().map_err(|error| refuse(&error.to_string()))?;
-        let next_seq = self.next_seq();
+        self.write_consumed(nonce)?;
+        crate::fp!("approval-consumed");
+        let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version);
+        self.approved.entry(name).or_default().insert(approval.who.clone());
+        Ok(touched)
+    }
+
+    /// Uses an approval that may be used.
+    pub(super) fn write_consumed(&self, nonce: &str) -> Result<(), StoreError> {
         self.execute(
             "use an approval",
             "UPDATE approval SET consumed_seq = ?2 WHERE nonce = ?1 AND consumed_seq IS NULL",
-            params![nonce, next_seq],
+            params![nonce, self.next_seq()],
         )
-        .and_then(|changed| if changed == 1 { Ok(()) } else { Err(refuse("it was used already")) })?;
-        crate::fp!("approval-consumed");
-        let rows = vec![(ChainedTable::Approval, nonce.to_owned())];
-        let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version, rows);
-        self.approved.entry(name).or_default().insert(approval.who.clone());
-        Ok(touched)
+        .and_then(|changed| match changed {
+            1 => Ok(()),
+            _ => Err(StoreError::Approval {
+                nonce: nonce.to_owned(),
+                problem: "it was used already".to_owned(),
+            }),
+        })
     }
 }

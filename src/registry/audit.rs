@@ -76,18 +76,26 @@ pub(crate) fn append(
         wall_ms,
     };
     record.hash = record.expected_hash();
+    copy(connection, &record)?;
+    crate::fp!("audit-inserted");
+    Ok(Head { seq: record.seq, hash: record.hash, at_ms })
+}
+
+/// Appends a record as it is; the caller holds the write transaction.
+pub(crate) fn copy(connection: &Connection, record: &AuditRecord) -> Result<(), StoreError> {
+    let error = StoreError::sql("append to the audit chain");
+    let sql = "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
+    let kind = record.kind.to_string();
     connection
-        .prepare_cached(
-            "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
-        )
+        .prepare_cached(sql)
         .and_then(|mut insert| {
             insert.execute(params![
                 record.seq,
                 record.prev.bytes(),
                 record.hash.bytes(),
                 record.at_ms,
-                kind.name(),
+                kind,
                 record.subject,
                 record.body,
                 record.wall_ms
@@ -97,9 +105,8 @@ pub(crate) fn append(
     connection
         .prepare_cached("UPDATE audit_head SET seq = ?1, hash = ?2 WHERE id = 1")
         .and_then(|mut update| update.execute(params![record.seq, record.hash.bytes()]))
-        .map_err(&error)?;
-    crate::fp!("audit-inserted");
-    Ok(Head { seq: record.seq, hash: record.hash, at_ms })
+        .map(drop)
+        .map_err(&error)
 }
 
 /// Calls `visit` with each record from `from_seq` on, in order, one at a time.

@@ -4,7 +4,7 @@
 //! transaction; the caller's [`AuditBody`] records follow them and say why. Bodies (manifests, evidence, decisions)
 //! are opaque JSON text: the store keeps the bytes it was given and chains their digest.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::names::{EvidenceKind, RequestState};
 use holdpoint_approvals::SignedApproval;
@@ -52,7 +52,7 @@ pub struct AuditBody {
 }
 
 /// What the store answers once a transaction is on disk.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Receipt {
     pub command_id: String,
     /// First audit record written (0 if none was).
@@ -66,7 +66,7 @@ pub struct Receipt {
 }
 
 /// A version to register (paper appendix F, registry entry).
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NewVersion {
     pub id: CapabilityId,
     /// The version it was made from.
@@ -95,7 +95,7 @@ pub struct NewVersion {
 }
 
 /// Why a family's active pointer moves.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "cause", rename_all = "kebab-case")]
 pub enum ActiveCause {
     /// The family's first version; only if it never had one.
@@ -130,7 +130,7 @@ impl ActiveCause {
 }
 
 /// One change of the registry.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "change", rename_all = "kebab-case")]
 pub enum Change {
     /// A new version enters as `registered`, row version 1.
@@ -241,8 +241,39 @@ pub enum Change {
     },
 }
 
+impl Change {
+    /// Whether it lets something in or takes it further. What stops, takes off and writes down does not.
+    pub(crate) const fn lets_in(&self) -> bool {
+        match self {
+            Self::RegisterVersion(_)
+            | Self::PutApproval(_)
+            | Self::ConsumeApproval { .. }
+            | Self::SetContext { .. } => true,
+            Self::SetState { from, to, .. } => match to {
+                State::Registered | State::Validated | State::Sandboxed | State::Shadowed => true,
+                // The predecessor takes over again.
+                State::Active => !matches!(from, State::Superseded),
+                State::Superseded | State::Demoted | State::RolledBack | State::Rejected => false,
+            },
+            Self::SetActive { cause, .. } => match cause {
+                ActiveCause::Bootstrap | ActiveCause::Gate { .. } | ActiveCause::Rearm => true,
+                ActiveCause::Restore | ActiveCause::Vacate => false,
+            },
+            Self::SetFlags { .. }
+            | Self::SetScores { .. }
+            | Self::SetFamily { .. }
+            | Self::SetStanding { .. }
+            | Self::VoidFamily { .. }
+            | Self::PutEvidence { .. }
+            | Self::PutApprovalRequest(_)
+            | Self::SealTelemetry { .. }
+            | Self::AlarmChange { .. } => false,
+        }
+    }
+}
+
 /// A request for approval, as stored.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ApprovalRequest {
     /// Its id, a name.
     pub id: String,

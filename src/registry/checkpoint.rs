@@ -17,6 +17,8 @@ use holdpoint_governance::ids::Digest;
 
 /// Domain tag of a checkpoint's signature.
 const DOMAIN: &str = "holdpoint/checkpoint/v1";
+/// Domain tag of a checkpoint that binds a snapshot of the fold as well.
+const DOMAIN_WITH_FOLD: &str = "holdpoint/checkpoint/v2";
 /// Records between two checkpoints.
 pub(crate) const EVERY_RECORDS: u64 = 256;
 /// Checkpoints kept; older ones are removed.
@@ -33,6 +35,9 @@ pub struct Checkpoint {
     /// Its virtual time, ms.
     pub at_ms: u64,
     pub head: Digest,
+    /// Digest of the snapshot of the fold that lies beside it, if one does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fold: Option<Digest>,
     /// ed25519 signature, 128 hexadecimal digits.
     pub signature: String,
 }
@@ -40,12 +45,13 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Signs the end of a chain.
     #[must_use]
-    pub fn sign(store_id: &str, head: Head, key: &SigningKey) -> Self {
+    pub fn sign(store_id: &str, head: Head, fold: Option<Digest>, key: &SigningKey) -> Self {
         let mut checkpoint = Self {
             store_id: store_id.to_owned(),
             seq: head.seq,
             at_ms: head.at_ms,
             head: head.hash,
+            fold,
             signature: String::new(),
         };
         checkpoint.signature = hex(&key.sign(checkpoint.bytes().bytes()).to_bytes());
@@ -54,7 +60,11 @@ impl Checkpoint {
 
     fn bytes(&self) -> Digest {
         let (seq, at_ms) = (self.seq.to_le_bytes(), self.at_ms.to_le_bytes());
-        Digest::of_parts(DOMAIN, &[self.store_id.as_bytes(), &seq, &at_ms, self.head.bytes()])
+        let end: [&[u8]; 4] = [self.store_id.as_bytes(), &seq, &at_ms, self.head.bytes()];
+        match &self.fold {
+            None => Digest::of_parts(DOMAIN, &end),
+            Some(fold) => Digest::of_parts(DOMAIN_WITH_FOLD, &[end[0], end[1], end[2], end[3], fold.bytes()]),
+        }
     }
 
     /// Whether this key made the signature (strict ed25519).
@@ -69,7 +79,7 @@ impl Checkpoint {
     pub(crate) fn write(&self, folder: &Path) -> Result<(), StoreError> {
         let text = serde_json::to_string(self)
             .map_err(|error| StoreError::invalid("checkpoint", self.seq, error))?;
-        write_atomically(&folder.join(format!("{:012}.json", self.seq)), text.as_bytes())?;
+        write_atomically(&folder.join(name(self.seq)), text.as_bytes())?;
         let names = names(folder)?;
         for name in names.iter().take(names.len().saturating_sub(KEPT_MAX)) {
             let path = folder.join(name);
@@ -90,6 +100,11 @@ impl Checkpoint {
         let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
         serde_json::from_str(&text).map_err(|error| error.to_string())
     }
+}
+
+/// The file name of a record's checkpoint.
+pub(crate) fn name(seq: u64) -> String {
+    format!("{seq:012}.json")
 }
 
 /// File names of all checkpoints, oldest first.

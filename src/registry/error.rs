@@ -66,6 +66,9 @@ pub enum StoreError {
         /// Digest of the robot it was to be activated with.
         given: String,
     },
+    /// Somebody else wrote to the database of a running engine. Nothing is written over it.
+    #[error("the store was changed behind the engine: {0}")]
+    Altered(String),
     /// The command id was used for something else.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
@@ -109,6 +112,10 @@ impl Hint for StoreError {
             Self::Stale { .. } => Some("look at it again and decide again".into()),
             Self::Key { source, .. } => source.hint(),
             Self::Unknown => Some("restart and retry it".into()),
+            Self::Altered(_) => Some(
+                "end the engine; `holdpoint store rebuild --from-chain` then makes the tables anew from the audit chain"
+                    .into(),
+            ),
             Self::OtherRobot { .. } => Some(
                 "start with the robot it was made with, or choose another store with `--data`: what was measured on \
                  one robot says nothing of another"

@@ -1,6 +1,6 @@
 //! The fold of the audit chain: what the registry must look like if every record is true.
 //!
-//! Checks the links while it reads, then compares its result with the tables.
+//! Checks the links while it reads. Whether the tables are like it is for [`compare`](super::compare).
 
 use std::collections::BTreeMap;
 
@@ -8,12 +8,14 @@ use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::audit::{Head, for_each, head};
-use super::columns::parsed;
 use super::names::is_own;
-use super::rows::{ChainedTable, all_rows};
+use super::rows::{ChainedTable, RowName};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// The key of the one row that says where the chain ends.
+pub(crate) const HEAD_ROW: i64 = 1;
 
 /// The first thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +24,17 @@ pub(crate) enum ChainFault {
     Record { seq: u64, problem: String },
     /// A row that is not what the chain says.
     Row { table: &'static str, key: String, problem: String },
+}
+
+impl std::fmt::Display for ChainFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Record { seq, problem } => write!(f, "audit record {seq} is bad: {problem}"),
+            Self::Row { table, key, problem } => {
+                write!(f, "the {table} {key:?} does not match the audit chain: {problem}")
+            }
+        }
+    }
 }
 
 /// A failure of a fold: a fault found, or a database that cannot be read.
@@ -37,6 +50,9 @@ impl From<rusqlite::Error> for FoldError {
     }
 }
 
+/// Before the first record.
+const START: Head = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
+
 /// A batch of telemetry the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SealedBatch {
@@ -45,12 +61,35 @@ pub(crate) struct SealedBatch {
     pub(crate) digest: Digest,
 }
 
+/// A row as its last record left it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Vouched {
+    pub(crate) digest: Digest,
+    /// That record.
+    pub(crate) seq: u64,
+}
+
+/// The parts of a fold that a snapshot keeps.
+pub(crate) struct FoldParts<'a> {
+    pub(crate) end: Head,
+    pub(crate) rows: &'a BTreeMap<RowName, Vouched>,
+    pub(crate) states: &'a BTreeMap<String, (State, u64)>,
+    pub(crate) order: &'a [String],
+}
+
 /// What the chain says.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Fold {
     end: Head,
-    rows: BTreeMap<(String, String), (Digest, u64)>,
+    /// Records up to here were not read: a snapshot stands for them.
+    since: Head,
+    rows: BTreeMap<RowName, Vouched>,
     states: BTreeMap<String, (State, u64)>,
+    /// By the record that set it: a version and its row version from then on. Of the records that were read.
+    sets: BTreeMap<u64, (String, u64)>,
+    /// Versions in the order of their registration.
+    order: Vec<String>,
+    /// Of the records that were read.
     hashes: Vec<Digest>,
     pub(crate) batches: Vec<SealedBatch>,
 }
@@ -82,31 +121,56 @@ struct TelemetrySealed {
 }
 
 impl Fold {
-    /// Reads the whole chain.
-    pub(crate) fn read(connection: &Connection) -> Result<Self, FoldError> {
-        let start = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
-        let mut fold = Self {
-            end: start,
+    /// The fold of no records.
+    pub(crate) const fn empty() -> Self {
+        Self {
+            end: START,
+            since: START,
             rows: BTreeMap::new(),
             states: BTreeMap::new(),
+            sets: BTreeMap::new(),
+            order: Vec::new(),
             hashes: Vec::new(),
             batches: Vec::new(),
-        };
-        let read = for_each(connection, 0, |record| fold.push(&record).map_err(FoldError::Fault));
-        match read {
-            Err(FoldError::Read { source, .. }) => Err(FoldError::Read { seq: fold.end.seq + 1, source }),
-            Err(error) => Err(error),
-            Ok(()) => {
-                let end = head(connection)?;
-                if (end.seq, end.hash) == (fold.end.seq, fold.end.hash) {
-                    return Ok(fold);
-                }
-                let problem =
-                    format!("the chain ends at {}, its end was recorded at {}", fold.end.seq, end.seq);
-                let seq = fold.end.seq.min(end.seq) + 1;
-                Err(FoldError::Fault(ChainFault::Record { seq, problem }))
-            }
         }
+    }
+
+    /// Reads the whole chain.
+    pub(crate) fn read(connection: &Connection) -> Result<Self, FoldError> {
+        let mut fold = Self::empty();
+        fold.go_on(connection)?;
+        Ok(fold)
+    }
+
+    /// Reads the records that came since, up to the end that the store keeps.
+    pub(crate) fn go_on(&mut self, connection: &Connection) -> Result<(), FoldError> {
+        self.read_records(connection)?;
+        self.check_end(connection)
+    }
+
+    /// Reads the records that came since, wherever the store says that they end.
+    pub(crate) fn read_records(&mut self, connection: &Connection) -> Result<(), FoldError> {
+        for_each(connection, self.end.seq + 1, |record| self.push(&record).map_err(FoldError::Fault)).map_err(
+            |error| match error {
+                FoldError::Read { source, .. } => FoldError::Read { seq: self.end.seq + 1, source },
+                fault @ FoldError::Fault(_) => fault,
+            },
+        )
+    }
+
+    /// The chain ends where the store says.
+    pub(crate) fn check_end(&self, connection: &Connection) -> Result<(), FoldError> {
+        let end = head(connection)?;
+        if (end.seq, end.hash) == (self.end.seq, self.end.hash) {
+            return Ok(());
+        }
+        let problem = format!("the chain ends at {}, its end was recorded at {}", self.end.seq, end.seq);
+        Err(FoldError::Fault(if end.seq > self.end.seq {
+            ChainFault::Record { seq: self.end.seq + 1, problem }
+        } else {
+            // Every record is there; what says where they end is not what they are.
+            ChainFault::Row { table: "audit_head", key: HEAD_ROW.to_string(), problem }
+        }))
     }
 
     /// The end of the chain.
@@ -114,12 +178,66 @@ impl Fold {
         self.end
     }
 
-    /// The hash of a record, `None` if there is none.
-    pub(crate) fn hash(&self, seq: u64) -> Option<Digest> {
-        usize::try_from(seq.checked_sub(1)?).ok().and_then(|index| self.hashes.get(index)).copied()
+    /// The last record that was not read.
+    pub(crate) const fn since(&self) -> u64 {
+        self.since.seq
     }
 
-    fn push(&mut self, record: &AuditRecord) -> Result<(), ChainFault> {
+    /// What a snapshot keeps of it.
+    pub(crate) fn parts(&self) -> FoldParts<'_> {
+        FoldParts { end: self.end, rows: &self.rows, states: &self.states, order: &self.order }
+    }
+
+    /// A fold that goes on where a snapshot ended.
+    pub(crate) const fn from_parts(
+        end: Head,
+        rows: BTreeMap<RowName, Vouched>,
+        states: BTreeMap<String, (State, u64)>,
+        order: Vec<String>,
+    ) -> Self {
+        Self {
+            end,
+            since: end,
+            rows,
+            states,
+            sets: BTreeMap::new(),
+            order,
+            hashes: Vec::new(),
+            batches: Vec::new(),
+        }
+    }
+
+    /// The hash of a record, `None` if there is none or it was not read.
+    pub(crate) fn hash(&self, seq: u64) -> Option<Digest> {
+        if seq == self.since.seq && seq > 0 {
+            return Some(self.since.hash);
+        }
+        let index = seq.checked_sub(self.since.seq)?.checked_sub(1)?;
+        usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
+    }
+
+    /// Every row, by table and key.
+    pub(crate) const fn rows(&self) -> &BTreeMap<RowName, Vouched> {
+        &self.rows
+    }
+
+    /// A row as its last record left it.
+    pub(crate) fn row(&self, table: ChainedTable, key: &str) -> Option<Vouched> {
+        self.rows.get(&(table, key.to_owned())).copied()
+    }
+
+    /// Versions whose state these records set, and the row version from then on.
+    pub(crate) fn states_set(&self, first: u64, last: u64) -> impl Iterator<Item = (String, u64)> {
+        self.sets.range(first..=last.max(first)).map(|(_, set)| set.clone())
+    }
+
+    /// Versions in the order of their registration.
+    pub(crate) fn order(&self) -> &[String] {
+        &self.order
+    }
+
+    /// Adds a record.
+    pub(crate) fn push(&mut self, record: &AuditRecord) -> Result<(), ChainFault> {
         let fault = |problem: String| ChainFault::Record { seq: self.end.seq + 1, problem };
         if record.seq != self.end.seq + 1 {
             return Err(fault(format!("it is missing; the next one is {}", record.seq)));
@@ -153,6 +271,7 @@ impl Fold {
                 if self.states.insert(new.id.clone(), (State::Registered, 1)).is_some() {
                     return Err(fault(format!("{} was registered before", new.id)));
                 }
+                self.order.push(new.id);
             }
             RecordKind::StateSet => {
                 let set: StateSet = serde_json::from_value(body.change).map_err(unreadable)?;
@@ -160,7 +279,9 @@ impl Fold {
                 if found != Some((set.from, set.expected_row_version)) {
                     return Err(fault(format!("{} was not {} then", set.version, set.from)));
                 }
-                self.states.insert(set.version, (set.to, set.expected_row_version + 1));
+                let row_version = set.expected_row_version + 1;
+                self.sets.insert(seq, (set.version.clone(), row_version));
+                self.states.insert(set.version, (set.to, row_version));
             }
             RecordKind::TelemetrySealed => {
                 let sealed: TelemetrySealed = serde_json::from_value(body.change).map_err(unreadable)?;
@@ -168,50 +289,11 @@ impl Fold {
             }
             _ => {}
         }
-        for (table, key, digest) in body.rows {
-            self.rows.insert((table, key), (digest, seq));
+        for (name, key, digest) in body.rows {
+            let table = ChainedTable::named(&name)
+                .ok_or_else(|| fault(format!("it speaks of a table {name:?}, which there is not")))?;
+            self.rows.insert((table, key), Vouched { digest, seq });
         }
         Ok(())
-    }
-
-    /// The first difference between the tables and what the chain says, `None` if there is none.
-    pub(crate) fn compare(&self, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
-        let mut expected = self.rows.clone();
-        let mut fault = None;
-        for table in ChainedTable::ALL {
-            all_rows(connection, table, |key, digest| {
-                let problem = match expected.remove(&(table.name().to_owned(), key.clone())) {
-                    Some((known, _)) if known == digest => return,
-                    Some((_, seq)) => format!("it is not what record {seq} says"),
-                    None => "no record speaks of it".to_owned(),
-                };
-                fault.get_or_insert(ChainFault::Row { table: table.name(), key, problem });
-            })?;
-        }
-        if fault.is_some() {
-            return Ok(fault);
-        }
-        if let Some(((table, key), (_, seq))) = expected.into_iter().next() {
-            let table = ChainedTable::ALL
-                .iter()
-                .find(|known| known.name() == table)
-                .map_or("unknown", |known| known.name());
-            return Ok(Some(ChainFault::Row {
-                table,
-                key,
-                problem: format!("it is missing; record {seq} made it"),
-            }));
-        }
-        let mut select = connection.prepare("SELECT name, state, row_version FROM version")?;
-        let mut rows = select.query([])?;
-        while let Some(row) = rows.next()? {
-            let (name, state, row_version): (String, State, u64) =
-                (row.get(0)?, parsed(row, 1)?, row.get(2)?);
-            if self.states.get(&name) != Some(&(state, row_version)) {
-                let problem = format!("its state {state} is not the fold of the chain");
-                return Ok(Some(ChainFault::Row { table: "version", key: name, problem }));
-            }
-        }
-        Ok(None)
     }
 }

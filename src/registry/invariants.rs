@@ -3,6 +3,7 @@
 use rusqlite::{Connection, OptionalExtension};
 
 use super::columns::parsed;
+use super::compare::compare;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::names::EvidenceKind;
 use holdpoint_governance::approval::Answer;
@@ -46,7 +47,7 @@ fn violation(invariant: Invariant, subject: &str, problem: impl Into<String>) ->
 pub fn check_invariants(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     let mut found = check_registry(connection)?;
     match Fold::read(connection) {
-        Ok(fold) => found.extend(fold.compare(connection)?.map(of_fault)),
+        Ok(fold) => found.extend(compare(&fold, connection)?.map(of_fault)),
         Err(FoldError::Fault(fault)) => found.push(of_fault(fault)),
         Err(FoldError::Read { source, .. }) => return Err(source),
     }

@@ -41,14 +41,25 @@ pub(crate) fn version(connection: &Connection) -> rusqlite::Result<usize> {
 /// # Errors
 /// If a step fails; that step is undone.
 pub(crate) fn migrate(connection: &mut Connection, schema: &Schema) -> Result<(), StoreError> {
-    let error = StoreError::sql("bring its schema up to date");
-    let found = version(connection).map_err(&error)?;
-    for (index, step) in schema.steps.iter().enumerate().skip(found) {
-        let step_tx = connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(&error)?;
-        step_tx.execute_batch(step).map_err(&error)?;
-        step_tx.pragma_update(None, "application_id", schema.application_id).map_err(&error)?;
-        step_tx.pragma_update(None, "user_version", index + 1).map_err(&error)?;
-        step_tx.commit().map_err(&error)?;
+    migrate_to(connection, schema, schema.newest()).map_err(StoreError::sql("bring its schema up to date"))
+}
+
+/// Applies the steps that are missing up to a version.
+///
+/// # Errors
+/// If a step fails; that step is undone.
+pub(crate) fn migrate_to(
+    connection: &mut Connection,
+    schema: &Schema,
+    newest: usize,
+) -> rusqlite::Result<()> {
+    let found = version(connection)?;
+    for (index, step) in schema.steps.iter().enumerate().take(newest).skip(found) {
+        let step_tx = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        step_tx.execute_batch(step)?;
+        step_tx.pragma_update(None, "application_id", schema.application_id)?;
+        step_tx.pragma_update(None, "user_version", index + 1)?;
+        step_tx.commit()?;
     }
     Ok(())
 }

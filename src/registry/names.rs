@@ -20,7 +20,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ApprovalConsumed
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed
-        | RecordKind::AlarmChanged => true,
+        | RecordKind::AlarmChanged
+        | RecordKind::StoreRebuilt => true,
         RecordKind::ProfileLoaded
         | RecordKind::Decision
         | RecordKind::Monitor

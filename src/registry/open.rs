@@ -23,6 +23,8 @@ const SQLITE_MIN: i32 = 3_051_003;
 const HEADER_BYTES: usize = 100;
 /// What helps with a damaged file.
 const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --data";
+/// What helps where the chain is whole and something else is not.
+pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` makes the tables anew from the audit chain and keeps this file beside them";
 /// What helps with a file that is not ours.
 const HINT_FOREIGN: &str = "choose another folder with --data";
 
@@ -188,26 +190,64 @@ fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &st
 /// Makes a complete, empty database under another name and renames it into place.
 fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let part = path.with_extension("new");
-    for ending in ["new", "new-journal", "new-wal", "new-shm"] {
-        let leftover = path.with_extension(ending);
-        match fs::remove_file(&leftover) {
-            Err(error) if error.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::io("remove", &leftover)(error));
-            }
-            Ok(()) | Err(_) => {}
-        }
-    }
-    let mut connection = Connection::open(&part).map_err(StoreError::sql("make its database"))?;
-    configure(&connection)?;
-    set(&connection, "journal_mode", "delete", "delete")?;
-    set(&connection, "synchronous", "FULL", "2")?;
-    migrate(&mut connection, schema)?;
-    // In the mode that writers use: to change it afterwards takes a journal, and a kill would leave that one hot.
-    set(&connection, "journal_mode", "wal", "wal")?;
+    remove_database(&part)?;
+    let connection = make(&part, schema)?;
     connection.close().map_err(|(_, error)| StoreError::sql("make its database")(error))?;
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
     path.parent().map_or(Ok(()), sync_folder)
+}
+
+/// Makes a complete, empty database, in the mode that writers use.
+pub(crate) fn make(path: &Path, schema: &Schema) -> Result<Connection, StoreError> {
+    let mut connection = Connection::open(path).map_err(StoreError::sql("make its database"))?;
+    configure(&connection)?;
+    set(&connection, "journal_mode", "delete", "delete")?;
+    set(&connection, "synchronous", "FULL", "2")?;
+    migrate(&mut connection, schema)?;
+    // To change the mode afterwards takes a journal, and a kill would leave that one hot.
+    set(&connection, "journal_mode", "wal", "wal")?;
+    Ok(connection)
+}
+
+/// Removes a database with everything SQLite keeps beside it, if it is there.
+pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
+    for ending in ["", "-journal", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(ending);
+        let leftover = Path::new(&name);
+        match fs::remove_file(leftover) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(StoreError::io("remove", leftover)(error));
+            }
+            Ok(()) | Err(_) => {}
+        }
+    }
+    Ok(())
+}
+
+/// Takes what is in a database's log into the database, and the log away.
+pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
+    let error = StoreError::sql("write the log into the database");
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags).map_err(&error)?;
+    let busy: i64 =
+        connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |row| row.get(0)).map_err(&error)?;
+    if busy != 0 {
+        return Err(damaged(path, "another program reads it"));
+    }
+    connection.close().map_err(|(_, source)| error(source))?;
+    for ending in ["-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(ending);
+        match fs::remove_file(&name) {
+            Err(source) if source.kind() != ErrorKind::NotFound => {
+                return Err(StoreError::io("remove", Path::new(&name))(source));
+            }
+            Ok(()) | Err(_) => {}
+        }
+    }
+    Ok(())
 }
 
 /// Looks at a file by its header alone: ours, not newer, not cut short.
@@ -281,6 +321,11 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
 /// A file that is damaged or cut short.
 pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_DAMAGED)
+}
+
+/// A file whose chain is whole, but whose tables are not what it says.
+pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_REBUILD)
 }
 
 fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {

@@ -2,11 +2,15 @@
 //!
 //! A row whose digest is not the last one the chain holds for it was changed behind the chain's back.
 
-use rusqlite::types::ValueRef;
+use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, OptionalExtension, Row};
 
+use super::change::Change;
 use super::migrate::{STORE, version};
 use holdpoint_governance::ids::Digest;
+
+/// A row by its table and key.
+pub(crate) type RowName = (ChainedTable, String);
 
 /// The tables the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -45,6 +49,11 @@ impl ChainedTable {
             Self::Approval => "approval",
             Self::Alarm => "alarm",
         }
+    }
+
+    /// The table of a name in the chain, `None` if there is none.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|table| table.name() == name)
     }
 
     /// The column that names a row.
@@ -102,6 +111,32 @@ impl ChainedTable {
     }
 }
 
+/// The rows a change writes, if record `seq` is its own.
+pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
+    use ChainedTable as T;
+    match change {
+        Change::RegisterVersion(new) => {
+            vec![(T::Version, new.id.to_string()), (T::Family, new.id.family.to_string())]
+        }
+        Change::SetState { version, .. }
+        | Change::SetFlags { version, .. }
+        | Change::SetScores { version, .. } => vec![(T::Version, version.to_string())],
+        Change::SetActive { family, .. } => {
+            vec![(T::Family, family.to_string()), (T::Activation, seq.to_string())]
+        }
+        Change::SetFamily { family, .. }
+        | Change::SetStanding { family, .. }
+        | Change::VoidFamily { family, .. } => vec![(T::Family, family.to_string())],
+        Change::PutEvidence { .. } => vec![(T::Evidence, seq.to_string())],
+        Change::PutApprovalRequest(request) => vec![(T::ApprovalRequest, request.id.clone())],
+        Change::PutApproval(signed) => vec![(T::Approval, signed.approval().nonce.to_string())],
+        Change::ConsumeApproval { nonce, .. } => vec![(T::Approval, nonce.clone())],
+        Change::SetContext { .. } => vec![(T::Context, "1".to_owned())],
+        Change::SealTelemetry { .. } => Vec::new(),
+        Change::AlarmChange { alarm, .. } => vec![(T::Alarm, alarm.clone())],
+    }
+}
+
 /// A column that a table got after schema 1.
 struct LaterColumn {
     name: &'static str,
@@ -147,6 +182,26 @@ pub(crate) fn row_digest(
     let selected = table.selected(STORE.newest());
     let sql = format!("SELECT {selected} FROM {} WHERE {} = ?1", table.name(), table.key());
     connection.prepare_cached(&sql)?.query_row([key], |row| image(table, row, 0)).optional()
+}
+
+/// The columns that a row has otherwise in another database; none where one of them does not have it.
+pub(crate) fn differing_columns(
+    here: &Connection,
+    there: &Connection,
+    table: ChainedTable,
+    key: &str,
+) -> rusqlite::Result<Vec<String>> {
+    let names: Vec<&str> =
+        table.columns().split(", ").chain(table.later_columns().iter().map(|column| column.name)).collect();
+    let values = |connection: &Connection| -> rusqlite::Result<Option<Vec<Value>>> {
+        let selected = table.selected(version(connection)?);
+        let sql = format!("SELECT {selected} FROM {} WHERE {} = ?1", table.name(), table.key());
+        let read = |row: &Row<'_>| (0..names.len()).map(|index| row.get(index)).collect();
+        connection.prepare(&sql)?.query_row([key], read).optional()
+    };
+    let (Some(here), Some(there)) = (values(here)?, values(there)?) else { return Ok(Vec::new()) };
+    let pairs = names.iter().zip(here.iter().zip(&there));
+    Ok(pairs.filter(|(_, (here, there))| here != there).map(|(name, _)| (*name).to_owned()).collect())
 }
 
 /// Key and digest of every row of a table.

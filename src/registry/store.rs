@@ -9,28 +9,31 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
-use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, TransactionBehavior};
 
 use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{Change, Receipt, Transaction};
+use super::check::{check_existing, store_id};
 use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
+use super::compare::compare;
 use super::error::StoreError;
-use super::invariants::check_registry;
+use super::fold::Fold;
 use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
-use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer, quick_check};
+use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
+use super::shape::first_difference;
+use super::snapshot;
 use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use holdpoint_approvals::keyfile;
-use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::ids::Digest;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;
-/// Records at the chain's end that are checked at every start.
-const TAIL_RECORDS: u64 = 256;
 
 /// What was found when the store was opened.
 #[derive(Clone, Debug)]
@@ -57,6 +60,7 @@ pub struct Store {
     telemetry: Arc<Mutex<TelemetryFile>>,
     cells: KeptCells,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
+    altered: Arc<Mutex<Option<String>>>,
     layout: Layout,
     store_id: String,
     public_key: VerifyingKey,
@@ -90,11 +94,9 @@ impl Store {
             return Err(damaged(&layout.database(), problem));
         }
         let key = store_key(&layout, created)?;
-        if !created {
-            check_existing(&layout, &key.verifying_key())?;
-        }
+        let fold = if created { Fold::empty() } else { check_existing(&layout, &key.verifying_key())? };
         let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
-        let store_id = store_id(&connection)?;
+        let store_id = store_id(&connection, &layout.database())?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
@@ -102,14 +104,19 @@ impl Store {
         let public_key = key.verifying_key();
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
+        let altered = Arc::new(Mutex::new(None));
         let writer = StoreWriter {
             connection,
             store_id: store_id.clone(),
             key,
             checkpoints: layout.checkpoints(),
             identities: layout.identities(),
+            snapshot_seq: fold.since(),
+            fold,
+            compared: None,
             checkpointed_seq: head.seq,
             checkpoint_problem: Arc::clone(&checkpoint_problem),
+            altered: Arc::clone(&altered),
             _written: written,
         };
         let writer = thread::Builder::new()
@@ -122,6 +129,7 @@ impl Store {
             telemetry,
             cells,
             checkpoint_problem,
+            altered,
             layout,
             store_id,
             public_key,
@@ -170,6 +178,16 @@ impl Store {
     #[must_use]
     pub fn checkpoint_problem(&self) -> Option<String> {
         self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What another program did to the database of this engine, if a write found anything: nothing must be decided on
+    /// what it holds from then on.
+    ///
+    /// # Errors
+    /// [`StoreError::Altered`].
+    pub fn unaltered(&self) -> Result<(), StoreError> {
+        let found = self.altered.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        found.map_or(Ok(()), |problem| Err(StoreError::Altered(problem)))
     }
 
     /// Everything there is to read, on a connection of its own that cannot write. Keep it; opening costs a
@@ -254,8 +272,15 @@ struct StoreWriter {
     key: SigningKey,
     checkpoints: PathBuf,
     identities: PathBuf,
+    /// What the chain says, this writer's records included.
+    fold: Fold,
+    /// SQLite's count of what others wrote to the database, when the tables were last held against the chain.
+    compared: Option<i64>,
     checkpointed_seq: u64,
+    /// The record of the last snapshot of the fold.
+    snapshot_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
+    altered: Arc<Mutex<Option<String>>>,
     // After the connection: fields are dropped in their order.
     _written: WrittenHere,
 }
@@ -288,22 +313,77 @@ impl StoreWriter {
             .connection
             .transaction_with_behavior(TransactionBehavior::Immediate)
             .map_err(StoreError::sql("begin a transaction"))?;
+        let written_by_others = match check_others(&tx, &self.fold, self.compared)? {
+            Others::Compared(count) => Some(count),
+            Others::Altered(problem) => {
+                *self.altered.lock().unwrap_or_else(PoisonError::into_inner) = Some(problem.clone());
+                // What stops the robot or takes a version off is written all the same, where the rows it replaces
+                // are what the chain says.
+                if transaction.changes.iter().any(Change::lets_in) {
+                    return Err(StoreError::Altered(problem));
+                }
+                None
+            }
+        };
         let place = ApprovalBasis { store_id: &self.store_id, identities: &self.identities };
-        let answer = apply(&tx, transaction, place)?;
+        let answer = apply(&tx, transaction, place, &self.fold)?;
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
+        self.compared = written_by_others;
+        // Where it fails, the end of the chain is not the fold's any more, and the next transaction is refused for it.
+        drop(self.fold.go_on(&self.connection));
         crate::fp!("after-commit-before-ack");
         Ok(answer)
     }
 
+    /// Writes a snapshot of the fold if the last one is long ago. Tells its digest.
+    fn snapshot(&mut self, head: Head) -> Result<Option<Digest>, StoreError> {
+        let due = head.seq >= self.snapshot_seq + snapshot::EVERY_RECORDS;
+        if !due || (self.fold.end().seq, self.fold.end().hash) != (head.seq, head.hash) {
+            return Ok(None);
+        }
+        self.snapshot_seq = head.seq;
+        snapshot::write(&self.fold, &self.checkpoints)
+    }
+
     /// Writes a checkpoint; a failure is kept for the engine to raise, the records are on disk.
     fn checkpoint(&mut self, head: Head) {
-        let written = Checkpoint::sign(&self.store_id, head, &self.key).write(&self.checkpoints);
+        let written = self.snapshot(head).and_then(|fold| {
+            Checkpoint::sign(&self.store_id, head, fold, &self.key).write(&self.checkpoints)
+        });
         if written.is_ok() {
             self.checkpointed_seq = head.seq;
         }
         *self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner) =
             written.err().map(|error| error.to_string());
     }
+}
+
+/// What others did to the database of a running engine.
+enum Others {
+    /// Nothing that matters; SQLite's count of what they wrote.
+    Compared(i64),
+    /// A row is not what the chain says, or the database has another shape.
+    Altered(String),
+}
+
+/// If another program wrote to the database since the tables were last compared, they are compared again: what was
+/// changed behind the engine's back is neither read nor written over. Where the database has another shape, triggers
+/// act no more: one that came in could change what is written.
+fn check_others(connection: &Connection, fold: &Fold, compared: Option<i64>) -> Result<Others, StoreError> {
+    let error = StoreError::sql("compare the registry with the audit chain");
+    let now = connection
+        .prepare_cached("PRAGMA data_version")
+        .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
+        .map_err(&error)?;
+    if compared == Some(now) {
+        return Ok(Others::Compared(now));
+    }
+    if let Some(problem) = first_difference(connection, &STORE).map_err(&error)? {
+        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false).map_err(&error)?;
+        return Ok(Others::Altered(problem));
+    }
+    let fault = compare(fold, connection).map_err(&error)?;
+    Ok(fault.map_or(Others::Compared(now), |fault| Others::Altered(fault.to_string())))
 }
 
 /// The store's signing key; a new one only for a new store.
@@ -318,70 +398,4 @@ fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
         keyfile::write_public(&public, &key.verifying_key(), "").map_err(wrong)?;
     }
     Ok(key)
-}
-
-/// The store's id, made with the store.
-fn store_id(connection: &Connection) -> Result<String, StoreError> {
-    connection
-        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
-        .map_err(StoreError::sql("read its id"))
-}
-
-/// Looks at an existing store without being able to change it: structure, chain, checkpoint, invariants.
-fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<(), StoreError> {
-    let database = layout.database();
-    let connection = open_reader(&database, &STORE)?;
-    quick_check(&connection).map_err(|problem| damaged(&database, &problem))?;
-    let store_id = store_id(&connection)?;
-    check_tail(&connection, layout, &store_id, key)?;
-    let broken = check_registry(&connection).map_err(StoreError::sql("check its invariants"))?;
-    broken.first().map_or(Ok(()), |violation| Err(damaged(&database, &violation.to_string())))
-}
-
-/// The end of the chain follows from what is before it, and reaches the newest checkpoint.
-fn check_tail(
-    connection: &Connection,
-    layout: &Layout,
-    store_id: &str,
-    key: &VerifyingKey,
-) -> Result<(), StoreError> {
-    let database = layout.database();
-    let error = StoreError::sql("read the audit chain");
-    let head = audit::head(connection).map_err(&error)?;
-    let from = head.seq.saturating_sub(TAIL_RECORDS) + 1;
-    let mut last: Option<AuditRecord> = None;
-    let mut problem = None;
-    audit::for_each::<rusqlite::Error>(connection, from, |record| {
-        let follows =
-            last.as_ref().is_none_or(|before| before.hash == record.prev && before.seq + 1 == record.seq);
-        if problem.is_none() && !(follows && record.hash == record.expected_hash()) {
-            problem = Some(format!("audit record {} does not follow from the one before", record.seq));
-        }
-        last = Some(record);
-        Ok(())
-    })
-    .map_err(&error)?;
-    let end = last.map_or((0, [0; 32]), |record| (record.seq, *record.hash.bytes()));
-    if problem.is_none() && end != (head.seq, *head.hash.bytes()) {
-        problem = Some(format!("the audit chain ends at {}, but should at {}", end.0, head.seq));
-    }
-    if let Some(problem) = problem {
-        return Err(damaged(&database, &problem));
-    }
-    if let Some(name) = checkpoint::names(&layout.checkpoints())?.last() {
-        let path = layout.checkpoints().join(name);
-        let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
-        if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
-            return Err(damaged(&path, "it was not signed by this store"));
-        }
-        let found: Option<[u8; 32]> = connection
-            .query_row("SELECT hash FROM audit WHERE seq = ?1", [checkpoint.seq], |row| row.get(0))
-            .optional()
-            .map_err(&error)?;
-        if found != Some(*checkpoint.head.bytes()) {
-            let problem = format!("audit record {} is missing or is not the one in {name}", checkpoint.seq);
-            return Err(damaged(&database, &problem));
-        }
-    }
-    Ok(())
 }

@@ -8,17 +8,17 @@ use std::fs;
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
-use rusqlite::Connection;
 use serde::Serialize;
 
 use super::checkpoint::{Checkpoint, names};
+use super::compare::{check_approvals, compare};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
+use super::shape::first_difference;
 use super::telemetry::{BatchState, check_batch};
-use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
 
@@ -101,6 +101,8 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 /// [`VerifyError`], the first thing found: file, chain, state, invariants, checkpoints, approvals, telemetry.
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
     let connection = open_reader(database, &STORE)?;
+    // One moment of the store: an engine may be writing to it.
+    connection.execute_batch("BEGIN").map_err(unreadable)?;
     let fold = Fold::read(&connection).map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
@@ -110,7 +112,12 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     if check != "ok" {
         return Err(VerifyError::Damaged(check));
     }
-    if let Some(fault) = fold.compare(&connection).map_err(unreadable)? {
+    let store_id: String = connection
+        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
+        .map_err(unreadable)?;
+    let folder = database.parent().unwrap_or(Path::new("."));
+    let checkpoints = check_checkpoints(&folder.join("checkpoints"), &fold, &store_id, public_key)?;
+    if let Some(fault) = compare(&fold, &connection).map_err(unreadable)? {
         return Err(of_fault(fault));
     }
     let mut broken = check_registry(&connection).map_err(unreadable)?;
@@ -118,12 +125,12 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     if let Some(violation) = broken.first() {
         return Err(VerifyError::Invariant(violation.to_string()));
     }
-    let store_id: String = connection
-        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
-        .map_err(unreadable)?;
-    let folder = database.parent().unwrap_or(Path::new("."));
-    let checkpoints = check_checkpoints(&folder.join("checkpoints"), &fold, &store_id, public_key)?;
-    let approvals = check_approvals(&connection, &store_id)?;
+    let approvals = check_approvals(&connection, &store_id)
+        .map_err(unreadable)?
+        .map_err(|(nonce, problem)| VerifyError::Approval { nonce, problem })?;
+    if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
+        return Err(VerifyError::Damaged(problem));
+    }
     let mut report = VerifyReport {
         store_id,
         records: fold.end().seq,
@@ -177,30 +184,6 @@ fn check_checkpoints(
                 return Err(VerifyError::Record { seq: fold.end().seq + 1, problem });
             }
         }
-    }
-    Ok(good)
-}
-
-/// Every approval is signed, for this store, and is the claim the chain holds.
-fn check_approvals(connection: &Connection, store_id: &str) -> Result<u64, VerifyError> {
-    let mut select =
-        connection.prepare("SELECT nonce, claim, signed FROM approval ORDER BY seq").map_err(unreadable)?;
-    let mut rows = select.query([]).map_err(unreadable)?;
-    let mut good = 0;
-    while let Some(row) = rows.next().map_err(unreadable)? {
-        let read = || Ok((row.get::<_, String>(0)?, row.get::<_, String>(1)?, row.get::<_, String>(2)?));
-        let (nonce, claim, text) = read().map_err(unreadable)?;
-        let bad = |problem: String| VerifyError::Approval { nonce: nonce.clone(), problem };
-        let signed: SignedApproval = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
-        signed.verify_signature().map_err(|error| bad(error.to_string()))?;
-        if signed.approval().claim_digest().to_string() != claim || signed.approval().nonce.as_str() != nonce
-        {
-            return Err(bad("it is not what was recorded".to_owned()));
-        }
-        if signed.approval().store_id != store_id {
-            return Err(bad(format!("it was made for the store {:?}", signed.approval().store_id)));
-        }
-        good += 1;
     }
     Ok(good)
 }

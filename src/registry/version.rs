@@ -5,7 +5,6 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_json, check_text};
 use super::change::NewVersion;
 use super::error::StoreError;
-use super::rows::ChainedTable;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::record::RecordKind;
@@ -90,11 +89,7 @@ impl Applier<'_> {
              ON CONFLICT (name) DO NOTHING",
             [&family],
         )?;
-        Ok(Touched::new(
-            RecordKind::VersionRegistered,
-            &name,
-            vec![(ChainedTable::Version, name.clone()), (ChainedTable::Family, family)],
-        ))
+        Ok(Touched::new(RecordKind::VersionRegistered, &name))
     }
 
     pub(super) fn set_state(
@@ -118,6 +113,17 @@ impl Applier<'_> {
         if !first && !state.may_become(to) {
             return Err(StoreError::Invariant(format!("{name} cannot go from {state} to {to}")));
         }
+        self.write_state(version, row_version, to)
+    }
+
+    /// Sets a state that may be set.
+    pub(super) fn write_state(
+        &mut self,
+        version: &CapabilityId,
+        row_version: u64,
+        to: State,
+    ) -> Result<Touched, StoreError> {
+        let name = version.to_string();
         let terminal = matches!(to, State::Rejected | State::RolledBack);
         self.execute(
             "set a state",
@@ -138,7 +144,7 @@ impl Applier<'_> {
         self.row_versions_before.entry(name.clone()).or_insert(row_version);
         self.row_versions.push((version.clone(), row_version + 1));
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::StateSet, version, vec![(ChainedTable::Version, name)]))
+        Ok(Touched::new(RecordKind::StateSet, version))
     }
 
     pub(super) fn set_flags(&mut self, version: &CapabilityId, flags: Flags) -> Result<Touched, StoreError> {
@@ -160,7 +166,7 @@ impl Applier<'_> {
             ],
         )?;
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::FlagsSet, version, vec![(ChainedTable::Version, name)]))
+        Ok(Touched::new(RecordKind::FlagsSet, version))
     }
 
     pub(super) fn set_scores(
@@ -182,7 +188,7 @@ impl Applier<'_> {
                changed_ms = ?7 WHERE name = ?1",
             params![name, i, p, b, r, signature, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::ScoresSet, version, vec![(ChainedTable::Version, name)]))
+        Ok(Touched::new(RecordKind::ScoresSet, version))
     }
 }
 

@@ -11,6 +11,7 @@ use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
 use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
+use super::check::open_checked;
 use super::columns::{conversion, parsed, parsed_option};
 use super::entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
@@ -107,6 +108,15 @@ impl Views {
     /// If it cannot be opened.
     pub fn open(database: &Path) -> Result<Self, StoreError> {
         Ok(Self { connection: open_reader(database, &STORE)? })
+    }
+
+    /// As [`Self::open`], once the whole chain was read and every row is what it says: for whoever shows what the
+    /// tables hold where no engine vouches for it.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or its tables are not what its chain says.
+    pub fn open_checked(database: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_checked(database)? })
     }
 
     /// The connection, for [`check_invariants`](super::check_invariants).

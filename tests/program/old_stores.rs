@@ -14,7 +14,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// Before roles were a closed set.
-const OPEN_ROLES: &str = "store-4831bf5";
+pub const OPEN_ROLES: &str = "store-4831bf5";
 
 /// What is said about somebody whose role does not exist.
 const NO_ROLE: &str = "error: the identity \"mara\" cannot decide anything: \"safety-officer\" is not a role; \
@@ -47,14 +47,14 @@ fn copy(from: &Path, to: &Path) {
 }
 
 /// A copy of a store, as `store` in a folder of its own.
-fn copied(name: &str) -> TempDir {
+pub fn copied(name: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy(&fixture(name).join("store"), &folder.path().join("store"));
     folder
 }
 
 /// The program on the copy, as it was called then.
-fn holdpoint(folder: &TempDir, words: &[&str]) -> Output {
+pub fn holdpoint(folder: &TempDir, words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .current_dir(folder.path())
         .args(["--data", "store"])
@@ -63,7 +63,7 @@ fn holdpoint(folder: &TempDir, words: &[&str]) -> Output {
         .unwrap()
 }
 
-fn text(bytes: &[u8]) -> String {
+pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 

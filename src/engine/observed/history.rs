@@ -275,7 +275,8 @@ impl History {
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::GoalSet
-            | RecordKind::RecordingRemoved => {}
+            | RecordKind::RecordingRemoved
+            | RecordKind::StoreRebuilt => {}
         }
     }
 

@@ -42,6 +42,9 @@ const UNLOCK: &str =
 /// Edits the chain, then makes hashes and head right again: what someone who can write the file could do.
 fn rewrite(folder: &Path, edit: &str) {
     let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    let mut select = connection.prepare("SELECT sql FROM sqlite_schema WHERE type = 'trigger'").unwrap();
+    let triggers: Vec<String> = select.query_map([], |row| row.get(0)).unwrap().map(Result::unwrap).collect();
+    drop(select);
     connection.execute_batch(UNLOCK).unwrap();
     connection.execute_batch(edit).unwrap();
     drop(connection);
@@ -60,6 +63,9 @@ fn rewrite(folder: &Path, edit: &str) {
     connection
         .execute("UPDATE audit_head SET seq = ?1, hash = ?2", params![records.len(), prev.bytes()])
         .unwrap();
+    let sql = "UPDATE command SET receipt = json_set(receipt, '$.head', (SELECT lower(hex(hash)) FROM audit WHERE seq = last_seq))";
+    connection.execute_batch(sql).unwrap();
+    connection.execute_batch(&triggers.join(";")).unwrap();
 }
 
 #[test]

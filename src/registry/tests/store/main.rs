@@ -9,8 +9,12 @@
 
 mod approvals;
 mod damage;
+mod edits;
 mod kill;
+mod killed;
+mod long;
 mod opening;
+mod rebuild;
 mod registry;
 mod released;
 mod support;

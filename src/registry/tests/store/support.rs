@@ -198,11 +198,16 @@ pub fn consume(name: &str, nonce: u8) -> Change {
 /// Opens a store that nobody has. A test beside this one may just be starting a child, which holds this process's
 /// descriptors, a lock that was given back with them, until it becomes another program; that is waited for.
 pub fn open(folder: &Path) -> Store {
+    unless_in_use(|| Store::open(folder)).unwrap()
+}
+
+/// Does what needs a store that nobody has, as [`open`] waits for it.
+pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Result<T, StoreError> {
     let until = Instant::now() + Duration::from_mins(1);
     loop {
-        match Store::open(folder) {
+        match work() {
             Err(StoreError::InUse { .. }) if Instant::now() < until => std::thread::yield_now(),
-            opened => return opened.unwrap(),
+            done => return done,
         }
     }
 }

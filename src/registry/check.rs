@@ -1,0 +1,154 @@
+//! What an existing store must be before anybody acts on it: a whole chain, tables that are what it says, the shape
+//! of a released schema, and the invariants. Looks without being able to change anything.
+
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+use rusqlite::Connection;
+
+use super::checkpoint::{self, Checkpoint};
+use super::compare::{check_approvals, compare};
+use super::error::StoreError;
+use super::fold::{ChainFault, Fold, FoldError};
+use super::invariants::check_registry;
+use super::layout::Layout;
+use super::migrate::STORE;
+use super::open::{damaged, not_the_chain, open_reader, quick_check};
+use super::rebuild::columns_otherwise;
+use super::rows::ChainedTable;
+use super::shape::first_difference;
+use super::snapshot;
+use holdpoint_approvals::keyfile;
+
+/// The most records that are applied once more only to name the columns of a row that differ.
+const RECORDS_REPLAYED_MAX: u64 = 20_000;
+
+/// Looks at an existing store. Tells what its chain says.
+///
+/// # Errors
+/// [`StoreError::Refused`] with the first thing that is wrong.
+pub(crate) fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<Fold, StoreError> {
+    let database = layout.database();
+    let connection = open_reader(&database, &STORE)?;
+    let store_id = store_id(&connection, &database)?;
+    let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
+    let fold = checked_chain(&connection, &database, known)?;
+    check_newest_checkpoint(&fold, layout, &store_id, key)?;
+    check_tables(&fold, &connection, &database, &store_id)?;
+    Ok(fold)
+}
+
+/// Opens a store for somebody who shows what its tables hold or takes decisions by it; they are what its chain says.
+///
+/// # Errors
+/// [`StoreError::Refused`] if they are not, or if it cannot be opened.
+pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
+    let connection = open_reader(database, &STORE)?;
+    let begin = |sql| connection.execute_batch(sql).map_err(StoreError::sql("read the registry"));
+    // One moment of the store: an engine may be writing to it.
+    begin("BEGIN")?;
+    let store_id = store_id(&connection, database)?;
+    let layout = Layout::new(database.parent().unwrap_or(Path::new(".")));
+    let key = keyfile::read_public(&layout.store_public_key()).ok();
+    let known = key.and_then(|(key, _)| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
+    let fold = checked_chain(&connection, database, known)?;
+    check_tables(&fold, &connection, database, &store_id)?;
+    begin("COMMIT")?;
+    Ok(connection)
+}
+
+/// The chain, whole or from a snapshot on, and its end.
+fn checked_chain(connection: &Connection, database: &Path, known: Option<Fold>) -> Result<Fold, StoreError> {
+    let mut fold = known.unwrap_or_else(Fold::empty);
+    fold.read_records(connection).map_err(refused_chain(connection, database))?;
+    fold.check_end(connection).map_err(refused_chain(connection, database))?;
+    Ok(fold)
+}
+
+/// The records of the chain, each following from the one before.
+pub(crate) fn checked_records(connection: &Connection, database: &Path) -> Result<Fold, StoreError> {
+    let mut fold = Fold::empty();
+    fold.read_records(connection).map_err(refused_chain(connection, database))?;
+    Ok(fold)
+}
+
+/// What to say of a chain that is not sound.
+pub(crate) fn refused_chain(
+    connection: &Connection,
+    database: &Path,
+) -> impl FnOnce(FoldError) -> StoreError {
+    move |error| match error {
+        FoldError::Fault(fault @ ChainFault::Row { .. }) => not_the_chain(database, &fault.to_string()),
+        FoldError::Fault(fault @ ChainFault::Record { .. }) => damaged(database, &fault.to_string()),
+        FoldError::Read { seq, source } => {
+            let problem = quick_check(connection).err();
+            damaged(
+                database,
+                &problem.unwrap_or_else(|| format!("audit record {seq} cannot be read: {source}")),
+            )
+        }
+    }
+}
+
+/// The tables are what the chain says and of a released schema.
+pub(crate) fn check_tables(
+    fold: &Fold,
+    connection: &Connection,
+    database: &Path,
+    store_id: &str,
+) -> Result<(), StoreError> {
+    let unreadable = |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {error}"));
+    if let Some(fault) = compare(fold, connection).map_err(unreadable)? {
+        return Err(not_the_chain(database, &described(fold, connection, &fault)));
+    }
+    if let Err((nonce, problem)) = check_approvals(connection, store_id).map_err(unreadable)? {
+        return Err(not_the_chain(database, &format!("the approval {nonce} is bad: {problem}")));
+    }
+    if let Some(problem) = first_difference(connection, &STORE).map_err(unreadable)? {
+        return Err(not_the_chain(database, &problem));
+    }
+    quick_check(connection).map_err(|problem| not_the_chain(database, &problem))?;
+    let broken = check_registry(connection).map_err(unreadable)?;
+    broken.first().map_or(Ok(()), |violation| Err(damaged(database, &violation.to_string())))
+}
+
+/// A fault with the columns that differ, as far as the chain can tell.
+fn described(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String {
+    let columns = match fault {
+        ChainFault::Row { table, key, .. } if fold.end().seq <= RECORDS_REPLAYED_MAX => {
+            ChainedTable::named(table).map(|table| columns_otherwise(fold, connection, table, key))
+        }
+        ChainFault::Row { .. } | ChainFault::Record { .. } => None,
+    };
+    match columns.as_deref() {
+        None | Some([]) => fault.to_string(),
+        Some(columns) => format!("{fault} ({})", columns.join(", ")),
+    }
+}
+
+/// The newest checkpoint is of this store, and of this chain.
+pub(crate) fn check_newest_checkpoint(
+    fold: &Fold,
+    layout: &Layout,
+    store_id: &str,
+    key: &VerifyingKey,
+) -> Result<(), StoreError> {
+    let Some(name) = checkpoint::names(&layout.checkpoints())?.pop() else { return Ok(()) };
+    let path = layout.checkpoints().join(&name);
+    let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
+    if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
+        return Err(damaged(&path, "it was not signed by this store"));
+    }
+    if fold.hash(checkpoint.seq) != Some(checkpoint.head) {
+        let problem = format!("audit record {} is missing or is not the one in {name}", checkpoint.seq);
+        return Err(damaged(&layout.database(), &problem));
+    }
+    Ok(())
+}
+
+/// The store's id, made with the store.
+pub(crate) fn store_id(connection: &Connection, database: &Path) -> Result<String, StoreError> {
+    connection
+        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
+        .map_err(|error| not_the_chain(database, &format!("its id cannot be read: {error}")))
+}

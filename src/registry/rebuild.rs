@@ -1,0 +1,388 @@
+//! Makes a store's tables anew from its audit chain, where somebody or something changed them.
+//!
+//! The chain is the truth: it has to be whole, and to reach the newest checkpoint. Every record is applied once more
+//! by the code that applied it first, into a database beside the damaged one. What a record does not repeat (long
+//! texts, and every text of records that were written before they repeated any) is taken from the damaged row, and
+//! counts only if the row then has the digest that its record holds. Measurements (`evidence.json`) and signatures
+//! (`approval.signed`) that cannot be had that way are lost: a mark stands for them, which neither counts as evidence
+//! nor lets anybody be activated, and the record of the rebuild names them. Whatever else cannot be had is refused by
+//! name, and nothing is changed.
+//!
+//! The damaged file is kept under another name. Only then the rebuilt one takes its place, in one step.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OptionalExtension, params};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::audit::{self, Head};
+use super::change::Receipt;
+use super::check::{check_tables, checked_records, refused_chain};
+use super::checkpoint::{self, Checkpoint};
+use super::compare::{LOST, compare, differing};
+use super::error::StoreError;
+use super::fold::Fold;
+use super::layout::{EngineLock, Layout, sync_folder};
+use super::migrate::{STORE, migrate};
+use super::open::{HINT_REBUILD, damaged, make, open_reader, remove_database, truncate_log};
+use super::replay::replay;
+use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
+use holdpoint_approvals::keyfile;
+use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// How the name of a command begins whose row was lost.
+const LOST_COMMAND: &str = "rebuilt";
+
+/// A row that was not what the chain says.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DifferingRow {
+    pub table: String,
+    pub key: String,
+    /// What was wrong with it.
+    pub problem: String,
+    /// The columns that the rebuilt row has otherwise; empty where it was missing, or is gone.
+    pub columns: Vec<String>,
+}
+
+/// What a rebuild did; the body of its record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rebuilt {
+    /// The last record of the chain it was made from.
+    pub from_seq: u64,
+    pub from_hash: Digest,
+    /// What was found wrong first.
+    pub problem: String,
+    pub differed: Vec<DifferingRow>,
+    /// Rows of which a text could not be had again: table and key.
+    pub lost: Vec<(String, String)>,
+    /// Name of the damaged file, beside the store.
+    pub kept_as: String,
+}
+
+/// The rebuild and who asked for it, as its record has them.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct RebuiltChange {
+    change: String,
+    by: Value,
+    #[serde(flatten)]
+    pub(crate) rebuilt: Rebuilt,
+}
+
+/// Makes the tables of a store anew from its chain. `by` is who asked for it as the system says, JSON text. Tells what
+/// it did; `None` if there was nothing to mend, and nothing was done.
+///
+/// # Errors
+/// [`StoreError`] if an engine has the store, its chain is not whole, or a row cannot be rebuilt; nothing was changed.
+pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>, StoreError> {
+    let layout = Layout::new(folder);
+    let database = layout.database();
+    fs::symlink_metadata(&database).map_err(StoreError::io("read", &database))?;
+    let by: Value = serde_json::from_str(by).map_err(|error| StoreError::invalid("caller", by, error))?;
+    let _lock = EngineLock::take(&layout)?;
+    let secret = layout.store_key();
+    let key = keyfile::read_secret(&secret).map_err(|source| StoreError::Key { path: secret, source })?;
+    let damaged_store = open_reader(&database, &STORE)?;
+    let fold = checked_records(&damaged_store, &database)?;
+    let checkpoint = newest_checkpoint(&layout, &fold, &key.verifying_key())?;
+    let store_id = match checkpoint {
+        Some(checkpoint) => checkpoint.store_id,
+        None => super::check::store_id(&damaged_store, &database)?,
+    };
+    let sound = fold
+        .check_end(&damaged_store)
+        .map_err(refused_chain(&damaged_store, &database))
+        .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id));
+    let problem = match sound {
+        Ok(()) if has_id(&damaged_store, &store_id) => return Ok(None),
+        Ok(()) => "its id is not the one its checkpoints are signed over".to_owned(),
+        // Records that are missing at the end cannot be made up.
+        Err(error @ StoreError::Refused { hint, .. }) if hint != HINT_REBUILD => return Err(error),
+        Err(StoreError::Refused { problem, .. }) => problem,
+        Err(error) => return Err(error),
+    };
+    let part = database.with_extension("rebuilt");
+    remove_database(&part)?;
+    let mut made = make(&part, &STORE)?;
+    let kept_as = free_name(&layout, fold.end())?;
+    let told = Told { by, problem, kept_as: file_name(&kept_as) };
+    let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
+    let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
+    let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
+    made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
+    drop(damaged_store);
+    File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
+    // What is still in the log of the damaged file goes into the file: its log would be taken for the rebuilt one's.
+    truncate_log(&database)?;
+    fs::hard_link(&database, &kept_as).map_err(StoreError::io("keep the damaged file as", &kept_as))?;
+    fs::rename(&part, &database).map_err(StoreError::io("rename", &part))?;
+    sync_folder(layout.folder())?;
+    Checkpoint::sign(&store_id, head, None, &key).write(&layout.checkpoints())?;
+    Ok(Some(rebuilt))
+}
+
+fn has_id(connection: &Connection, store_id: &str) -> bool {
+    text_of(connection, "SELECT value FROM meta WHERE key = ?1", "store_id").as_deref() == Some(store_id)
+}
+
+/// The columns of a row that it has otherwise by the chain; none if the chain cannot tell.
+pub(crate) fn columns_otherwise(
+    fold: &Fold,
+    damaged_store: &Connection,
+    table: ChainedTable,
+    key: &str,
+) -> Vec<String> {
+    let rebuilt = || -> Result<Vec<String>, ReplayError> {
+        let mut made = Connection::open_in_memory()?;
+        migrate(&mut made, &STORE)?;
+        audit::for_each::<ReplayError>(damaged_store, 0, |record| {
+            replay(&made, damaged_store, fold, &record)?;
+            Ok(())
+        })?;
+        Ok(differing_columns(damaged_store, &made, table, key)?)
+    };
+    rebuilt().unwrap_or_default()
+}
+
+/// What the record of a rebuild says beside what was rebuilt.
+struct Told {
+    by: Value,
+    problem: String,
+    kept_as: String,
+}
+
+/// The newest checkpoint, which the chain has to reach.
+fn newest_checkpoint(
+    layout: &Layout,
+    fold: &Fold,
+    key: &ed25519_dalek::VerifyingKey,
+) -> Result<Option<Checkpoint>, StoreError> {
+    let Some(name) = checkpoint::names(&layout.checkpoints())?.pop() else { return Ok(None) };
+    let path = layout.checkpoints().join(&name);
+    let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
+    super::check::check_newest_checkpoint(fold, layout, &checkpoint.store_id, key)?;
+    Ok(Some(checkpoint))
+}
+
+/// A name for the damaged file that no other has.
+fn free_name(layout: &Layout, end: Head) -> Result<PathBuf, StoreError> {
+    let named = |nth: u32| layout.folder().join(format!("holdpoint-damaged-{}-{nth}.db", end.seq));
+    let free = (1..=1_000).map(named).find(|path| fs::symlink_metadata(path).is_err());
+    free.ok_or_else(|| {
+        StoreError::invalid("store folder", layout.folder().display(), "one with fewer damaged databases")
+    })
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Fills a new database with the chain and what it says, and adds the record of it.
+fn fill(
+    made: &mut Connection,
+    damaged_store: &Connection,
+    fold: &Fold,
+    (store_id, told): (&str, Told),
+    wall_ms: i64,
+) -> Result<Rebuilt, StoreError> {
+    let error = StoreError::sql("write the rebuilt database");
+    let tx = made.transaction().map_err(&error)?;
+    tx.execute("UPDATE meta SET value = ?1 WHERE key = 'store_id'", [store_id]).map_err(&error)?;
+    let mut lost = Vec::new();
+    audit::for_each::<ReplayError>(damaged_store, 0, |record| {
+        lost.extend(replay(&tx, damaged_store, fold, &record)?);
+        audit::copy(&tx, &record)?;
+        Ok(())
+    })
+    .map_err(|ReplayError(error)| error)?;
+    lost.extend(mark_lost_evidence(&tx, fold)?);
+    if let Some(((table, key), problem)) = unmended(&tx, fold, &lost)? {
+        let problem = format!(
+            "the {} {key:?} cannot be rebuilt: {problem}, and the chain does not repeat its text",
+            table.name()
+        );
+        return Err(damaged(damaged_store.path().map_or(Path::new(""), Path::new), &problem));
+    }
+    copy_commands(&tx, damaged_store, fold)?;
+    let found = differing(fold, damaged_store).map_err(&error)?;
+    let mut differed = Vec::new();
+    for ((table, key), problem) in found {
+        let columns = differing_columns(damaged_store, &tx, table, &key).map_err(&error)?;
+        differed.push(DifferingRow { table: table.name().to_owned(), key, problem, columns });
+    }
+    let named = |(table, key): &RowName| (table.name().to_owned(), key.clone());
+    let rebuilt = Rebuilt {
+        from_seq: fold.end().seq,
+        from_hash: fold.end().hash,
+        problem: told.problem,
+        differed,
+        lost: lost.iter().map(named).collect(),
+        kept_as: told.kept_as,
+    };
+    let change = RebuiltChange { change: "store-rebuilt".to_owned(), by: told.by, rebuilt };
+    write_record(&tx, fold.end(), &change, &lost, wall_ms)?;
+    let after = Fold::read(&tx).map_err(|fault| StoreError::Invariant(format!("{fault:?}")))?;
+    if let Some(fault) = compare(&after, &tx).map_err(&error)? {
+        return Err(StoreError::Invariant(format!("the rebuilt store is not what its chain says: {fault}")));
+    }
+    tx.commit().map_err(&error)?;
+    Ok(change.rebuilt)
+}
+
+/// A failure while records are applied once more.
+struct ReplayError(StoreError);
+
+impl From<rusqlite::Error> for ReplayError {
+    fn from(error: rusqlite::Error) -> Self {
+        Self(StoreError::sql("read the audit chain")(error))
+    }
+}
+
+impl From<StoreError> for ReplayError {
+    fn from(error: StoreError) -> Self {
+        Self(error)
+    }
+}
+
+/// A mark that stands for a text that was lost.
+pub(super) fn lost_mark(what: &str) -> String {
+    format!("{LOST}{}}}", json!(what))
+}
+
+/// Evidence whose text is not the one its record speaks of: a mark takes its place.
+fn mark_lost_evidence(made: &Connection, fold: &Fold) -> Result<Vec<RowName>, StoreError> {
+    let error = StoreError::sql("compare the rebuilt database");
+    let mut lost = Vec::new();
+    for (table, key) in differing(fold, made).map_err(&error)?.into_keys() {
+        if table == ChainedTable::Evidence {
+            made.execute("UPDATE evidence SET json = ?2 WHERE seq = ?1", params![key, lost_mark(&key)])
+                .map_err(&error)?;
+            lost.push((table, key));
+        }
+    }
+    Ok(lost)
+}
+
+/// The first row that is not as the chain says and is not lost.
+fn unmended(
+    made: &Connection,
+    fold: &Fold,
+    lost: &[RowName],
+) -> Result<Option<(RowName, String)>, StoreError> {
+    let found = differing(fold, made).map_err(StoreError::sql("compare the rebuilt database"))?;
+    Ok(found.into_iter().find(|(row, _)| row.0 != ChainedTable::Evidence || !lost.contains(row)))
+}
+
+/// Copies the receipts that are what the chain says. For records whose command is not known any more a name stands
+/// that nobody sends: a retry of that command would be applied again.
+fn copy_commands(made: &Connection, damaged_store: &Connection, fold: &Fold) -> Result<(), StoreError> {
+    let error = StoreError::sql("copy the receipts");
+    let mut select =
+        damaged_store.prepare("SELECT id, digest, last_seq, receipt FROM command").map_err(&error)?;
+    let mut rows = select.query([]).map_err(&error)?;
+    let mut good: BTreeMap<u64, (String, String, u64, String)> = BTreeMap::new();
+    while let Some(row) = rows.next().map_err(&error)? {
+        let read = || Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?));
+        let Ok((id, digest, last_seq, text)): rusqlite::Result<(String, String, u64, String)> = read() else {
+            continue;
+        };
+        let Ok(receipt) = super::compare::checked_receipt(fold, &id, last_seq, &text) else { continue };
+        if receipt.first_seq == 0 {
+            keep_command(made, (&id, &digest, last_seq, &text))?;
+        } else {
+            good.insert(receipt.first_seq, (id, digest, last_seq, text));
+        }
+    }
+    let mut next = 1;
+    for (first, (id, digest, last_seq, text)) in good {
+        if first < next {
+            continue;
+        }
+        if first > next {
+            keep_lost_command(made, fold, next, first - 1)?;
+        }
+        keep_command(made, (&id, &digest, last_seq, &text))?;
+        next = last_seq + 1;
+    }
+    if next <= fold.end().seq {
+        keep_lost_command(made, fold, next, fold.end().seq)?;
+    }
+    Ok(())
+}
+
+fn keep_command(
+    made: &Connection,
+    (id, digest, last_seq, receipt): (&str, &str, u64, &str),
+) -> Result<(), StoreError> {
+    made.prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
+        .and_then(|mut insert| insert.execute(params![id, digest, last_seq, receipt]))
+        .map(drop)
+        .map_err(StoreError::sql("keep the receipt"))
+}
+
+/// A receipt for records whose own is lost.
+fn keep_lost_command(made: &Connection, fold: &Fold, first: u64, last: u64) -> Result<(), StoreError> {
+    let unreadable = |error: String| StoreError::invalid("receipt", first, error);
+    let mut row_versions = Vec::new();
+    for (name, row_version) in fold.states_set(first, last) {
+        row_versions.push((name.parse().map_err(|_| unreadable(name.clone()))?, row_version));
+    }
+    let head = fold.hash(last).ok_or_else(|| unreadable("there is no such record".to_owned()))?;
+    let command_id = format!("{LOST_COMMAND}-{first}-{last}");
+    let receipt =
+        Receipt { command_id: command_id.clone(), first_seq: first, last_seq: last, head, row_versions };
+    let text = canonical_json(&receipt).map_err(|error| unreadable(error.to_string()))?;
+    keep_command(made, (&command_id, &"0".repeat(64), last, &text))
+}
+
+/// Adds the record of the rebuild, and the command that wrote it.
+fn write_record(
+    made: &Connection,
+    end: Head,
+    change: &RebuiltChange,
+    lost: &[RowName],
+    wall_ms: i64,
+) -> Result<(), StoreError> {
+    let mut rows = Vec::new();
+    for (table, key) in lost {
+        let digest = row_digest(made, *table, key).map_err(StoreError::sql("read a row back"))?;
+        rows.push(json!([table.name(), key, digest]));
+    }
+    let kind = RecordKind::StoreRebuilt;
+    let body = canonical_json(&json!({ "change": change, "rows": rows }))
+        .map_err(|error| StoreError::invalid("record", kind.name(), error))?;
+    let head = audit::append(made, (end.at_ms, wall_ms), kind, "", body)?;
+    let command_id = format!("{LOST_COMMAND}-{}", head.seq);
+    let receipt = Receipt {
+        command_id: command_id.clone(),
+        first_seq: head.seq,
+        last_seq: head.seq,
+        head: head.hash,
+        row_versions: Vec::new(),
+    };
+    let text =
+        canonical_json(&receipt).map_err(|error| StoreError::invalid("receipt", &command_id, error))?;
+    keep_command(made, (&command_id, &"0".repeat(64), head.seq, &text))
+}
+
+/// The rows that an earlier rebuild marked as lost.
+pub(super) fn rows_lost(record: &AuditRecord) -> Result<Vec<(String, String)>, StoreError> {
+    #[derive(Deserialize)]
+    struct Body {
+        change: RebuiltChange,
+    }
+    let body: Body = serde_json::from_str(&record.body)
+        .map_err(|error| StoreError::invalid("audit record", record.seq, error))?;
+    Ok(body.change.rebuilt.lost)
+}
+
+/// A text of a row of the damaged store, `None` if it has none that can be read.
+pub(super) fn text_of(damaged_store: &Connection, sql: &str, key: &str) -> Option<String> {
+    let read = damaged_store
+        .prepare_cached(sql)
+        .and_then(|mut select| select.query_row([key], |row| row.get::<_, Option<String>>(0)).optional());
+    read.ok().flatten().flatten()
+}

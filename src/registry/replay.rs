@@ -1,0 +1,234 @@
+//! One record of the chain applied once more, by the code that applied it first and without asking again whether it
+//! was allowed: it is on record.
+
+use std::collections::BTreeMap;
+
+use rusqlite::{Connection, params};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::apply::{Applier, ApprovalBasis};
+use super::approve::ApprovalRow;
+use super::change::Change;
+use super::compare::check_approval;
+use super::error::StoreError;
+use super::fold::Fold;
+use super::rebuild::{lost_mark, rows_lost, text_of};
+use super::rows::{ChainedTable, RowName, row_digest};
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// The text of an approval, also where its row is under another key.
+const SIGNED: &str =
+    "SELECT signed FROM approval WHERE nonce = ?1 OR instr(signed, ?1) > 0 ORDER BY nonce <> ?1 LIMIT 1";
+
+/// The parts of a store record that are applied.
+#[derive(Deserialize)]
+struct Body {
+    change: Value,
+    #[serde(default)]
+    rows: Vec<(String, String, Digest)>,
+}
+
+/// What a record says of an approval; the rest is under its signature.
+#[derive(Deserialize)]
+struct ApprovalSummary {
+    who: String,
+    decision: Answer,
+    row_version: u64,
+    not_after_ms: u64,
+    nonce: String,
+}
+
+/// Applies a record to the database being made. Texts that it does not repeat are those of the damaged store. Tells
+/// the rows of which a text is lost.
+pub(super) fn replay(
+    made: &Connection,
+    damaged_store: &Connection,
+    fold: &Fold,
+    record: &AuditRecord,
+) -> Result<Vec<RowName>, StoreError> {
+    let Some(kind) = record.kind.known().copied().filter(|kind| super::names::is_own(*kind)) else {
+        return Ok(Vec::new());
+    };
+    let unreadable = |error: serde_json::Error| StoreError::invalid("audit record", record.seq, error);
+    if kind == RecordKind::StoreRebuilt {
+        let lost = rows_lost(record)?;
+        return lost.iter().map(|(table, key)| mark(made, table, key)).collect();
+    }
+    let body: Body = serde_json::from_str(&record.body).map_err(unreadable)?;
+    let mut applier = Applier::replaying(made, fold, ApprovalBasis::none(), record);
+    if kind == RecordKind::ApprovalPut {
+        let summary: ApprovalSummary = serde_json::from_value(body.change).map_err(unreadable)?;
+        return put_approval(&applier, damaged_store, &record.subject, &summary);
+    }
+    let mut change = body.change;
+    fill_texts(&mut change, damaged_store, record.seq);
+    let change: Change = serde_json::from_value(change).map_err(unreadable)?;
+    applier.again(&change)?;
+    if let Change::RegisterVersion(new) = &change {
+        mend_version(made, &new.id.to_string(), &new.manifest, &body.rows)?;
+    }
+    Ok(Vec::new())
+}
+
+impl Applier<'_> {
+    /// Writes what a change wrote when it was allowed.
+    fn again(&mut self, change: &Change) -> Result<(), StoreError> {
+        let touched = match change {
+            Change::SetState { version, expected_row_version, to, .. } => {
+                self.write_state(version, *expected_row_version, *to)
+            }
+            Change::SetActive { family, active, pinned, cause, robot } => {
+                self.write_active(family, (active.as_ref(), pinned.as_ref()), cause, robot.as_deref())
+            }
+            Change::ConsumeApproval { nonce, .. } => return self.write_consumed(nonce),
+            Change::RegisterVersion(_)
+            | Change::SetFlags { .. }
+            | Change::SetScores { .. }
+            | Change::SetFamily { .. }
+            | Change::SetStanding { .. }
+            | Change::VoidFamily { .. }
+            | Change::PutEvidence { .. }
+            | Change::PutApprovalRequest(_)
+            | Change::PutApproval(_)
+            | Change::SetContext { .. }
+            | Change::SealTelemetry { .. }
+            | Change::AlarmChange { .. } => self.change(change),
+        };
+        touched.map(drop)
+    }
+}
+
+/// A mark takes the place of a text that an earlier rebuild gave up.
+fn mark(made: &Connection, table: &str, key: &str) -> Result<RowName, StoreError> {
+    let known = ChainedTable::named(table);
+    let (sql, table) = match known {
+        Some(table @ ChainedTable::Evidence) => ("UPDATE evidence SET json = ?2 WHERE seq = ?1", table),
+        Some(table @ ChainedTable::Approval) => ("UPDATE approval SET signed = ?2 WHERE nonce = ?1", table),
+        _ => return Err(StoreError::invalid("lost row of the table", table, "evidence or approval")),
+    };
+    made.execute(sql, params![key, lost_mark(key)]).map_err(StoreError::sql("mark a lost text"))?;
+    Ok((table, key.to_owned()))
+}
+
+/// Puts the texts that a record does not repeat into its change.
+fn fill_texts(change: &mut Value, damaged_store: &Connection, seq: u64) {
+    let Some(fields) = change.as_object_mut() else { return };
+    let named = |field: &str| fields.get(field).and_then(Value::as_str).unwrap_or_default().to_owned();
+    let of_version = |column: &str| format!("SELECT {column} FROM version WHERE name = ?1");
+    let wanted: Vec<(&str, String, String)> = match named("change").as_str() {
+        "register-version" => ["manifest", "submission", "permissions", "environments"]
+            .map(|column| (column, of_version(column), named("id")))
+            .into(),
+        "set-scores" => vec![("signature", of_version("signature"), named("version"))],
+        "set-standing" => {
+            vec![("json", "SELECT standing FROM family WHERE name = ?1".to_owned(), named("family"))]
+        }
+        "put-evidence" => {
+            vec![("json", "SELECT json FROM evidence WHERE seq = ?1".to_owned(), seq.to_string())]
+        }
+        "put-approval-request" => {
+            vec![("json", "SELECT json FROM approval_request WHERE id = ?1".to_owned(), named("id"))]
+        }
+        "set-context" => {
+            vec![("json", "SELECT json FROM context WHERE id = ?1".to_owned(), "1".to_owned())]
+        }
+        "alarm-change" => {
+            vec![("json", "SELECT json FROM alarm WHERE id = ?1".to_owned(), named("alarm"))]
+        }
+        _ => Vec::new(),
+    };
+    for (field, sql, key) in wanted {
+        if fields.contains_key(field) {
+            continue;
+        }
+        let found = text_of(damaged_store, &sql, &key);
+        let found = found.filter(|text| serde_json::from_str::<serde::de::IgnoredAny>(text).is_ok());
+        let text = match (found, field) {
+            (Some(text), _) => json!(text),
+            (None, "signature") => Value::Null,
+            // Whatever stands here is held against the row's digest in the end.
+            (None, _) => json!("null"),
+        };
+        fields.insert(field.to_owned(), text);
+    }
+}
+
+/// Permissions and environments of a version are its manifest's: where the row's own are not what was registered,
+/// they are read there.
+fn mend_version(
+    made: &Connection,
+    name: &str,
+    manifest: &str,
+    rows: &[(String, String, Digest)],
+) -> Result<(), StoreError> {
+    let error = StoreError::sql("mend a version");
+    let is_whole = || -> Result<bool, StoreError> {
+        let digest = row_digest(made, ChainedTable::Version, name).map_err(&error)?;
+        let table = ChainedTable::Version.name();
+        Ok(rows.iter().any(|row| (row.0.as_str(), row.1.as_str()) == (table, name) && Some(row.2) == digest))
+    };
+    if is_whole()? {
+        return Ok(());
+    }
+    let manifest: Value = serde_json::from_str(manifest).unwrap_or_default();
+    let places =
+        BTreeMap::from([("permissions", "/permissions"), ("environments", "/deployment/environments")]);
+    for (column, place) in places {
+        let Some(text) = manifest.pointer(place).and_then(|part| canonical_json(part).ok()) else { continue };
+        let sql = format!("UPDATE version SET {column} = ?2 WHERE name = ?1");
+        made.execute(&sql, [name, &text]).map_err(&error)?;
+        if is_whole()? {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+/// Keeps an approval whose signature holds. Without it the claim alone is kept, and the approval counts no more.
+fn put_approval(
+    applier: &Applier<'_>,
+    damaged_store: &Connection,
+    subject: &str,
+    summary: &ApprovalSummary,
+) -> Result<Vec<RowName>, StoreError> {
+    let nonce = &summary.nonce;
+    let unreadable = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
+    let version: CapabilityId = subject
+        .parse()
+        .map_err(|error: holdpoint_governance::ids::CapabilityIdError| unreadable(error.to_string()))?;
+    let text = text_of(damaged_store, SIGNED, nonce);
+    let signed = text.as_deref().and_then(|text| serde_json::from_str::<SignedApproval>(text).ok());
+    let kept = signed.filter(|signed| {
+        let approval = signed.approval();
+        let claim = approval.claim_digest().to_string();
+        let text = text.as_deref().unwrap_or_default();
+        check_approval(signed, nonce, &claim, text, &approval.store_id).is_ok()
+            && (approval.version == version && approval.who == summary.who)
+            && (approval.decision == summary.decision && approval.row_version == summary.row_version)
+    });
+    let claim = match &kept {
+        Some(signed) => signed.approval().claim_digest(),
+        None => text_of(damaged_store, "SELECT claim FROM approval WHERE nonce = ?1", nonce)
+            .and_then(|claim| claim.parse().ok())
+            .ok_or_else(|| unreadable("neither its claim nor its signature is there".to_owned()))?,
+    };
+    let signed = match (&kept, text) {
+        (Some(_), Some(text)) => text,
+        _ => lost_mark(nonce),
+    };
+    applier.write_approval(&ApprovalRow {
+        nonce,
+        version: &version,
+        who: &summary.who,
+        decision: summary.decision,
+        row_version: summary.row_version,
+        not_after_ms: summary.not_after_ms,
+        claim,
+        signed: &signed,
+    })?;
+    Ok(if kept.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
+}
