@@ -4,3 +4,4 @@ mod kept;
 mod paused;
 mod refused;
 mod standings;
+mod wiring;

@@ -26,7 +26,7 @@ const GUIDE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../guide/lifecycle.md"
 const BEGIN: &str = "<!-- standings -->\n";
 const END: &str = "<!-- end of standings -->\n";
 
-fn operation(version: &CapabilityId) -> Operation {
+pub(super) fn operation(version: &CapabilityId) -> Operation {
     Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
@@ -54,7 +54,7 @@ const VERBS: [Verb; 14] = [
 
 type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
 
-const CANDIDATE: &str = "align-improved";
+pub(super) const CANDIDATE: &str = "align-improved";
 
 fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
     bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();

@@ -1,0 +1,50 @@
+//! What a rule asks for reaches what it is about: a condition the guard's envelope, a person's act the charts.
+
+use holdpoint_governance::condition::Condition;
+use holdpoint_governance::monitor::Rate;
+use holdpoint_protocol::command::{Command, Reply};
+
+use super::standings::{CANDIDATE, operation};
+use crate::binding::{measured_terms_of, terms_of};
+use crate::stages::rollback::tests::Bench;
+
+/// A tighter envelope binds where the version is measured and where it has the arm.
+#[test]
+fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let limits = |bench: &mut Bench| {
+        let live = bench.pipeline.live();
+        let version = live.record.capability(&id).unwrap();
+        let measured = measured_terms_of(live.context, live.dossiers, &version);
+        let acting = terms_of(live.context, live.record.ledger(), live.dossiers, live.monitors, &version);
+        [measured, acting].map(|terms| {
+            let envelope = terms.envelope();
+            (envelope.tool_speed_max_m_s, envelope.grip_force_max_n)
+        })
+    };
+    let wide = limits(&mut bench);
+    let (speed, force) = (0.5 * wide[0].0, 0.5 * wide[0].1);
+    bench.pipeline.live().dossiers.edit(&id).conditions =
+        vec![Condition::TighterEnvelope { speed_max_m_s: speed, force_max_n: force }];
+    for (tight, wide) in limits(&mut bench).into_iter().zip(wide) {
+        assert!(tight.0 <= speed && tight.1 <= force, "{tight:?} of {wide:?}");
+    }
+}
+
+/// Whoever restricts an active version has stepped in, and its monitor knows.
+#[test]
+fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let charted = |bench: &mut Bench| {
+        let live = bench.pipeline.live();
+        let monitor = &live.monitors.of(&id).unwrap().monitor;
+        monitor.charts().filter(|(rate, ..)| *rate == Rate::Intervention).map(|(_, _, at, _)| at).sum::<f64>()
+    };
+    let before = charted(&mut bench);
+    let reply = bench.pipeline.command(Command::Restrict(operation(&id)));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let after = charted(&mut bench);
+    assert!(after > before, "{before} to {after}");
+}
