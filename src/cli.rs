@@ -178,16 +178,24 @@ pub enum Verb {
 
 /// The whole program but its engine: parses `arguments`, does what they ask, prints, and says how it ended.
 pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn EngineVerbs) -> Exit {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    // What cannot be parsed still says what form its error is wanted in.
+    let json = arguments.iter().any(|argument| argument == "--json");
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
-        Err(error) => return crate::error::print_usage(&error),
+        Err(error) => return crate::error::print_usage(&error, json),
     };
     let mut out = Output::stdout(cli.json);
     let ended = dispatch(&cli, engine, &mut out).and_then(|exit| out.flush().map(|()| exit));
     match ended {
         Ok(exit) => exit,
         Err(error) => {
-            error.print(&mut std::io::stderr().lock());
+            let mut stderr = std::io::stderr().lock();
+            if cli.json {
+                error.print_json(&mut stderr)
+            } else {
+                error.print(&mut stderr)
+            }
             error.exit()
         }
     }

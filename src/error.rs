@@ -4,6 +4,8 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use holdpoint_governance::TextError;
+use serde::Serialize;
+
 use holdpoint_text::{Hint, Shown, Untrusted, WIDTH_MAX, sanitise};
 
 /// How a command ended. The codes are part of the interface.
@@ -157,6 +159,33 @@ impl CliError {
     }
 }
 
+/// An error as programs read it: one JSON document on a line of the standard error stream.
+#[derive(Serialize)]
+struct ErrorDocument<'a> {
+    error: &'a str,
+    hint: Option<String>,
+    /// The exit code.
+    code: u8,
+}
+
+impl ErrorDocument<'_> {
+    fn print(&self, stderr: &mut dyn Write) {
+        // An error while printing has nowhere to go.
+        drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{line}")));
+    }
+}
+
+impl CliError {
+    /// As [`CliError::print`], for whoever asked for JSON: `{"error": ..., "hint": ..., "code": ...}`.
+    pub fn print_json(&self, stderr: &mut dyn Write) {
+        if matches!(self, Self::ReaderGone) {
+            return;
+        }
+        let hint = self.hint().map(|hint| one_line(hint).to_string());
+        ErrorDocument { error: &self.to_string(), hint, code: self.exit().code() }.print(stderr);
+    }
+}
+
 impl From<io::Error> for CliError {
     fn from(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe { Self::ReaderGone } else { Self::Output(error) }
@@ -185,7 +214,14 @@ fn one_line(message: &Untrusted) -> Shown {
 }
 
 /// Prints what clap says of the command line. Help and version are answers, the rest is a usage error.
-pub(crate) fn print_usage(error: &clap::Error) -> Exit {
+pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
+    if json && error.use_stderr() {
+        let said = error.render().to_string();
+        let said = one_line(&said.trim_start_matches("error: ").to_owned().into()).to_string();
+        let document = ErrorDocument { error: &said, hint: None, code: Exit::Usage.code() };
+        document.print(&mut io::stderr().lock());
+        return Exit::Usage;
+    }
     // A closed pipe leaves nobody to tell.
     drop(error.print());
     if error.use_stderr() { Exit::Usage } else { Exit::Confirmed }

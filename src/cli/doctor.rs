@@ -227,12 +227,22 @@ fn recordings(data: &Path) -> Finding {
 
 /// The versions this program was built with, from its lock file.
 fn libraries(lock: &str) -> Vec<Finding> {
+    // Where there are several versions, those that use one name it with its version; ours use the newest.
+    let packages = || lock.split("[[package]]").map(|package| package.trim_start());
+    let own = || packages().filter(|package| package.starts_with("name = \"holdpoint"));
     let version_of = |library: &str| {
-        let mut lines = lock.lines();
-        lines.find(|line| {
-            line.strip_prefix("name = \"").and_then(|rest| rest.strip_suffix('"')) == Some(library)
-        })?;
-        lines.next()?.strip_prefix("version = \"")?.strip_suffix('"')
+        let named = own().flat_map(str::lines).filter_map(|line| {
+            let used = line.trim().strip_prefix('"')?.trim_end_matches(['"', ',']).strip_prefix(library)?;
+            used.strip_prefix(' ')
+        });
+        let numbers = |version: &&str| {
+            version.split('.').map(|part| part.parse::<u64>().unwrap_or(0)).collect::<Vec<_>>()
+        };
+        named.max_by_key(numbers).or_else(|| {
+            let only =
+                packages().find_map(|package| package.strip_prefix(&format!("name = \"{library}\"\n")))?;
+            only.strip_prefix("version = \"")?.lines().next()?.strip_suffix('"')
+        })
     };
     LIBRARIES
         .into_iter()
@@ -293,6 +303,9 @@ mod tests {
     fn every_library_is_in_the_lock_file() {
         let found = libraries(include_str!("../../Cargo.lock"));
         assert_eq!(found.iter().map(|finding| finding.item.as_str()).collect::<Vec<_>>(), LIBRARIES);
+        // The one that this program uses, not the one that another dependency brings.
+        let sha2 = found.iter().find(|finding| finding.item == "sha2").unwrap();
+        assert!(sha2.detail.starts_with("0.11."), "{}", sha2.detail);
     }
 
     #[test]

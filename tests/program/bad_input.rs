@@ -199,14 +199,21 @@ fn what_a_candidate_says_is_never_the_programs_hint() {
             &["candidate", "check", &folder, "--json"],
         ] {
             let output = holdpoint(&fixture.data(), words);
+            // The check without a store has no advice about files.
+            let hint = hint.filter(|_| words[1] == "register");
+            if words.contains(&"--json") {
+                assert_eq!(output.status.code(), Some(2), "{output:?}");
+                let document: serde_json::Value = serde_json::from_slice(&output.stderr).unwrap();
+                assert!(document["error"].as_str().unwrap().contains("run rm -rf"), "{words:?}: {document}");
+                assert_eq!(document["hint"].as_str(), hint, "{words:?}: {document}");
+                continue;
+            }
             check(name, &output, &["run rm -rf"]);
             let stderr = String::from_utf8(output.stderr).unwrap();
             let mut lines = stderr.lines();
             let message = lines.next().unwrap();
             assert!(message.contains("run rm -rf") && !message.contains('\u{1b}'), "{words:?}: {stderr:?}");
             let told: Vec<&str> = lines.map(|line| line.strip_prefix("Hint: ").unwrap()).collect();
-            // The check without a store has no advice about files.
-            let hint = hint.filter(|_| words[1] == "register");
             assert_eq!(told, Vec::from_iter(hint), "{words:?}: {stderr}");
         }
     }
@@ -367,4 +374,23 @@ fn a_circle_of_dependencies_is_rejected() {
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let status = holdpoint(&fresh, &["status", "grasp@1.7.0", "--until", "confirmed"]);
     assert_eq!(status.status.code(), Some(1), "{status:?}");
+}
+
+/// A program that asked for JSON got prose in its error.
+#[test]
+fn errors_are_json_for_whoever_asked_for_json() {
+    let fixture = Fixture::new();
+    for (words, said) in [
+        (&["--json", "candidate", "register", "/nowhere"][..], "/nowhere"),
+        (&["status", "grab", "--json"], "grab"),
+        (&["nonsense", "--json"], "nonsense"),
+        (&["approve", "x", "--json"], "capability version"),
+    ] {
+        let output = holdpoint(&fixture.data(), words);
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        let document: serde_json::Value = serde_json::from_slice(&output.stderr).unwrap();
+        assert!(document["error"].as_str().unwrap().contains(said), "{document}");
+        assert_eq!(document["code"], 2, "{document}");
+        assert!(output.stdout.is_empty(), "{output:?}");
+    }
 }
