@@ -3,30 +3,16 @@
 //! Both are on record in the store's context. Another robot is refused before anything is written, with the way out;
 //! another agent holds.
 
-use std::path::PathBuf;
-
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditBody, Change, StoreError, Views};
-use holdpoint_sim::SimError;
-use serde::{Deserialize, Serialize};
 
-use crate::cell::{COMPUTED_BY, Cell};
+use crate::bound_robot::BoundRobot;
+use crate::cell::COMPUTED_BY;
 use crate::context::{Context, ContextRecord};
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
-
-/// A robot as a store names it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct BoundRobot {
-    /// Name in its description.
-    pub name: String,
-    /// Digest of its description, hexadecimal.
-    pub digest: String,
-    /// The file it was read from; absent for a built-in one.
-    pub file: Option<PathBuf>,
-}
 
 /// The agent a store is for beside the one that dispatches.
 #[derive(Clone, Copy, Debug)]
@@ -105,41 +91,6 @@ pub(crate) fn check_pointers(views: &Views, given: &BoundRobot) -> Result<(), St
 /// The agent that a store is for; absent as for [`robot`].
 pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.agent))
-}
-
-impl BoundRobot {
-    /// The robot of a cell.
-    #[must_use]
-    pub fn of(cell: &Cell) -> Self {
-        let digest = format!("{:016x}", cell.model.digest);
-        Self { name: cell.model.name.clone(), digest, file: cell.robot_file.clone() }
-    }
-
-    /// Whether it is the same robot, wherever its file lies.
-    #[must_use]
-    pub fn is(&self, other: &Self) -> bool {
-        self.digest == other.digest
-    }
-
-    /// The cell of this robot.
-    ///
-    /// # Errors
-    /// If its file cannot be read.
-    pub fn cell(&self) -> Result<Cell, SimError> {
-        match &self.file {
-            None => Cell::new(holdpoint_sim::robot::RobotModel::builtin(&self.name)?),
-            Some(file) => Cell::of(Some(file)),
-        }
-    }
-}
-
-impl std::fmt::Display for BoundRobot {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match &self.file {
-            Some(file) => write!(f, "{} ({}, {})", self.name, file.display(), self.digest),
-            None => write!(f, "{} (built in, {})", self.name, self.digest),
-        }
-    }
 }
 
 /// What was voided at a start.

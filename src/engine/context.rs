@@ -9,7 +9,7 @@ use holdpoint_governance::profile::{Profile, SiteName};
 use holdpoint_runtime::terms::SkillTerms;
 use serde::{Deserialize, Serialize};
 
-use crate::bound::BoundRobot;
+use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 
 /// What a store says it was judged under: the content of its context record. Fields stand in the order of their names.

@@ -7,7 +7,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::bound::BoundRobot;
+use crate::bound_robot::BoundRobot;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,

@@ -7,6 +7,7 @@
 mod alarms;
 mod binding;
 pub mod bound;
+pub mod bound_robot;
 pub mod caller;
 mod calls;
 pub mod cell;
@@ -45,7 +46,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::bound::BoundRobot;
+use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 use crate::embedded::baselines;
 use crate::fault::Fault;

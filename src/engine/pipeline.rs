@@ -28,7 +28,8 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
 
-use crate::bound::{self, BoundRobot};
+use crate::bound;
+use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;

@@ -14,7 +14,7 @@ use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
 use super::open::{damaged, not_the_chain, open_reader, quick_check};
-use super::rebuild::columns_otherwise;
+use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
 use super::snapshot;

@@ -14,63 +14,28 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use rusqlite::{Connection, OptionalExtension, params};
-use serde::{Deserialize, Serialize};
+use rusqlite::{Connection, params};
 use serde_json::{Value, json};
 
 use super::audit::{self, Head};
 use super::change::Receipt;
 use super::check::{check_tables, checked_records, refused_chain};
 use super::checkpoint::{self, Checkpoint};
-use super::compare::{LOST, compare, differing};
+use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
-use super::migrate::{STORE, migrate};
+use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
+use super::migrate::STORE;
 use super::open::{HINT_REBUILD, damaged, make, open_reader, remove_database, truncate_log};
-use super::replay::replay;
+use super::replay::{NotApplied, replay};
 use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
 use holdpoint_approvals::keyfile;
-use holdpoint_governance::ids::{Digest, canonical_json};
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::ids::canonical_json;
+use holdpoint_governance::record::RecordKind;
 
 /// How the name of a command begins whose row was lost.
 const LOST_COMMAND: &str = "rebuilt";
-
-/// A row that was not what the chain says.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DifferingRow {
-    pub table: String,
-    pub key: String,
-    /// What was wrong with it.
-    pub problem: String,
-    /// The columns that the rebuilt row has otherwise; empty where it was missing, or is gone.
-    pub columns: Vec<String>,
-}
-
-/// What a rebuild did; the body of its record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Rebuilt {
-    /// The last record of the chain it was made from.
-    pub from_seq: u64,
-    pub from_hash: Digest,
-    /// What was found wrong first.
-    pub problem: String,
-    pub differed: Vec<DifferingRow>,
-    /// Rows of which a text could not be had again: table and key.
-    pub lost: Vec<(String, String)>,
-    /// Name of the damaged file, beside the store.
-    pub kept_as: String,
-}
-
-/// The rebuild and who asked for it, as its record has them.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct RebuiltChange {
-    change: String,
-    by: Value,
-    #[serde(flatten)]
-    pub(crate) rebuilt: Rebuilt,
-}
 
 /// Makes the tables of a store anew from its chain. `by` is who asked for it as the system says, JSON text. Tells what
 /// it did; `None` if there was nothing to mend, and nothing was done.
@@ -108,7 +73,7 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     remove_database(&part)?;
     let mut made = make(&part, &STORE)?;
     let kept_as = free_name(&layout, fold.end())?;
-    let told = Told { by, problem, kept_as: file_name(&kept_as) };
+    let told = ToldOfRebuild { by, problem, kept_as: file_name(&kept_as) };
     let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
     let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
@@ -128,27 +93,8 @@ fn has_id(connection: &Connection, store_id: &str) -> bool {
     text_of(connection, "SELECT value FROM meta WHERE key = ?1", "store_id").as_deref() == Some(store_id)
 }
 
-/// The columns of a row that it has otherwise by the chain; none if the chain cannot tell.
-pub(crate) fn columns_otherwise(
-    fold: &Fold,
-    damaged_store: &Connection,
-    table: ChainedTable,
-    key: &str,
-) -> Vec<String> {
-    let rebuilt = || -> Result<Vec<String>, ReplayError> {
-        let mut made = Connection::open_in_memory()?;
-        migrate(&mut made, &STORE)?;
-        audit::for_each::<ReplayError>(damaged_store, 0, |record| {
-            replay(&made, damaged_store, fold, &record)?;
-            Ok(())
-        })?;
-        Ok(differing_columns(damaged_store, &made, table, key)?)
-    };
-    rebuilt().unwrap_or_default()
-}
-
 /// What the record of a rebuild says beside what was rebuilt.
-struct Told {
+struct ToldOfRebuild {
     by: Value,
     problem: String,
     kept_as: String,
@@ -185,19 +131,19 @@ fn fill(
     made: &mut Connection,
     damaged_store: &Connection,
     fold: &Fold,
-    (store_id, told): (&str, Told),
+    (store_id, told): (&str, ToldOfRebuild),
     wall_ms: i64,
 ) -> Result<Rebuilt, StoreError> {
     let error = StoreError::sql("write the rebuilt database");
     let tx = made.transaction().map_err(&error)?;
     tx.execute("UPDATE meta SET value = ?1 WHERE key = 'store_id'", [store_id]).map_err(&error)?;
     let mut lost = Vec::new();
-    audit::for_each::<ReplayError>(damaged_store, 0, |record| {
+    audit::for_each::<NotApplied>(damaged_store, 0, |record| {
         lost.extend(replay(&tx, damaged_store, fold, &record)?);
         audit::copy(&tx, &record)?;
         Ok(())
     })
-    .map_err(|ReplayError(error)| error)?;
+    .map_err(|NotApplied(error)| error)?;
     lost.extend(mark_lost_evidence(&tx, fold)?);
     if let Some(((table, key), problem)) = unmended(&tx, fold, &lost)? {
         let problem = format!(
@@ -230,26 +176,6 @@ fn fill(
     }
     tx.commit().map_err(&error)?;
     Ok(change.rebuilt)
-}
-
-/// A failure while records are applied once more.
-struct ReplayError(StoreError);
-
-impl From<rusqlite::Error> for ReplayError {
-    fn from(error: rusqlite::Error) -> Self {
-        Self(StoreError::sql("read the audit chain")(error))
-    }
-}
-
-impl From<StoreError> for ReplayError {
-    fn from(error: StoreError) -> Self {
-        Self(error)
-    }
-}
-
-/// A mark that stands for a text that was lost.
-pub(super) fn lost_mark(what: &str) -> String {
-    format!("{LOST}{}}}", json!(what))
 }
 
 /// Evidence whose text is not the one its record speaks of: a mark takes its place.
@@ -366,23 +292,4 @@ fn write_record(
     let text =
         canonical_json(&receipt).map_err(|error| StoreError::invalid("receipt", &command_id, error))?;
     keep_command(made, (&command_id, &"0".repeat(64), head.seq, &text))
-}
-
-/// The rows that an earlier rebuild marked as lost.
-pub(super) fn rows_lost(record: &AuditRecord) -> Result<Vec<(String, String)>, StoreError> {
-    #[derive(Deserialize)]
-    struct Body {
-        change: RebuiltChange,
-    }
-    let body: Body = serde_json::from_str(&record.body)
-        .map_err(|error| StoreError::invalid("audit record", record.seq, error))?;
-    Ok(body.change.rebuilt.lost)
-}
-
-/// A text of a row of the damaged store, `None` if it has none that can be read.
-pub(super) fn text_of(damaged_store: &Connection, sql: &str, key: &str) -> Option<String> {
-    let read = damaged_store
-        .prepare_cached(sql)
-        .and_then(|mut select| select.query_row([key], |row| row.get::<_, Option<String>>(0)).optional());
-    read.ok().flatten().flatten()
 }

@@ -9,12 +9,14 @@ use serde_json::{Value, json};
 
 use super::apply::{Applier, ApprovalBasis};
 use super::approve::ApprovalRow;
+use super::audit;
 use super::change::Change;
 use super::compare::check_approval;
 use super::error::StoreError;
 use super::fold::Fold;
-use super::rebuild::{lost_mark, rows_lost, text_of};
-use super::rows::{ChainedTable, RowName, row_digest};
+use super::lost::{lost_mark, rows_lost, text_of};
+use super::migrate::{STORE, migrate};
+use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
@@ -26,7 +28,7 @@ const SIGNED: &str =
 
 /// The parts of a store record that are applied.
 #[derive(Deserialize)]
-struct Body {
+struct AppliedBody {
     change: Value,
     #[serde(default)]
     rows: Vec<(String, String, Digest)>,
@@ -34,7 +36,7 @@ struct Body {
 
 /// What a record says of an approval; the rest is under its signature.
 #[derive(Deserialize)]
-struct ApprovalSummary {
+struct ApprovalOnRecord {
     who: String,
     decision: Answer,
     row_version: u64,
@@ -58,10 +60,10 @@ pub(super) fn replay(
         let lost = rows_lost(record)?;
         return lost.iter().map(|(table, key)| mark(made, table, key)).collect();
     }
-    let body: Body = serde_json::from_str(&record.body).map_err(unreadable)?;
+    let body: AppliedBody = serde_json::from_str(&record.body).map_err(unreadable)?;
     let mut applier = Applier::replaying(made, fold, ApprovalBasis::none(), record);
     if kind == RecordKind::ApprovalPut {
-        let summary: ApprovalSummary = serde_json::from_value(body.change).map_err(unreadable)?;
+        let summary: ApprovalOnRecord = serde_json::from_value(body.change).map_err(unreadable)?;
         return put_approval(&applier, damaged_store, &record.subject, &summary);
     }
     let mut change = body.change;
@@ -193,7 +195,7 @@ fn put_approval(
     applier: &Applier<'_>,
     damaged_store: &Connection,
     subject: &str,
-    summary: &ApprovalSummary,
+    summary: &ApprovalOnRecord,
 ) -> Result<Vec<RowName>, StoreError> {
     let nonce = &summary.nonce;
     let unreadable = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
@@ -231,4 +233,38 @@ fn put_approval(
         signed: &signed,
     })?;
     Ok(if kept.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
+}
+
+/// The columns of a row that it has otherwise by the chain; none if the chain cannot tell.
+pub(crate) fn columns_otherwise(
+    fold: &Fold,
+    damaged_store: &Connection,
+    table: ChainedTable,
+    key: &str,
+) -> Vec<String> {
+    let rebuilt = || -> Result<Vec<String>, NotApplied> {
+        let mut made = Connection::open_in_memory()?;
+        migrate(&mut made, &STORE)?;
+        audit::for_each::<NotApplied>(damaged_store, 0, |record| {
+            replay(&made, damaged_store, fold, &record)?;
+            Ok(())
+        })?;
+        Ok(differing_columns(damaged_store, &made, table, key)?)
+    };
+    rebuilt().unwrap_or_default()
+}
+
+/// A failure while records are applied once more.
+pub(super) struct NotApplied(pub(super) StoreError);
+
+impl From<rusqlite::Error> for NotApplied {
+    fn from(error: rusqlite::Error) -> Self {
+        Self(StoreError::sql("read the audit chain")(error))
+    }
+}
+
+impl From<StoreError> for NotApplied {
+    fn from(error: StoreError) -> Self {
+        Self(error)
+    }
 }

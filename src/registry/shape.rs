@@ -7,7 +7,7 @@ use rusqlite::Connection;
 use super::migrate::{Schema, migrate_to, version};
 
 /// What a database is made of: kind and name, and the text that made it.
-type Parts = BTreeMap<(String, String), String>;
+type SchemaParts = BTreeMap<(String, String), String>;
 
 /// The first part of a database that is not as its schema makes it, `None` if there is none.
 ///
@@ -27,7 +27,7 @@ pub(crate) fn first_difference(connection: &Connection, schema: &Schema) -> rusq
     Ok(found.into_keys().next().map(|(kind, name)| format!("the {kind} {name:?} is not of this program")))
 }
 
-fn parts(connection: &Connection) -> rusqlite::Result<Parts> {
+fn parts(connection: &Connection) -> rusqlite::Result<SchemaParts> {
     let mut select = connection
         .prepare("SELECT type, name, coalesce(sql, '') || ' on ' || tbl_name FROM sqlite_schema")?;
     select.query_map([], |row| Ok(((row.get(0)?, row.get(1)?), row.get(2)?)))?.collect()

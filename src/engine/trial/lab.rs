@@ -57,7 +57,7 @@ pub struct Lab<'a> {
 }
 
 /// A kept result as it was read.
-struct Kept<T> {
+struct KeptResult<T> {
     result: T,
     own: bool,
 }
@@ -131,7 +131,7 @@ impl Lab<'_> {
         seeds: &[u64],
         reuse: &mut Reuse,
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, Fault> {
-        let mut known: Vec<Option<Kept<TaskRecord>>> = Vec::with_capacity(seeds.len());
+        let mut known: Vec<Option<KeptResult<TaskRecord>>> = Vec::with_capacity(seeds.len());
         for seed in seeds {
             known.push(self.kept(&self.episode_key(active, *seed), reuse));
         }
@@ -144,7 +144,7 @@ impl Lab<'_> {
             if let Some(old) = &fresh {
                 self.keep(active, old)?;
             }
-            if let Some(Kept { result, own }) = &known {
+            if let Some(KeptResult { result, own }) = &known {
                 let value = value(&serde_json::to_vec(result)?);
                 reuse.take(Taken { work: KeptWork::Episodes, seed: *seed, value, own: *own });
             }
@@ -174,7 +174,7 @@ impl Lab<'_> {
         let results = outcomes.into_iter().map(ErrandOutcome::drill).collect::<Result<Vec<_>, Fault>>()?;
         let mut of_candidate = results;
         let of_active = match known {
-            Some(Kept { result: known, own }) => {
+            Some(KeptResult { result: known, own }) => {
                 for (seed, result) in seeds.iter().zip(&known) {
                     let value = value(&serde_json::to_vec(result)?);
                     reuse.take(Taken { work: KeptWork::Drills(kind), seed: *seed, value, own });
@@ -276,7 +276,7 @@ impl Lab<'_> {
     }
 
     /// A kept result; what cannot be read or is not what was kept is none.
-    fn kept<T: serde::de::DeserializeOwned>(&self, key: &Digest, reuse: &mut Reuse) -> Option<Kept<T>> {
+    fn kept<T: serde::de::DeserializeOwned>(&self, key: &Digest, reuse: &mut Reuse) -> Option<KeptResult<T>> {
         match self.cells.get(key) {
             Found::Nothing => None,
             Found::Refused => {
@@ -285,20 +285,20 @@ impl Lab<'_> {
             }
             Found::Cell { body, own } => {
                 let result = serde_json::from_slice(&body).ok()?;
-                Some(Kept { result, own })
+                Some(KeptResult { result, own })
             }
         }
     }
 
-    /// Kept drills, in the order of their seeds.
+    /// KeptResult drills, in the order of their seeds.
     fn kept_drills(
         &self,
         party: &Party,
         kind: DrillKind,
         seeds: &[u64],
         reuse: &mut Reuse,
-    ) -> Option<Kept<Vec<DrillResult>>> {
-        let known: Kept<Vec<DrillResult>> = self.kept(&self.drill_key(party, kind, seeds), reuse)?;
+    ) -> Option<KeptResult<Vec<DrillResult>>> {
+        let known: KeptResult<Vec<DrillResult>> = self.kept(&self.drill_key(party, kind, seeds), reuse)?;
         (known.result.len() == seeds.len()).then_some(known)
     }
 

@@ -25,7 +25,7 @@ pub struct Taken {
 
 /// How far the spot check is.
 #[derive(Clone, Debug, Default)]
-enum Check {
+enum SpotCheck {
     #[default]
     NotDrawn,
     /// Places among what was taken that are still to be run again, the last first.
@@ -37,7 +37,7 @@ enum Check {
 pub struct Reuse {
     taken: Vec<Taken>,
     refused: u32,
-    check: Check,
+    check: SpotCheck,
     /// Places that came to the same.
     same: Vec<usize>,
     /// Places that came to something else.
@@ -64,8 +64,8 @@ impl Reuse {
     #[must_use]
     pub fn is_checked(&self) -> bool {
         match &self.check {
-            Check::NotDrawn => self.taken.iter().all(|taken| taken.own),
-            Check::Drawn(left) => left.is_empty(),
+            SpotCheck::NotDrawn => self.taken.iter().all(|taken| taken.own),
+            SpotCheck::Drawn(left) => left.is_empty(),
         }
     }
 
@@ -79,10 +79,10 @@ impl Reuse {
     /// # Errors
     /// If the lab fails, or the system gives no random numbers.
     pub fn check_part(&mut self, lab: &Lab<'_>, active: &Party) -> Result<(), Fault> {
-        if matches!(self.check, Check::NotDrawn) {
-            self.check = Check::Drawn(self.draw(lab)?);
+        if matches!(self.check, SpotCheck::NotDrawn) {
+            self.check = SpotCheck::Drawn(self.draw(lab)?);
         }
-        let Check::Drawn(left) = &mut self.check else { return Ok(()) };
+        let SpotCheck::Drawn(left) = &mut self.check else { return Ok(()) };
         let part = left.split_off(left.len().saturating_sub(lab.part));
         let taken: Vec<(usize, &Taken)> =
             part.iter().filter_map(|place| Some((*place, self.taken.get(*place)?))).collect();

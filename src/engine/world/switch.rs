@@ -31,7 +31,7 @@ pub struct AskedStop {
 
 /// Stops that were asked for.
 #[derive(Debug, Default)]
-struct Asked {
+struct StopsAsked {
     /// Not put on record yet, the first one first.
     waiting: VecDeque<AskedStop>,
     /// Ids of the last ones.
@@ -53,7 +53,7 @@ pub struct Switch {
     /// Ticks from the halt to the standing arm.
     stood_after: AtomicU64,
     /// What was asked.
-    asked: Mutex<Asked>,
+    asked: Mutex<StopsAsked>,
 }
 
 impl Default for Switch {
