@@ -120,8 +120,17 @@ impl Layout {
 /// says who has the store, and is what earlier versions of the program look at.
 #[derive(Debug)]
 pub(crate) struct EngineLock {
-    _folder: File,
-    _file: File,
+    folder: File,
+    file: File,
+}
+
+impl Drop for EngineLock {
+    fn drop(&mut self) {
+        // A child that is being started has both open until it runs its own program; the lock ends here all the same.
+        for lock in [&self.file, &self.folder] {
+            drop(lock.unlock());
+        }
+    }
 }
 
 impl EngineLock {
@@ -159,7 +168,7 @@ impl EngineLock {
             .and_then(|()| file.rewind())
             .and_then(|()| file.write_all(text.as_bytes()))
             .map_err(StoreError::io("write the engine lock", &path))?;
-        Ok(Self { _folder: folder, _file: file })
+        Ok(Self { folder, file })
     }
 }
 
