@@ -192,9 +192,9 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
         Err(error) => {
             let mut stderr = std::io::stderr().lock();
             if cli.json {
-                error.print_json(&mut stderr)
+                error.print_json(&mut stderr);
             } else {
-                error.print(&mut stderr)
+                error.print(&mut stderr);
             }
             error.exit()
         }

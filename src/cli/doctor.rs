@@ -228,7 +228,7 @@ fn recordings(data: &Path) -> Finding {
 /// The versions this program was built with, from its lock file.
 fn libraries(lock: &str) -> Vec<Finding> {
     // Where there are several versions, those that use one name it with its version; ours use the newest.
-    let packages = || lock.split("[[package]]").map(|package| package.trim_start());
+    let packages = || lock.split("[[package]]").map(str::trim_start);
     let own = || packages().filter(|package| package.starts_with("name = \"holdpoint"));
     let version_of = |library: &str| {
         let named = own().flat_map(str::lines).filter_map(|line| {

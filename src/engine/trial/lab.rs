@@ -290,7 +290,7 @@ impl Lab<'_> {
         }
     }
 
-    /// KeptResult drills, in the order of their seeds.
+    /// Kept drills, in the order of their seeds.
     fn kept_drills(
         &self,
         party: &Party,

@@ -92,7 +92,7 @@ impl Switch {
     }
 
     /// A person stops the cell. Whoever asks while it is stopped is put on record, too: that person may know of
-    /// something that the first one did not. Beyond [`ASKED_MAX`] in one turn of the engine the same stop stands for all.
+    /// something that the first one did not. Beyond 64 in one turn of the engine the same stop stands for all.
     pub fn halt(&self, asked: AskedStop) {
         // Whoever panicked with the lock held left a whole value; stopping must not fail for that.
         let mut slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
