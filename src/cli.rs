@@ -26,6 +26,7 @@ pub mod keys;
 pub mod man;
 pub mod metrics;
 pub mod output;
+mod passphrase;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;

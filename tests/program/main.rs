@@ -16,6 +16,7 @@ mod cli;
 mod door;
 mod explain;
 mod host;
+mod keys;
 mod metrics;
 mod old_stores;
 mod pool;
