@@ -152,7 +152,7 @@ impl Applier<'_> {
         crate::fp!("approval-consumed");
         let rows = vec![(ChainedTable::Approval, nonce.to_owned())];
         let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version, rows);
-        self.approved.entry(name).or_default().insert(approval.who.clone());
+        self.approved.entry(name).or_default().insert(signed.public_key().to_owned());
         Ok(touched)
     }
 }
