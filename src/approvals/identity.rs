@@ -421,7 +421,7 @@ mod tests {
         // A pipe is refused and not waited for.
         std::fs::remove_file(folder.path().join("ada.pub")).unwrap();
         let (kind, mode) = (rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR);
-        rustix::fs::mknodat(rustix::fs::CWD, &folder.path().join("ada.pub"), kind, mode, 0).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("ada.pub"), kind, mode, 0).unwrap();
         assert!(Identity::list(folder.path()).is_err());
     }
 }

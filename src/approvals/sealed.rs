@@ -168,7 +168,7 @@ impl SealedKey {
         );
         memory.iter_mut().for_each(Zeroize::zeroize);
         made.map_err(SealedError::Kdf)?;
-        Ok(XChaCha20Poly1305::new_from_slice(key.as_slice()).map_err(|_| SealedError::Passphrase)?)
+        XChaCha20Poly1305::new_from_slice(key.as_slice()).map_err(|_| SealedError::Passphrase)
     }
 
     /// Every line before the last.
@@ -260,7 +260,7 @@ mod tests {
         assert_ne!(again.nonce, sealed.nonce);
     }
 
-    /// Made by another implementation of both (Python's `cryptography` 48, with HChaCha20 after its draft).
+    /// Made by another implementation of both (Python's `cryptography` 48, with `HChaCha20` after its draft).
     #[test]
     fn opens_what_others_sealed() {
         let text = "\

@@ -79,7 +79,7 @@ pub struct SigningArgs {
     #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
     pub reason: Untrusted,
     /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
-    /// HOLDPOINT_PASSPHRASE_FILE names one as well.
+    /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
     #[arg(long, value_name = "FILE")]
     pub passphrase_file: Option<PathBuf>,
 }

@@ -32,7 +32,9 @@ impl SecretLine {
 
     /// Types what was pasted, as from a store of passphrases, without its line end.
     pub fn paste(&mut self, text: &str) {
-        text.trim_end_matches(['\r', '\n']).chars().for_each(|typed| self.insert(typed));
+        for typed in text.trim_end_matches(['\r', '\n']).chars() {
+            self.insert(typed);
+        }
     }
 
     /// Takes the last character back.

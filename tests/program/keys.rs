@@ -21,7 +21,9 @@ fn ends(output: &Output, code: i32, said: &[&str]) -> String {
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{text}");
-    said.iter().for_each(|part| assert!(text.contains(part), "{part:?} is not in {text}"));
+    for part in said {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
     text
 }
 

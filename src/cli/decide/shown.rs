@@ -1,5 +1,7 @@
 //! What is told about a decision before it is signed: it goes on record with the decision, word for word.
 
+use std::io::Write;
+
 use crate::cli::output::Output;
 use crate::error::CliError;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
@@ -9,7 +11,8 @@ use holdpoint_text::{WIDTH_MAX, sanitise};
 pub(super) fn told(prompt: &PromptView, out: &mut Output<'_>) -> Result<String, CliError> {
     let lines = lines(prompt);
     if out.is_json() {
-        lines.iter().for_each(|line| eprintln!("{line}"));
+        let mut stderr = std::io::stderr().lock();
+        lines.iter().try_for_each(|line| writeln!(stderr, "{line}"))?;
     } else {
         lines.iter().try_for_each(|line| out.line(line))?;
         // Before a passphrase is asked for.

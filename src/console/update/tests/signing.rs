@@ -47,7 +47,9 @@ fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
     // Letters that would decide, stop or leave are text here.
     assert!(console.keys(WORDS).is_empty());
     console.keys("YqX");
-    (0..3).for_each(|_| drop(console.press(KeyCode::Backspace)));
+    for _ in 0..3 {
+        console.press(KeyCode::Backspace);
+    }
     let text = seen(&console);
     assert!(text.contains(&format!("Passphrase of ana: {}", "*".repeat(WORDS.len()))), "{text}");
     assert!(!text.contains("Under") && !text.contains("oak"), "{text}");

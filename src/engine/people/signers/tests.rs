@@ -48,7 +48,9 @@ fn approve(bench: &mut Bench, who: &Identity, shown: Option<&str>) -> Reply {
 fn refused(reply: &Reply, said: &[&str]) {
     let Reply::Refused { text, hint, .. } = reply else { panic!("{reply:?}") };
     let all = format!("{text}; {}", hint.as_deref().unwrap_or_default());
-    said.iter().for_each(|part| assert!(all.contains(part), "{part:?} is not in {all:?}"));
+    for part in said {
+        assert!(all.contains(part), "{part:?} is not in {all:?}");
+    }
 }
 
 /// An approval of a key that who can read a file has counted under `human` like any other.
