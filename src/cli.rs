@@ -28,6 +28,7 @@ pub mod man;
 pub mod metrics;
 pub mod output;
 mod own_folder;
+mod passphrase;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;

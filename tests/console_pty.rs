@@ -7,6 +7,7 @@
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -24,6 +25,9 @@ const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
 
 /// The title of the open question; what waits is shown beside its queue too, under another.
 const PROMPT: &str = "Decide on align@1.1.0";
+
+/// What opens the keys of those who may decide.
+const PASSPHRASE: &str = "under the oak";
 
 /// Exit code of a program that was told to end.
 const HELD: u32 = 3;
@@ -58,7 +62,11 @@ fn waiting() -> &'static Path {
     let home = STORE.get_or_init(|| {
         let home = Home::new();
         for name in ["alice", "bob"] {
-            home.must(&["identity", "new", name, "--role", "engineer"]);
+            let words = home.path().join("words");
+            std::fs::write(&words, PASSPHRASE).unwrap();
+            std::fs::set_permissions(&words, std::fs::Permissions::from_mode(0o600)).unwrap();
+            let words = words.to_str().unwrap();
+            home.must(&["identity", "new", name, "--role", "engineer", "--passphrase-file", words]);
         }
         let script = home.path().join("wait.toml");
         std::fs::write(
@@ -149,6 +157,64 @@ fn state_of(home: &Home, version: &str) -> String {
     value["summary"]["state"].as_str().unwrap_or_default().to_owned()
 }
 
+/// Files of a store that have these bytes in them.
+fn holding(folder: &Path, bytes: &[u8]) -> Vec<std::path::PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(holding(&path, bytes));
+        } else if path.is_file()
+            && std::fs::read(&path).unwrap().windows(bytes.len()).any(|window| window == bytes)
+        {
+            found.push(path);
+        }
+    }
+    found
+}
+
+#[test]
+fn a_passphrase_is_typed_twice_and_never_shown() {
+    let home = Home::new();
+    let new = || home.console(&["identity", "new", "mara"], SIZE);
+    let mut console = new();
+    console.wait_for_text("New passphrase:");
+    console.keys("under the oak\r");
+    console.wait_for_text("The same again:");
+    console.keys("under the elm\r");
+    console.wait_for_text("the two passphrases differ; nothing was done");
+    assert_eq!(console.end().exit_code(), 2);
+    assert!(console.is_cooked(), "the terminal reads lines again");
+    let mut console = new();
+    console.wait_for_text("New passphrase:");
+    console.keys("under\x03");
+    console.wait_for_text("given up; nothing was done");
+    assert_eq!(console.end().exit_code(), 2);
+    assert_eq!(home.must(&["identity", "list", "--json"]).trim(), "[]");
+    let mut console = new();
+    console.wait_for_text("New passphrase:");
+    console.keys("under the oax\x7fk\r");
+    console.wait_for_text("The same again:");
+    console.keys("under the oak\r");
+    console.wait_for_text("made the identity mara (operator, passphrase)");
+    assert_eq!(console.end().exit_code(), 0);
+    assert!(!console.raw().contains("oak") && !console.raw().contains("under"), "{}", console.raw());
+    // A verb that signs asks, and says what is wrong.
+    home.must(&["stop"]);
+    let go = || home.console(&["go", "--as", "mara", "--reason", "checked"], SIZE);
+    let mut console = go();
+    console.wait_for_text("Passphrase of mara:");
+    console.keys("under the elm\r");
+    console.wait_for_text("the passphrase is wrong");
+    assert_eq!(console.end().exit_code(), 2);
+    assert!(home.must(&["status"]).contains("STOPPED"));
+    let mut console = go();
+    console.wait_for_text("Passphrase of mara:");
+    console.keys("under the oak\r");
+    assert_eq!(console.end().exit_code(), 0, "{}", console.contents());
+    assert!(!home.must(&["status"]).contains("STOPPED"));
+}
+
 /// Ends the console as a person does.
 fn quit(console: &mut Console) -> u32 {
     // From another view the key leads back first.
@@ -182,7 +248,14 @@ fn an_operator_approves() {
     console.keys("\r");
     console.wait_for_text(PROMPT);
     fill(&mut console, &id, "evidence read");
-    press_until_it_counts(&mut console, "Y");
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.keys("Y");
+    console.wait_for_text("Passphrase of alice");
+    console.keys("under the elm\r");
+    console.wait_for_text("wrong passphrase, nothing was signed");
+    assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    console.keys(PASSPHRASE);
+    press_until_it_counts(&mut console, "\r");
     console.keys("1");
     console.wait_for("the version is active", |screen| {
         screen
@@ -193,6 +266,8 @@ fn an_operator_approves() {
     assert_eq!(quit(&mut console), 0);
     assert_eq!(state_of(&home, "align@1.1.0"), "active");
     verified(&home);
+    assert!(!console.raw().contains("oak"), "a passphrase was on the screen");
+    assert_eq!(holding(&home.data(), b"under the oak"), Vec::<std::path::PathBuf>::new());
 }
 
 #[test]
@@ -205,7 +280,11 @@ fn another_operator_rejects_with_a_reason() {
     console.keys("night shift is alone");
     console.wait_for_text("night shift is alone");
     console.keys("\t");
-    press_until_it_counts(&mut console, "N");
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.keys("N");
+    console.wait_for_text("Passphrase of bob");
+    console.keys(PASSPHRASE);
+    press_until_it_counts(&mut console, "\r");
     console.keys("2");
     console.wait_for("the version is rejected", |screen| {
         screen.contents().lines().any(|line| line.contains("rejected"))

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
 
-use super::keyfile::{self, KeyError};
+use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
+use super::passphrase::Passphrase;
 use super::signed::{Approval, SignedApproval};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::is_name;
@@ -43,6 +44,13 @@ pub enum IdentityError {
         /// Where it was looked for.
         folder: PathBuf,
     },
+    /// Another name has this key: one key is one person.
+    #[error("the key of {name:?} is that of {other:?} already; one key is one person")]
+    KeyTaken {
+        name: String,
+        /// Whose it is.
+        other: String,
+    },
     /// The secret and the public key do not belong together.
     #[error("the secret and the public key of {0:?} do not belong together")]
     Mismatch(String),
@@ -62,6 +70,7 @@ impl Hint for IdentityError {
             Self::Unknown { name, .. } => {
                 Some(format!("make one with `holdpoint identity new {name}`").into())
             }
+            Self::KeyTaken { other, .. } => Some(format!("sign as {other}").into()),
             Self::Name(_) | Self::Mismatch(_) | Self::TooMany(_) => None,
             Self::Key(error) => error.hint(),
         }
@@ -100,21 +109,72 @@ impl std::fmt::Debug for Identity {
     }
 }
 
+/// Someone whose secret is still as it is kept.
+#[derive(Debug)]
+pub struct KeptIdentity {
+    info: IdentityInfo,
+    path: PathBuf,
+    key: KeptKey,
+}
+
+impl KeptIdentity {
+    #[must_use]
+    pub const fn info(&self) -> &IdentityInfo {
+        &self.info
+    }
+
+    /// What protects the secret.
+    #[must_use]
+    pub const fn protection(&self) -> Protection {
+        self.key.protection()
+    }
+
+    /// Someone who can sign.
+    ///
+    /// # Errors
+    /// If the passphrase is wrong, missing or superfluous, or the two files do not belong together.
+    pub fn unlock(self, passphrase: Option<&Passphrase>) -> Result<Identity, IdentityError> {
+        let Self { info, path, key } = self;
+        let secret = key.unlock(&path, passphrase)?;
+        if secret.verifying_key() != info.public_key {
+            return Err(IdentityError::Mismatch(info.name));
+        }
+        Ok(Identity { info, secret })
+    }
+}
+
 impl Identity {
-    /// Makes an identity with a fresh key and writes it into `folder`.
+    /// Makes an identity with a fresh key that has no passphrase, and writes it into `folder`.
     ///
     /// # Errors
     /// If the name is not allowed or taken, or the files cannot be written.
     pub fn create(folder: &Path, name: &str, role: Role) -> Result<Self, IdentityError> {
-        Self::create_with(folder, name, role, keyfile::generate()?)
+        Self::create_kept(folder, name, role, Keep::Plain)
     }
 
-    fn create_with(folder: &Path, name: &str, role: Role, secret: SigningKey) -> Result<Self, IdentityError> {
+    /// Makes an identity with a fresh key and writes it into `folder`, under a passphrase or not.
+    ///
+    /// # Errors
+    /// If the name is not allowed or taken, or the files cannot be written.
+    pub fn create_kept(folder: &Path, name: &str, role: Role, keep: Keep<'_>) -> Result<Self, IdentityError> {
+        Self::create_with(folder, name, role, keyfile::generate()?, keep)
+    }
+
+    fn create_with(
+        folder: &Path,
+        name: &str,
+        role: Role,
+        secret: SigningKey,
+        keep: Keep<'_>,
+    ) -> Result<Self, IdentityError> {
         let (secret_path, public_path) = paths(folder, name)?;
         if fs::symlink_metadata(&secret_path).is_ok() || fs::symlink_metadata(&public_path).is_ok() {
             return Err(IdentityError::Exists(name.to_owned()));
         }
-        keyfile::write_secret(&secret_path, &secret)?;
+        if let Some(other) = Self::names_of(folder, &secret.verifying_key())?.into_iter().next() {
+            return Err(IdentityError::KeyTaken { name: name.to_owned(), other });
+        }
+        keyfile::write_kept(&secret_path, &secret, keep)?;
         keyfile::write_public(&public_path, &secret.verifying_key(), role.name())?;
         Ok(Self {
             info: IdentityInfo { name: name.to_owned(), role, public_key: secret.verifying_key() },
@@ -122,17 +182,57 @@ impl Identity {
         })
     }
 
-    /// Reads an identity with its secret.
+    /// Reads an identity with its secret, which has no passphrase.
     ///
     /// # Errors
-    /// If there is none, others can read the secret, or the two files do not belong together.
+    /// If there is none, others can read the secret, it has a passphrase, or the two files do not belong together.
     pub fn load(folder: &Path, name: &str) -> Result<Self, IdentityError> {
+        Self::open(folder, name)?.unlock(None)
+    }
+
+    /// Reads an identity with its secret as it is kept.
+    ///
+    /// # Errors
+    /// If there is none, or others can read the secret.
+    pub fn open(folder: &Path, name: &str) -> Result<KeptIdentity, IdentityError> {
         let info = Self::find(folder, name)?;
-        let secret = keyfile::read_secret(&paths(folder, name)?.0)?;
-        if secret.verifying_key() != info.public_key {
-            return Err(IdentityError::Mismatch(name.to_owned()));
+        let path = paths(folder, name)?.0;
+        let key = keyfile::read_kept(&path)?;
+        Ok(KeptIdentity { info, path, key })
+    }
+
+    /// What protects somebody's secret, as far as this folder tells: whoever has the secret may have a copy elsewhere.
+    ///
+    /// # Errors
+    /// If the key file is there and is none, or others can read it.
+    pub fn protection(folder: &Path, name: &str) -> Result<Protection, IdentityError> {
+        let path = paths(folder, name)?.0;
+        match fs::symlink_metadata(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Protection::Elsewhere),
+            Ok(_) | Err(_) => Ok(keyfile::read_kept(&path)?.protection()),
         }
-        Ok(Self { info, secret })
+    }
+
+    /// Writes somebody's secret anew, under another passphrase or none; the old form stands until the new one is whole.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn keep(&self, folder: &Path, keep: Keep<'_>) -> Result<(), IdentityError> {
+        Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, &self.secret, keep)?)
+    }
+
+    /// Everybody who has this key, by name, whatever their role: the same person under each of these names.
+    ///
+    /// # Errors
+    /// If the folder cannot be read, a file in it is damaged, or there are more than 1000.
+    pub fn names_of(folder: &Path, key: &VerifyingKey) -> Result<Vec<String>, IdentityError> {
+        let mut names = Vec::new();
+        for name in names_in(folder)? {
+            if keyfile::read_public(&folder.join(format!("{name}.pub")))?.0 == *key {
+                names.push(name);
+            }
+        }
+        Ok(names)
     }
 
     /// Reads who someone is, without the secret.
@@ -157,20 +257,8 @@ impl Identity {
     /// # Errors
     /// If the folder cannot be read, a file in it is damaged, or there are more than 1000.
     pub fn list(folder: &Path) -> Result<People, IdentityError> {
-        let unreadable = |source| KeyError::Io { what: "list", path: folder.to_owned(), source };
-        let mut names = Vec::new();
-        for entry in fs::read_dir(folder).map_err(unreadable)? {
-            let name = entry.map_err(unreadable)?.file_name();
-            if let Some(name) = name.to_str().and_then(|name| name.strip_suffix(".pub")) {
-                names.push(name.to_owned());
-            }
-            if names.len() > IDENTITIES_MAX {
-                return Err(IdentityError::TooMany(folder.to_owned()));
-            }
-        }
-        names.sort();
         let mut people = People::default();
-        for name in names {
+        for name in names_in(folder)? {
             match Self::find(folder, &name) {
                 Ok(info) => people.known.push(info),
                 Err(error @ IdentityError::Role { .. }) => people.without_role.push(error),
@@ -195,6 +283,23 @@ impl Identity {
     }
 }
 
+/// Whose public files there are, by name.
+fn names_in(folder: &Path) -> Result<Vec<String>, IdentityError> {
+    let unreadable = |source| KeyError::Io { what: "list", path: folder.to_owned(), source };
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).map_err(unreadable)? {
+        let name = entry.map_err(unreadable)?.file_name();
+        if let Some(name) = name.to_str().and_then(|name| name.strip_suffix(".pub")) {
+            names.push(name.to_owned());
+        }
+        if names.len() > IDENTITIES_MAX {
+            return Err(IdentityError::TooMany(folder.to_owned()));
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
 fn paths(folder: &Path, name: &str) -> Result<(PathBuf, PathBuf), IdentityError> {
     if !is_name(name) {
         return Err(IdentityError::Name(name.to_owned()));
@@ -207,6 +312,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     use super::*;
+    use crate::Cost;
 
     #[test]
     fn made_listed_and_loaded() {
@@ -218,6 +324,65 @@ mod tests {
             Identity::list(folder.path()).unwrap().known.into_iter().map(|info| info.name).collect();
         assert_eq!(names, ["ada", "bob"]);
         assert!(!format!("{ada:?}").contains("secret"));
+    }
+
+    fn passphrase(text: &str) -> Passphrase {
+        Passphrase::new(text.to_owned().into()).unwrap()
+    }
+
+    #[test]
+    fn a_passphrase_is_set_changed_and_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let (old, new) = (passphrase("under the oak"), passphrase("over the hill"));
+        let open = |words: Option<&Passphrase>| Identity::open(folder, "ada").unwrap().unlock(words);
+        let ada =
+            Identity::create_kept(folder, "ada", Role::Operator, Keep::Sealed(&old, Cost::LEAST)).unwrap();
+        assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::Passphrase);
+        assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
+        let wrong = open(Some(&new)).unwrap_err();
+        assert!(wrong.to_string().contains("the passphrase is wrong"), "{wrong}");
+        assert!(Identity::load(folder, "ada").unwrap_err().hint().unwrap().contains("--passphrase-file"));
+        // What a sudden death left of another change is in nobody's way.
+        std::fs::write(folder.join("ada.key.new"), "holdpoint-key 1\nkdf").unwrap();
+        assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
+        open(Some(&old)).unwrap().keep(folder, Keep::Sealed(&new, Cost::LEAST)).unwrap();
+        assert!(open(Some(&old)).is_err());
+        open(Some(&new)).unwrap().keep(folder, Keep::Plain).unwrap();
+        assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::None);
+        assert!(open(Some(&new)).unwrap_err().to_string().contains("has no passphrase"));
+        assert_eq!(Identity::load(folder, "ada").unwrap().info(), ada.info());
+        assert!(!folder.join("ada.key.new").exists());
+        let mode = std::fs::metadata(folder.join("ada.key")).unwrap().permissions().mode();
+        assert_eq!(mode & 0o7777, 0o600);
+        std::fs::remove_file(folder.join("ada.key")).unwrap();
+        assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::Elsewhere);
+    }
+
+    #[test]
+    fn a_change_that_cannot_be_written_leaves_the_key_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
+        let before = std::fs::read(folder.path().join("ada.key")).unwrap();
+        // Nothing can be written aside.
+        std::fs::create_dir(folder.path().join("ada.key.new")).unwrap();
+        let words = passphrase("under the oak");
+        assert!(ada.keep(folder.path(), Keep::Sealed(&words, Cost::LEAST)).is_err());
+        assert_eq!(std::fs::read(folder.path().join("ada.key")).unwrap(), before);
+    }
+
+    #[test]
+    fn one_key_is_one_person() {
+        let folder = tempfile::tempdir().unwrap();
+        let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
+        let again = SigningKey::from_bytes(&ada.secret.to_bytes());
+        let error =
+            Identity::create_with(folder.path(), "eve", Role::Safety, again, Keep::Plain).unwrap_err();
+        assert!(matches!(&error, IdentityError::KeyTaken { other, .. } if other == "ada"), "{error}");
+        assert!(!folder.path().join("eve.key").exists());
+        // Older stores may have it under two names, one of them with a role that is none any more.
+        keyfile::write_public(&folder.path().join("eve.pub"), &ada.info().public_key, "boss").unwrap();
+        assert_eq!(Identity::names_of(folder.path(), &ada.info().public_key).unwrap(), ["ada", "eve"]);
     }
 
     #[test]
@@ -252,6 +417,11 @@ mod tests {
             assert!(Identity::find(folder.path(), "ada").is_err(), "{text:?}");
         }
         std::fs::write(folder.path().join("ada.pub"), [0xff, 0xfe]).unwrap();
+        assert!(Identity::list(folder.path()).is_err());
+        // A pipe is refused and not waited for.
+        std::fs::remove_file(folder.path().join("ada.pub")).unwrap();
+        let (kind, mode) = (rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR);
+        rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("ada.pub"), kind, mode, 0).unwrap();
         assert!(Identity::list(folder.path()).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! Key files: a secret ed25519 key in a file only its owner can read, the public one beside it.
 //!
-//! The secret is 64 hexadecimal digits and a line feed; it is wiped from memory after use.
+//! The secret is 64 hexadecimal digits and a line feed, or sealed under a passphrase (`sealed.rs` has the form); it is
+//! wiped from memory after use.
 
 use std::borrow::Cow;
 use std::fs::{self, File, OpenOptions};
@@ -11,6 +12,9 @@ use std::path::{Path, PathBuf};
 use ed25519_dalek::{SigningKey, VerifyingKey};
 use holdpoint_text::Hint;
 use zeroize::Zeroizing;
+
+use super::passphrase::{Passphrase, open_plainly};
+use super::sealed::{Cost, MAGIC, SealedError, SealedKey};
 
 /// A key that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -26,13 +30,110 @@ pub enum KeyError {
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
+    /// It is sealed, and cannot be used so.
+    #[error("the key {path:?}: {problem}")]
+    Sealed { path: PathBuf, problem: SealedError },
+    /// It is sealed, and no passphrase was given.
+    #[error("the key {path:?} has a passphrase, and none was given")]
+    Locked { path: PathBuf },
+    /// A passphrase was given for a key that has none.
+    #[error("the key {path:?} has no passphrase, and one was given")]
+    Open { path: PathBuf },
+}
+
+holdpoint_governance::words! {
+    /// What keeps a secret key from who can read its file.
+    Protection, "protection", {
+        /// Nothing: who can read the file can sign.
+        None = "unprotected",
+        /// A passphrase.
+        Passphrase = "passphrase",
+        /// There is no secret beside the public key: it is kept elsewhere, and nothing is known of how.
+        Elsewhere = "elsewhere",
+    }
+}
+
+/// A secret key as its file has it.
+#[derive(Debug)]
+pub enum KeptKey {
+    /// As it is.
+    Plain(SigningKey),
+    /// Under a passphrase.
+    Sealed(SealedKey),
+}
+
+impl KeptKey {
+    /// What protects it.
+    #[must_use]
+    pub const fn protection(&self) -> Protection {
+        match self {
+            Self::Plain(_) => Protection::None,
+            Self::Sealed(_) => Protection::Passphrase,
+        }
+    }
+
+    /// The secret; `path` is named where it cannot be had.
+    ///
+    /// # Errors
+    /// [`KeyError::Locked`], [`KeyError::Open`], [`KeyError::Sealed`].
+    pub fn unlock(self, path: &Path, passphrase: Option<&Passphrase>) -> Result<SigningKey, KeyError> {
+        match (self, passphrase) {
+            (Self::Plain(key), None) => Ok(key),
+            (Self::Plain(_), Some(_)) => Err(KeyError::Open { path: path.to_owned() }),
+            (Self::Sealed(_), None) => Err(KeyError::Locked { path: path.to_owned() }),
+            (Self::Sealed(key), Some(passphrase)) => key.open(passphrase).map_err(sealed(path)),
+        }
+    }
+}
+
+/// How a secret key is to be written.
+#[derive(Clone, Copy, Debug)]
+pub enum Keep<'a> {
+    /// As it is.
+    Plain,
+    /// Under a passphrase, at this cost of trying one.
+    Sealed(&'a Passphrase, Cost),
+}
+
+impl Keep<'_> {
+    fn text(self, path: &Path, key: &SigningKey) -> Result<Zeroizing<String>, KeyError> {
+        match self {
+            Self::Plain => {
+                let mut text = Zeroizing::new(String::with_capacity(65));
+                for byte in key.as_bytes() {
+                    text.push(char::from(b"0123456789abcdef"[usize::from(byte >> 4)]));
+                    text.push(char::from(b"0123456789abcdef"[usize::from(byte & 15)]));
+                }
+                text.push('\n');
+                Ok(text)
+            }
+            Self::Sealed(passphrase, cost) => {
+                let key = SealedKey::seal(key, passphrase, cost).map_err(sealed(path))?;
+                Ok(Zeroizing::new(key.text()))
+            }
+        }
+    }
+}
+
+fn sealed(path: &Path) -> impl FnOnce(SealedError) -> KeyError {
+    let path = path.to_owned();
+    move |problem| KeyError::Sealed { path, problem }
 }
 
 impl Hint for KeyError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Permissions { .. } => Some("chmod 600 it, or make a new key".into()),
-            Self::Io { .. } | Self::Malformed { .. } | Self::Random(_) => None,
+            Self::Sealed { problem: SealedError::Passphrase, .. } => {
+                Some("nothing was done; try again, nobody can recover a passphrase".into())
+            }
+            Self::Locked { .. } => {
+                Some("type it at a terminal, or name a file that has it: --passphrase-file FILE".into())
+            }
+            Self::Open { .. } => {
+                Some("leave the passphrase out, or set one: `holdpoint identity passphrase NAME`".into())
+            }
+            Self::Sealed { .. } | Self::Io { .. } | Self::Malformed { .. } | Self::Random(_) => None,
         }
     }
 }
@@ -57,29 +158,73 @@ pub fn generate() -> Result<SigningKey, KeyError> {
 /// # Errors
 /// If the file exists or cannot be written.
 pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
-    let mut text = Zeroizing::new(String::with_capacity(65));
-    for byte in key.as_bytes() {
-        text.push(char::from(b"0123456789abcdef"[usize::from(byte >> 4)]));
-        text.push(char::from(b"0123456789abcdef"[usize::from(byte & 15)]));
-    }
-    text.push('\n');
+    write_kept(path, key, Keep::Plain)
+}
+
+/// Writes a secret key to a new file with mode 0600, under a passphrase or not.
+///
+/// # Errors
+/// If the file exists or cannot be written, or the key cannot be sealed.
+pub(super) fn write_kept(path: &Path, key: &SigningKey, keep: Keep<'_>) -> Result<(), KeyError> {
+    let text = keep.text(path, key)?;
     let mut file =
         OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(io("create", path))?;
     file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(io("write", path))
 }
 
-/// Reads a secret key; refuses a link and a file that others can read or write.
+/// Writes a secret key over the one there, in one step: after a sudden death the file has the old form or the new one,
+/// whole. What an earlier death left half done is overwritten.
+///
+/// # Errors
+/// If it cannot be written; the old form stands then.
+pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: Keep<'_>) -> Result<(), KeyError> {
+    let aside = path.with_extension("key.new");
+    match fs::remove_file(&aside) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(io("replace", &aside)(error));
+        }
+        Ok(()) | Err(_) => {}
+    }
+    write_kept(&aside, key, keep)?;
+    fs::rename(&aside, path).map_err(io("replace", path))?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(io("replace", path))
+}
+
+/// Reads a secret key that has no passphrase; refuses a link and a file that others can read or write.
 ///
 /// # Errors
 /// [`KeyError`].
 pub fn read_secret(path: &Path) -> Result<SigningKey, KeyError> {
-    let found = fs::symlink_metadata(path).map_err(io("read", path))?;
+    read_kept(path)?.unlock(path, None)
+}
+
+/// Reads a secret key as it is kept; refuses a link and a file that others can read or write.
+///
+/// # Errors
+/// [`KeyError`].
+pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
+    let file = match open_plainly(path) {
+        // So a link is answered.
+        Err(rustix::io::Errno::LOOP) => {
+            let found = fs::symlink_metadata(path).map_err(io("read", path))?;
+            let mode = found.permissions().mode() & 0o7777;
+            return Err(KeyError::Permissions { path: path.to_owned(), mode });
+        }
+        opened => opened.map_err(|error| io("read", path)(error.into()))?,
+    };
+    let found = file.metadata().map_err(io("read", path))?;
     let mode = found.permissions().mode() & 0o7777;
     if !found.is_file() || mode & 0o077 != 0 {
         return Err(KeyError::Permissions { path: path.to_owned(), mode });
     }
-    let bytes = Zeroizing::new(read_hex(path)?);
-    Ok(SigningKey::from_bytes(&bytes))
+    let text = read_text(path, file)?;
+    if text.starts_with(MAGIC) {
+        return SealedKey::parse(&text).map(KeptKey::Sealed).map_err(sealed(path));
+    }
+    let bytes = unhex(text.trim_end()).map(Zeroizing::new);
+    let bytes = bytes.ok_or_else(|| KeyError::Malformed { path: path.to_owned() })?;
+    Ok(KeptKey::Plain(SigningKey::from_bytes(&bytes)))
 }
 
 /// Writes a public key to a new file: 64 hexadecimal digits, then `note` (a role) on the same line.
@@ -98,7 +243,16 @@ pub fn write_public(path: &Path, key: &VerifyingKey, note: &str) -> Result<(), K
 /// # Errors
 /// [`KeyError`].
 pub fn read_public(path: &Path) -> Result<(VerifyingKey, String), KeyError> {
-    let text = read_text(path)?;
+    // Nobody is waited for: a pipe in the place of a key is none.
+    let file = OpenOptions::new()
+        .read(true)
+        .custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed())
+        .open(path)
+        .map_err(io("read", path))?;
+    if !file.metadata().map_err(io("read", path))?.is_file() {
+        return Err(KeyError::Malformed { path: path.to_owned() });
+    }
+    let text = read_text(path, file)?;
     let (key, note) = text.trim_end().split_once(' ').unwrap_or((text.trim_end(), ""));
     Ok((parse_public(key).ok_or_else(|| KeyError::Malformed { path: path.to_owned() })?, note.to_owned()))
 }
@@ -130,16 +284,10 @@ pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
     Some(bytes)
 }
 
-fn read_hex(path: &Path) -> Result<[u8; 32], KeyError> {
-    let text = read_text(path)?;
-    unhex(text.trim_end()).ok_or_else(|| KeyError::Malformed { path: path.to_owned() })
-}
-
 /// Reads at most what a key file can hold.
-fn read_text(path: &Path) -> Result<Zeroizing<String>, KeyError> {
-    const LEN_MAX: u64 = 256;
-    let mut text = Zeroizing::new(String::with_capacity(256));
-    let file = File::open(path).map_err(io("read", path))?;
+fn read_text(path: &Path, file: File) -> Result<Zeroizing<String>, KeyError> {
+    const LEN_MAX: u64 = 1024;
+    let mut text = Zeroizing::new(String::with_capacity(1024));
     match file.take(LEN_MAX).read_to_string(&mut text) {
         Ok(_) => Ok(text),
         Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {

@@ -1,12 +1,17 @@
 //! People who may decide, and their signed decisions.
 //!
-//! Owns identities (ed25519 keys with a role, kept in the store's `keys/identities`) and the approval object: what
-//! it binds, its bytes, its signature. Must not decide how many approvals are enough or who may approve what: that
-//! is governance. Must not remember what was used: the store does, in the transaction of the state change.
+//! Owns identities (ed25519 keys with a role, kept in the store's `keys/identities`, under a passphrase or not) and the
+//! approval object: what it binds, its bytes, its signature. Must not decide how many approvals are enough or who may
+//! approve what: that is governance. Must not remember what was used: the store does, in the transaction of the state
+//! change.
 
 mod identity;
 pub mod keyfile;
+mod passphrase;
+mod sealed;
 mod signed;
 
-pub use identity::{Identity, IdentityError, IdentityInfo, People, WORD_LEN_MAX};
+pub use identity::{Identity, IdentityError, IdentityInfo, KeptIdentity, People, WORD_LEN_MAX};
+pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseError};
+pub use sealed::{Cost, SealedError, SealedKey};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};

@@ -6,24 +6,29 @@
 //! these and may refuse it; nothing here confers a right.
 
 mod onward;
+mod shown;
+
+use std::path::PathBuf;
 
 use clap::Args;
 
 pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
 use super::audit;
+use super::passphrase;
 use super::side::{Side, running};
 use super::stop::{self, GoArgs, GoalArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::Identity;
+use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::Views;
 use holdpoint_text::{Untrusted, is_visible};
 
 /// The longest reason, in bytes.
@@ -73,6 +78,10 @@ pub struct SigningArgs {
     /// Why; goes into the audit log.
     #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
     pub reason: Untrusted,
+    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
+    /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    #[arg(long, value_name = "FILE")]
+    pub passphrase_file: Option<PathBuf>,
 }
 
 /// The arguments of `approve`.
@@ -223,7 +232,7 @@ fn approve(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    let who = identity(context, &args.signature)?;
+    let who = passphrase::kept(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so nothing waits for an approval";
         return Err(CliError::held(text)
@@ -236,7 +245,10 @@ fn approve(
         return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
     };
     check_digest(args.digest.as_deref(), prompt)?;
-    sign(&mut side, &who, prompt, Answer::Approve, &args.signature, out)?;
+    let shown = shown::told(prompt, out)?;
+    let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
+    let command = prompt.answer(&who, Answer::Approve, args.signature.reason.raw(), Some(shown));
+    side.carry_out(command.map_err(CliError::internal)?, out)?;
     // An approval that is not enough, or does not count, leaves the version held.
     let open = open_prompt(&side.snapshot()?, &args.version).is_some();
     Ok(if open { Exit::Held } else { Exit::Confirmed })
@@ -269,9 +281,17 @@ fn reject(
     known_version(views, &args.version)?;
     let mut side = Side::open(context)?;
     let snapshot = side.snapshot()?;
-    let who = identity(context, &args.signature).ok();
+    let signature = &args.signature;
+    let who = passphrase::kept(context, &signature.identity).ok();
     if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
-        return sign(&mut side, &who, prompt, Answer::Reject, &args.signature, out);
+        // Stopping must never be harder than going on: whose passphrase cannot be asked for rejects by name.
+        let can_ask = who.protection() != Protection::Passphrase
+            || passphrase::can_ask(signature.passphrase_file.as_deref());
+        if can_ask {
+            let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
+            let command = prompt.answer(&who, Answer::Reject, signature.reason.raw(), None);
+            return side.carry_out(command.map_err(CliError::internal)?, out);
+        }
     }
     side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
 }
@@ -346,20 +366,10 @@ fn pause(
     Ok(Exit::Confirmed)
 }
 
-fn sign(
-    side: &mut Side,
-    who: &Identity,
-    prompt: &PromptView,
-    decision: Answer,
-    signature: &SigningArgs,
-    out: &mut Output<'_>,
-) -> Result<Exit, CliError> {
-    let command = prompt.answer(who, decision, signature.reason.raw(), None);
-    side.carry_out(command.map_err(CliError::internal)?, out)
-}
-
-fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
-    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)
+/// Somebody of the store, whose key opens.
+pub(super) fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
+    let kept = passphrase::kept(context, &signature.identity)?;
+    passphrase::unlock(kept, signature.passphrase_file.as_deref())
 }
 
 fn operation(version: &CapabilityId, signature: &SigningArgs) -> Operation {

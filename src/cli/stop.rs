@@ -5,14 +5,12 @@
 
 use clap::Args;
 
-use super::decide::{REASON_BYTES_MAX, SigningArgs, parse_identity};
+use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
 use super::side::Side;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_approvals::Identity;
 use holdpoint_protocol::command::Command;
-use holdpoint_registry::Layout;
 use holdpoint_text::Untrusted;
 
 /// The arguments of `stop`.
@@ -80,7 +78,7 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
 pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
     // Going on needs somebody who can be named for it.
-    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)?;
+    identity(context, signature)?;
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
     Side::open(context)?.carry_out(Command::Go { by, reason }, out)
@@ -89,7 +87,7 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
 /// Gives the agent of the live cell a goal.
 pub(super) fn goal(context: &CliContext, args: &GoalArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
-    Identity::load(&Layout::new(&context.data).identities(), &signature.identity).map_err(CliError::usage)?;
+    identity(context, signature)?;
     let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
     Side::open(context)?.carry_out(Command::Goal { goal: args.goal.clone(), by, reason }, out)
 }

@@ -239,8 +239,8 @@ fn verbs_without_an_engine_answer_in_both_forms() {
     let data = root.path().to_str().unwrap();
     let (ended, text, _) = ask(&["--data", data, "identity", "list"]);
     assert!(ended.is_ok() && text.starts_with("no identities"), "{text}");
-    ask(&["--data", data, "identity", "new", "mara", "--role", "safety"]).0.unwrap();
-    assert!(ask(&["--data", data, "identity", "new", "mara"]).0.is_err());
+    ask(&["--data", data, "identity", "new", "mara", "--role", "safety", "--unprotected"]).0.unwrap();
+    assert!(ask(&["--data", data, "identity", "new", "mara", "--unprotected"]).0.is_err());
     let (_, text, _) = ask(&["--data", data, "identity", "list", "--json"]);
     let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(listed[0]["role"], "safety");

@@ -6,6 +6,7 @@
 use super::form::Confirmed;
 use super::model::{AskedFor, View};
 use super::prompt::PromptAnswer;
+use holdpoint_approvals::Passphrase;
 use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
@@ -27,6 +28,8 @@ pub enum Effect {
     Decide {
         id: String,
         decision: Box<PromptAnswer>,
+        /// Opens the key of who decides, if it is under one; wiped after the signature.
+        passphrase: Option<Passphrase>,
     },
     /// Read a candidate's folder, or an embedded one, and submit it.
     Register {

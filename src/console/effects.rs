@@ -84,10 +84,16 @@ impl Hands {
         Ok(match effect {
             Effect::Ask { id, question } => self.ask(id, question.into_command()),
             Effect::Operate { id, confirmed } => self.ask(id, confirmed.into_command()),
-            Effect::Decide { id, decision } => match people::sign(&self.host.identities(), &decision) {
-                Ok(command) => self.ask(id, command),
-                Err(problem) => refused(id, Refusal::BadInput, &problem),
-            },
+            Effect::Decide { id, decision, passphrase } => {
+                let is_protected = passphrase.is_some();
+                match people::sign(&self.host.identities(), &decision, passphrase) {
+                    Ok(command) => self.ask(id, command),
+                    Err(problem) if is_protected => {
+                        Outcome::Told(MsgKind::Unsigned { id, text: problem.sentence() })
+                    }
+                    Err(problem) => refused(id, Refusal::BadInput, &problem),
+                }
+            }
             Effect::Register { id, folder } => {
                 let known = known(place.model);
                 match (self.candidates)(folder.as_deref(), &known) {

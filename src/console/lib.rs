@@ -23,6 +23,7 @@ mod prompt_text;
 pub mod replay;
 pub mod rows;
 pub mod run;
+pub mod secret;
 pub mod terminal;
 pub mod theme;
 pub mod update;

@@ -46,6 +46,11 @@ pub enum MsgKind {
     Identities(Vec<Operator>),
     /// Who sits here from now on.
     Operator(Operator),
+    /// A decision could not be signed with the passphrase that was typed: why.
+    Unsigned {
+        id: String,
+        text: String,
+    },
     /// A frame had these rows of the open decision on the screen.
     DecisionShown(OnScreen),
     /// An effect came to this: one sentence, and whether it failed.

@@ -46,6 +46,7 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Identities(_)
         | MsgKind::Operator(_)
         | MsgKind::Done { .. }
+        | MsgKind::Unsigned { .. }
         | MsgKind::EndAsked => Some(true),
     };
     let effects = take_in(model, msg);
@@ -104,6 +105,10 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::Theme(name) => {
             model.settings.theme = name;
+            Vec::new()
+        }
+        MsgKind::Unsigned { id, text } => {
+            overlays::unsigned(model, &id, text);
             Vec::new()
         }
         MsgKind::DecisionShown(seen) => {

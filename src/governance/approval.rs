@@ -79,6 +79,9 @@ crate::words! {
 pub struct Vote {
     /// Name of the identity whose key signed it.
     pub person: String,
+    /// The key that signed it, in hexadecimal digits: one key is one person, under whatever names.
+    #[serde(default)]
+    pub key: String,
     /// Role the identity had when it answered; it limits the risk tiers an approval counts for.
     pub role: Role,
     /// For or against activation.
@@ -178,7 +181,8 @@ pub fn quorum(settings: &ApprovalSettings, approval_bound: bool, risk: Risk, rev
 ///
 /// An answer counts if its signature is valid, its nonce unused, it is over exactly this subject and not
 /// expired. An approval must also come from somebody else than requester and author, whose role reaches the
-/// tier; high risk needs a safety officer among them. A refusal that counts refuses, whoever it comes from.
+/// tier; high risk needs a safety officer among them. Two names with one key are one person, who counts once. A refusal
+/// that counts refuses, whoever it comes from.
 #[must_use]
 pub fn evaluate(
     request: &Request,
@@ -196,6 +200,7 @@ pub fn evaluate(
         };
     }
     let mut people: BTreeSet<&str> = BTreeSet::new();
+    let mut keys: BTreeSet<&str> = BTreeSet::new();
     let mut safety = false;
     let mut glass: Option<&Vote> = None;
     let mut expires_s = f64::INFINITY;
@@ -215,11 +220,19 @@ pub fn evaluate(
             reasons.push(reason(code, format!("the approval of {:?} does not count: {text}", vote.person)));
             continue;
         }
-        if !people.insert(&vote.person) {
-            let text = format!("{:?} answered twice and counts once", vote.person);
+        // An answer without a key is nobody's but its name's.
+        let same_key = !vote.key.is_empty() && keys.contains(vote.key.as_str());
+        if same_key || people.contains(vote.person.as_str()) {
+            let text = if people.contains(vote.person.as_str()) {
+                format!("{:?} answered twice and counts once", vote.person)
+            } else {
+                format!("{:?} has the key of somebody who answered, and counts once with them", vote.person)
+            };
             reasons.push(reason(ReasonCode::ApprovalDuplicate, text));
             continue;
         }
+        people.insert(&vote.person);
+        keys.insert(&vote.key);
         if vote.break_glass && settings.break_glass && is_visible(&vote.reason) {
             glass = Some(vote);
         }

@@ -58,5 +58,8 @@ pub fn break_glass(
 
 fn identity(engine: &Engine, who: &str) -> Result<Identity, IdentityError> {
     let folder = engine.layout().identities();
-    Identity::load(&folder, who).or_else(|_| Identity::create(&folder, who, Role::Engineer))
+    match Identity::load(&folder, who) {
+        Err(IdentityError::Unknown { .. }) => Identity::create(&folder, who, Role::Engineer),
+        known => known,
+    }
 }

@@ -65,7 +65,7 @@ pub(super) struct Applier<'a> {
     pub(super) row_versions: Vec<(CapabilityId, u64)>,
     /// Row version of each version whose state was set, as it was before this transaction.
     pub(super) row_versions_before: BTreeMap<String, u64>,
-    /// Who approved what, by approvals consumed in this transaction.
+    /// Who approved what, by approvals consumed in this transaction: the keys, for one key is one person.
     pub(super) approved: BTreeMap<String, BTreeSet<String>>,
     /// Families whose invariants are checked before the commit.
     pub(super) families: BTreeSet<String>,

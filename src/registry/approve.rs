@@ -170,7 +170,7 @@ impl Applier<'_> {
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
         let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version);
-        self.approved.entry(name).or_default().insert(approval.who.clone());
+        self.approved.entry(name).or_default().insert(signed.public_key().to_owned());
         Ok(touched)
     }
 

@@ -437,7 +437,7 @@ fn verbs_talk_to_the_engine_that_runs() {
     for (line, code, expected) in [
         ("candidate register grasp-tool-frame", 0, "is registered"),
         ("candidate register grasp-tool-frame", 2, "registered already"),
-        ("identity new mara --role engineer", 0, "mara"),
+        ("identity new mara --role engineer --unprotected", 0, "mara"),
         ("status grasp --until validated --timeout 60", 1, "rejected"),
         ("status", 0, "engine   running, profile sim"),
         ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "nothing waits"),

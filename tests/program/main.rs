@@ -17,6 +17,7 @@ mod door;
 mod explain;
 mod host;
 mod kept;
+mod keys;
 mod mended;
 mod metrics;
 mod old_stores;

@@ -89,10 +89,15 @@ fn without_mara(then: Ended) -> Ended {
             let end = start + then.printed[start..].find("},").unwrap() + 2;
             then.printed[..start].to_owned() + &then.printed[end..]
         }
-        // In the table hers was the longest role: the column is six narrower.
+        // In the table hers was the longest role: the column is six narrower. What protects a key is a column since.
         None => {
             let rows = then.printed.lines().filter(|row| !row.starts_with("mara"));
-            rows.map(|row| row.replacen("      ", "", 1) + "\n").collect()
+            let row = |row: String| {
+                let (person, key) = row.split_at(16);
+                let word = if person.starts_with("NAME") { "PROTECTION" } else { "unprotected" };
+                format!("{person}{word:13}{key}\n")
+            };
+            rows.map(|text| row(text.replacen("      ", "", 1))).collect()
         }
     };
     Ended { printed, said: NO_ROLE.to_owned(), ..then }
@@ -217,7 +222,8 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     assert_eq!((refused.status.code(), text(&refused.stderr).as_str()), (Some(2), NO_ROLE));
     let resumed = resume("omar");
     assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
-    // The operation's two, whose process asked for it, and what another build means for a store: its context, and two for each of four families.
+    // The operation's two and whose process asked for it, and what another build means for a store: its context, and two
+    // for each of four families.
     let verified = printed(&folder, &["audit", "verify"]);
     assert!(verified.starts_with("sound: 334 records"), "{verified}");
     let voided = printed(&folder, &["audit", "list", "--kind", "family-voided"]);
@@ -228,7 +234,7 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     for word in ["'safety-officer'", "operator", "engineer", "safety"] {
         assert!(said.contains(word), "{word} is not in {said}");
     }
-    printed(&folder, &["identity", "new", "eve", "--role", "safety"]);
+    printed(&folder, &["identity", "new", "eve", "--role", "safety", "--unprotected"]);
     let people: Vec<Value> =
         serde_json::from_str(&printed(&folder, &["identity", "list", "--json"])).unwrap();
     let names: Vec<_> = people.iter().map(|one| one["name"].as_str().unwrap()).collect();

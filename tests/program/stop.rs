@@ -200,7 +200,10 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by somebody"));
     let nobody = holdpoint(&data, &["go", "--as", "ana", "--reason", "checked"]);
     assert_eq!(nobody.status.code(), Some(2), "going on needs an identity: {}", said(&nobody));
-    assert_eq!(holdpoint(&data, &["identity", "new", "ana", "--role", "operator"]).status.code(), Some(0));
+    assert_eq!(
+        holdpoint(&data, &["identity", "new", "ana", "--role", "operator", "--unprotected"]).status.code(),
+        Some(0)
+    );
     let words = ["go", "--as", "ana", "--reason", "checked"];
     assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
     assert!(!said(&holdpoint(&data, &["status"])).contains("STOPPED"));

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::action::Action;
 use holdpoint::console::form::{Abort, Form, Intent};
 use holdpoint::console::frame::{draw, text_of};
@@ -287,7 +288,8 @@ fn poisoned(text: &str, view: View) -> Model {
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
     model.told.registry.page = Arc::new(registry);
     model.told.story.iter_mut().for_each(|told| text.clone_into(&mut told.text));
-    model.seat.operator = Some(Operator { name: text.to_owned(), role: Role::Operator });
+    model.seat.operator =
+        Some(Operator { name: text.to_owned(), role: Role::Operator, protection: Protection::None });
     model.told.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
     model.notice = Some(Notice { text: text.to_owned(), bad: true, until_ms: 99_000 });
     model

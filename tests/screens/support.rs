@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, StoryLine, View};
 use holdpoint::console::operator::Operator;
@@ -26,7 +27,8 @@ pub fn model() -> Model {
     model.told.engine = EngineState::Running;
     model.told.snapshot = Some(Arc::new(snapshot()));
     model.told.picture = Some(Arc::new(picture()));
-    model.seat.operator = Some(Operator { name: "linus".to_owned(), role: Role::Operator });
+    model.seat.operator =
+        Some(Operator { name: "linus".to_owned(), role: Role::Operator, protection: Protection::None });
     model.told.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
     model.told.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
     model.told.verified = Some(Verified {

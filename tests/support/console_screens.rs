@@ -30,7 +30,7 @@ fn main() {
 /// The demonstration, from the first screen to the twin beside the live arm.
 fn in_simulation() {
     let home = Home::new();
-    home.must(&["identity", "new", "ana", "--role", "engineer"]);
+    home.must(&["identity", "new", "ana", "--role", "engineer", "--unprotected"]);
     let mut console = home.console(&["run", "--as", "ana", "--pace", "8"], WIDE);
     console.wait_for_text(":demo");
     show("first use", &console);
@@ -69,7 +69,7 @@ fn in_simulation() {
 fn among_people() {
     let home = Home::new();
     for name in ["ana", "bo"] {
-        home.must(&["identity", "new", name, "--role", "engineer"]);
+        home.must(&["identity", "new", name, "--role", "engineer", "--unprotected"]);
     }
     let script = home.path().join("wait.toml");
     let steps = "profile = \"human\"\n\

@@ -4,7 +4,10 @@
 
 use clap::Args;
 
-use super::{SigningArgs, VersionArgs, check_digest, identity, known_version, operation, parse_short_digest};
+use super::{
+    SigningArgs, VersionArgs, check_digest, identity, known_version, operation, parse_short_digest,
+    passphrase, shown,
+};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::cli::side::{Side, running};
@@ -184,7 +187,7 @@ pub(super) fn break_glass(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    let who = identity(context, &args.signature)?;
+    let who = passphrase::kept(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so nothing is held back that could be let in";
         return Err(CliError::held(text).with_hint("start one with `holdpoint run`"));
@@ -197,6 +200,9 @@ pub(super) fn break_glass(
         return Err(CliError::held(text).with_hint(hint));
     };
     check_digest(args.digest.as_deref(), door)?;
-    let command = door.break_glass(&who, args.signature.reason.raw(), None).map_err(CliError::internal)?;
+    let shown = shown::told(door, out)?;
+    let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
+    let command =
+        door.break_glass(&who, args.signature.reason.raw(), Some(shown)).map_err(CliError::internal)?;
     side.carry_out(command, out)
 }

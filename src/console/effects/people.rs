@@ -7,7 +7,8 @@ use std::path::Path;
 
 use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
-use holdpoint_approvals::{Identity, IdentityError, IdentityInfo};
+use holdpoint_approvals::keyfile::{KeyError, Protection};
+use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError};
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::Problem;
@@ -17,19 +18,38 @@ pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    Ok(Identity::list(folder)?.known.iter().map(operator).collect())
+    Ok(Identity::list(folder)?.known.iter().map(|info| operator(folder, info)).collect())
 }
 
 pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
     let made = format!("`holdpoint identity new {name}` makes one");
     Identity::find(folder, name)
-        .map(|info| operator(&info))
+        .map(|info| operator(folder, &info))
         .map_err(|error| Problem::new(error.to_string()).with_hint(made))
 }
 
 /// The engine's command for a decision, signed by who made it.
-pub fn sign(folder: &Path, decision: &PromptAnswer) -> Result<Command, Problem> {
-    let identity = Identity::load(folder, decision.by()).map_err(|error| Problem::of(&error))?;
+///
+/// The passphrase is asked for at every signature and kept nowhere: a console stands open for a whole shift, and who
+/// walks past it must not be able to sign as who sits there. What stops something is signed by nobody and never asks.
+pub fn sign(
+    folder: &Path,
+    decision: &PromptAnswer,
+    passphrase: Option<Passphrase>,
+) -> Result<Command, Problem> {
+    let name = decision.by();
+    let kept = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
+    if passphrase.is_some() != (kept.protection() == Protection::Passphrase) {
+        let text = format!("the passphrase of {name} was set or removed meanwhile");
+        return Err(Problem::new(text).with_hint(format!("`:as {name}`, then decide again")));
+    }
+    let identity = kept.unlock(passphrase.as_ref()).map_err(|error| match error {
+        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
+            Problem::new("wrong passphrase, nothing was signed")
+        }
+        other => Problem::of(&other),
+    })?;
+    drop(passphrase);
     let shown = Some(decision.shown().to_owned());
     let command = match decision.over().purpose {
         Purpose::Emergency => decision.over().break_glass(&identity, decision.reason(), shown),
@@ -40,8 +60,10 @@ pub fn sign(folder: &Path, decision: &PromptAnswer) -> Result<Command, Problem> 
     command.map_err(|error| Problem::of(&error))
 }
 
-fn operator(info: &IdentityInfo) -> Operator {
-    Operator { name: info.name.clone(), role: info.role }
+fn operator(folder: &Path, info: &IdentityInfo) -> Operator {
+    // A key file that cannot be read is told when something is signed.
+    let protection = Identity::protection(folder, &info.name).unwrap_or(Protection::None);
+    Operator { name: info.name.clone(), role: info.role, protection }
 }
 
 #[cfg(test)]

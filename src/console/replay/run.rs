@@ -197,6 +197,7 @@ impl Showing {
             | msg::MsgKind::Identities(_)
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
+            | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)
             | msg::MsgKind::DecisionShown(_)
             | msg::MsgKind::EndAsked

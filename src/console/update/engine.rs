@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{asking, operating, tell};
+use super::{asking, operating, overlays, tell};
 use crate::effect::{Effect, Question};
 use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
@@ -57,6 +57,7 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
 }
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
+    overlays::answered(model, id);
     let asked = model.asking.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {

@@ -1,13 +1,15 @@
 //! Keys inside the palette, an approval prompt and a form.
 
-use ratatui::crossterm::event::{KeyCode, KeyEvent};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::{act, asking, operating, tell, typing};
 use crate::action::Action;
 use crate::effect::Effect;
 use crate::form::{FormFocus, Intent};
 use crate::model::{AskedFor, Model, Overlay};
-use crate::prompt::{Focus, Obstacle};
+use crate::prompt::{Focus, Obstacle, Prompt, Signing};
+use holdpoint_approvals::Passphrase;
+use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::Answer;
 use holdpoint_text::is_visible;
 
@@ -39,6 +41,9 @@ pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     prompt.refused = None;
+    if prompt.signing.is_some() {
+        return signing_key(model, key);
+    }
     match key.code {
         KeyCode::Tab => step_focus(model, true),
         KeyCode::BackTab => step_focus(model, false),
@@ -98,21 +103,83 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
 fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     let made = prompt.decide(answer, model.seat.operator.as_ref(), model.settings.read_only, model.now_ms);
+    let is_protected =
+        model.seat.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
     match made {
+        // It is decided again when the passphrase is there, of how things stand then.
+        Ok(_) if is_protected && prompt.signing.is_none() => {
+            prompt.signing = Some(Signing::of(answer));
+            Vec::new()
+        }
         Ok(decision) => {
             let what = format!("{} {}", answer.name(), prompt.seen.version);
-            match asking::request(model, AskedFor::Decision, what) {
-                Some(id) => {
-                    model.entry.overlay = None;
-                    vec![Effect::Decide { id, decision: Box::new(decision) }]
-                }
-                None => Vec::new(),
+            let Some(id) = asking::request(model, AskedFor::Decision, what) else { return Vec::new() };
+            let passphrase = signed_with(model, &id);
+            if passphrase.is_none() {
+                model.entry.overlay = None;
             }
+            vec![Effect::Decide { id, decision: Box::new(decision), passphrase }]
         }
         Err(block) => {
             prompt.refused = Some(block);
+            prompt.signing = None;
             Vec::new()
         }
+    }
+}
+
+/// What was typed leaves the prompt, which stays until the engine has answered.
+fn signed_with(model: &mut Model, id: &str) -> Option<Passphrase> {
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return None };
+    let signing = prompt.signing.as_mut()?;
+    signing.asked = Some(id.to_owned());
+    signing.problem = None;
+    Passphrase::new(signing.secret.take()).ok()
+}
+
+/// Keys while a passphrase is typed: Enter signs, Esc leads back to the question, and nothing else is a key.
+fn signing_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
+    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
+    let Some(signing) = &mut prompt.signing else { return Vec::new() };
+    let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
+    match key.code {
+        KeyCode::Esc if signing.asked.is_some() => model.entry.overlay = None,
+        KeyCode::Esc => prompt.signing = None,
+        // Handed over already.
+        _ if signing.asked.is_some() => {}
+        KeyCode::Enter if !signing.secret.is_empty() => {
+            let answer = signing.answer;
+            return decide(model, answer);
+        }
+        KeyCode::Enter => signing.problem = Some("type the passphrase first, or Esc".to_owned()),
+        KeyCode::Backspace => signing.secret.erase(),
+        KeyCode::Char('u') if chord => drop(signing.secret.take()),
+        KeyCode::Char(typed) if !chord => signing.secret.insert(typed),
+        _ => {}
+    }
+    Vec::new()
+}
+
+/// What was typed did not open the key: said where it was typed, and the question stays.
+pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
+    model.asking.pending.remove(id);
+    if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay
+        && let Some(signing) = &mut prompt.signing
+        && signing.asked.as_deref() == Some(id)
+    {
+        signing.asked = None;
+        signing.problem = Some(text);
+        return;
+    }
+    tell(model, text, true);
+}
+
+/// The engine answered: a prompt that waited for it is done with.
+pub(super) fn answered(model: &mut Model, id: &str) {
+    let waited =
+        |prompt: &Prompt| prompt.signing.as_ref().and_then(|signing| signing.asked.as_deref()) == Some(id);
+    if matches!(&model.entry.overlay, Some(Overlay::Prompt(prompt)) if waited(prompt)) {
+        model.entry.overlay = None;
     }
 }
 

@@ -17,6 +17,7 @@ use crate::model::{ConsoleSettings, EngineState, Model, Overlay, Typing, View};
 use crate::msg::{Msg, MsgKind};
 use crate::operator::Operator;
 use crate::prompt::{GUARD_MS, Obstacle};
+use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::{Caller, Command};
 use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
@@ -24,6 +25,7 @@ use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 mod aim;
 mod following;
 mod reading;
+mod signing;
 mod stopping;
 
 const CANDIDATE: &str = "grasp@1.3.0";
@@ -91,7 +93,7 @@ impl TestConsole {
     }
 
     fn sit(&mut self, name: &str) {
-        self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: Role::Engineer }));
+        self.sit_with(name, Protection::None);
     }
 
     fn tell(&mut self, what: MsgKind) -> Vec<Effect> {

@@ -211,6 +211,11 @@ pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
                 line.paste(text);
             }
         }
+        (None, Some(Overlay::Prompt(prompt))) if prompt.signing.is_some() => {
+            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.asked.is_none()) {
+                signing.secret.paste(text);
+            }
+        }
         (None, Some(Overlay::Prompt(_))) => tell(model, "a prompt takes no pasted text: type it", true),
         (None, None) => tell(model, "pasted text is ignored here", false),
     }

@@ -18,7 +18,7 @@ use super::hints::field;
 use crate::action::Action;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
-use crate::prompt::{Focus, Obstacle, OnScreen, Prompt, TextRow};
+use crate::prompt::{Focus, Obstacle, OnScreen, Prompt, Signing, TextRow};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
@@ -131,6 +131,10 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
         );
         rows.push(Row::of(ThemeRole::Warning, &text));
     }
+    if let Some(signing) = &prompt.signing {
+        rows.extend(signing_rows(model, signing, pen, width));
+        return rows;
+    }
     rows.push(fields(prompt, pen, width));
     rows.extend(missing(model, prompt, width));
     let key = |action| model.keymap.key(action);
@@ -152,6 +156,33 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, &key(Action::Back))
             .with(ThemeRole::Text, " Hold: decide later"),
+    );
+    rows
+}
+
+/// The field for the passphrase, of which nothing but its length is shown, and its keys.
+fn signing_rows(model: &Model, signing: &Signing, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let who = model.seat.operator.as_ref().map_or("nobody", |who| who.name.as_str());
+    let head = format!("Passphrase of {who}: ");
+    let room = width.saturating_sub(head.width() + 1);
+    let mut row =
+        Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));
+    if signing.asked.is_some() {
+        row = Row::of(ThemeRole::Muted, "Signed; the engine is asked");
+    }
+    let mut rows = vec![row];
+    if let Some(problem) = &signing.problem {
+        rows.push(Row::of(ThemeRole::Problem, &format!("{} {problem}", pen.look.glyph(Glyph::Warning))));
+    }
+    let signs = match signing.answer {
+        Answer::Approve => " Sign and promote  ",
+        Answer::Reject => " Sign and reject  ",
+    };
+    rows.push(
+        Row::of(ThemeRole::Key, "Enter")
+            .with(ThemeRole::Text, signs)
+            .with(ThemeRole::Key, "Esc")
+            .with(ThemeRole::Text, " back to the question"),
     );
     rows
 }

@@ -38,7 +38,7 @@ pub(super) use question::NewQuestion;
 pub use question::PendingQuestion;
 
 pub use super::signers::SHOWN_BYTES_MAX;
-use super::signers::{shown_record, signer};
+use super::signers::{not_alone, shown_record, signer};
 
 #[derive(Default)]
 pub struct Approvals {
@@ -247,7 +247,7 @@ impl Approvals {
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
         };
-        let identity = match signer(record, &signed, shown) {
+        let identity = match signer(context, record, &signed, shown) {
             Ok(identity) => identity,
             Err(refused) => return Ok(Err(refused)),
         };
@@ -268,6 +268,12 @@ impl Approvals {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
         }
+        let identities = record.ledger().store().layout().identities();
+        if said.decision == Answer::Approve
+            && let Err(refused) = not_alone(&identities, &identity, &prompt.request)
+        {
+            return Ok(Err(refused));
+        }
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
         let expires_s = said.not_after_ms as f64 / 1000.0;
         let mut records = Vec::new();
@@ -277,6 +283,7 @@ impl Approvals {
         record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
         prompt.votes.push(Vote {
             person: said.who.clone(),
+            key: signed.public_key().to_owned(),
             role: identity.role,
             answer: said.decision,
             reason: said.reason.clone(),

@@ -16,7 +16,7 @@ use holdpoint_registry::{ApprovalRequest, Change};
 use holdpoint_text::is_visible;
 
 use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, secs_to_ms, tier, view};
-use super::signers::signer;
+use super::signers::{not_alone, signer};
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
@@ -104,7 +104,7 @@ pub(crate) fn check(
     let refuse = |code, text: String, hint: Option<&str>| {
         Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) })
     };
-    let identity = signer(record, &signed, shown)?;
+    let identity = signer(context, record, &signed, shown)?;
     let said = signed.approval().clone();
     let (id, settings) = (&said.version, context.profile.approval);
     if !settings.break_glass {
@@ -123,6 +123,7 @@ pub(crate) fn check(
             Some("the emergency door replaces no stage and no measurement"),
         );
     };
+    not_alone(&record.ledger().store().layout().identities(), &identity, &question.request)?;
     let profile = if said.profile == context.profile.name { context.profile_digest } else { context.digest };
     let subject = Subject {
         candidate: said.candidate_digest,
@@ -135,6 +136,7 @@ pub(crate) fn check(
     let expires_s = said.not_after_ms as f64 / 1000.0;
     let vote = Vote {
         person: said.who.clone(),
+        key: signed.public_key().to_owned(),
         role: identity.role,
         answer: said.decision,
         reason: said.reason,

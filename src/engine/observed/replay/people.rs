@@ -81,10 +81,11 @@ fn votes(
     counts: impl Fn(&Approval) -> bool,
 ) -> Vec<Vote> {
     let said = of.approvals.iter().filter(|entry| entry.at_ms <= record.at_ms);
-    let said = said.map(|entry| entry.signed.approval());
-    let ours = said.filter(|said| said.evidence_digest == under.evidence && counts(said));
-    let vote = |said: &Approval| Vote {
+    let said = said.map(|entry| (entry.signed.approval(), entry.signed.public_key()));
+    let ours = said.filter(|(said, _)| said.evidence_digest == under.evidence && counts(said));
+    let vote = |(said, key): (&Approval, &str)| Vote {
         person: said.who.clone(),
+        key: key.to_owned(),
         role: said.role,
         answer: said.decision,
         reason: said.reason.clone(),

@@ -1,13 +1,14 @@
 //! A question that was open when the engine ended, taken up as it was.
 
 use holdpoint_approvals::Identity;
-use holdpoint_governance::approval::{ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_governance::approval::{Answer, ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::ids::CapabilityId;
 
 use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::people::signers::not_alone;
 use crate::record::Record;
 
 impl Approvals {
@@ -74,8 +75,15 @@ impl Approvals {
             if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() {
                 continue;
             }
+            // Earlier versions took it under another name.
+            let own_work =
+                said.decision == Answer::Approve && not_alone(&identities, &who, &prompt.request).is_err();
+            if own_work {
+                continue;
+            }
             prompt.votes.push(Vote {
                 person: said.who.clone(),
+                key: entry.signed.public_key().to_owned(),
                 role: who.role,
                 answer: said.decision,
                 reason: said.reason.clone(),

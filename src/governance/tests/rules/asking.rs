@@ -22,6 +22,7 @@ fn subject() -> Subject {
 fn vote(person: &str) -> Vote {
     Vote {
         person: person.into(),
+        key: format!("key of {person}"),
         role: Role::Engineer,
         answer: Answer::Approve,
         reason: "looked at it".into(),
@@ -121,4 +122,22 @@ fn quorum_by_tier_and_review() {
     ] {
         assert_eq!(quorum(&human, bound, risk, review), people, "{bound} {risk:?} {review}");
     }
+}
+
+/// One key under two names satisfied a quorum of two.
+#[test]
+fn two_names_with_one_key_are_one_person() {
+    let alias = Vote { person: "anna".into(), ..vote("ann") };
+    let asked =
+        |votes: &[Vote]| evaluate(&request(Risk::Low), votes, 10.0, &profile(ProfileName::Human).approval);
+    let result = asked(&[vote("ann"), alias.clone()]);
+    assert_eq!(result.outcome, ApprovalOutcome::Pending { missing: 1 });
+    assert!(result.reasons.iter().any(|reason| reason.code == ApprovalDuplicate), "{:?}", result.reasons);
+    let result = asked(&[vote("ann"), alias, vote("ben")]);
+    let ApprovalOutcome::Granted { people, .. } = result.outcome else { panic!("{:?}", result.outcome) };
+    assert_eq!(people.into_iter().collect::<Vec<_>>(), ["ann", "ben"]);
+    // Answers of which no key is known are told apart by name.
+    let unknown = |person: &str| Vote { key: String::new(), ..vote(person) };
+    let result = asked(&[unknown("ann"), unknown("ben")]);
+    assert!(matches!(result.outcome, ApprovalOutcome::Granted { .. }), "{:?}", result.outcome);
 }

@@ -1,0 +1,218 @@
+//! A passphrase: where it comes from a file, and that it is wiped and never shown.
+
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::Read;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use holdpoint_text::Hint;
+use rustix::fs::{Mode, OFlags};
+use zeroize::Zeroizing;
+
+/// The longest passphrase, bytes.
+pub const PASSPHRASE_BYTES_MAX: usize = 1024;
+/// The shortest that a key is put under, characters.
+pub const PASSPHRASE_CHARS_MIN: usize = 8;
+
+/// A passphrase that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum PassphraseError {
+    #[error("the passphrase is empty")]
+    Empty,
+    /// Longer than anybody types.
+    #[error("the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes")]
+    TooLong,
+    /// Too short to put a key under.
+    #[error("the passphrase has {0} characters; at least {PASSPHRASE_CHARS_MIN} are needed")]
+    TooShort(usize),
+    /// It has a line end or another control character, which cannot be typed at a terminal.
+    #[error("the passphrase has control characters; one line of text is needed")]
+    Control,
+    /// The file cannot be read.
+    #[error("cannot read the passphrase file {path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// It is a link, a folder, a pipe or a device.
+    #[error("the passphrase file {0:?} is not a regular file")]
+    Kind(PathBuf),
+    /// Others can read or write it.
+    #[error("the passphrase file {path:?} has mode {mode:04o}; others must have no access")]
+    Permissions {
+        /// The file.
+        path: PathBuf,
+        /// Its mode.
+        mode: u32,
+    },
+    /// What stands in it is no passphrase.
+    #[error("the passphrase file {path:?} cannot be used: {problem}")]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with its text, which is not shown.
+        problem: Box<Self>,
+    },
+}
+
+impl Hint for PassphraseError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Permissions { .. } => Some("chmod 600 it".into()),
+            Self::Kind(_) => Some("name a regular file of mode 0600 with the passphrase on one line".into()),
+            Self::TooShort(_) => Some("several words make a good one".into()),
+            Self::Content { problem, .. } => problem.hint(),
+            Self::Empty | Self::TooLong | Self::Control | Self::Io { .. } => None,
+        }
+    }
+}
+
+/// What opens a key. Wiped from memory when it is dropped, and never shown.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Passphrase(Zeroizing<String>);
+
+impl std::fmt::Debug for Passphrase {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Passphrase(..)")
+    }
+}
+
+impl Passphrase {
+    /// A passphrase to open something with.
+    ///
+    /// # Errors
+    /// If it is empty, too long, or has control characters.
+    pub fn new(text: Zeroizing<String>) -> Result<Self, PassphraseError> {
+        if text.is_empty() {
+            return Err(PassphraseError::Empty);
+        }
+        if text.len() > PASSPHRASE_BYTES_MAX {
+            return Err(PassphraseError::TooLong);
+        }
+        if text.chars().any(char::is_control) {
+            return Err(PassphraseError::Control);
+        }
+        Ok(Self(text))
+    }
+
+    /// The same, if a key may be put under it.
+    ///
+    /// # Errors
+    /// [`PassphraseError::TooShort`].
+    pub fn strong_enough(self) -> Result<Self, PassphraseError> {
+        let chars = self.0.chars().count();
+        if chars < PASSPHRASE_CHARS_MIN { Err(PassphraseError::TooShort(chars)) } else { Ok(self) }
+    }
+
+    /// The passphrase in a file: regular, readable by its owner alone, one line.
+    ///
+    /// # Errors
+    /// [`PassphraseError`].
+    pub fn read(path: &Path) -> Result<Self, PassphraseError> {
+        let io = |source| PassphraseError::Io { path: path.to_owned(), source };
+        let file = match open_plainly(path) {
+            // So a link is answered.
+            Err(rustix::io::Errno::LOOP) => return Err(PassphraseError::Kind(path.to_owned())),
+            opened => opened.map_err(|error| io(error.into()))?,
+        };
+        let found = file.metadata().map_err(io)?;
+        if !found.is_file() {
+            return Err(PassphraseError::Kind(path.to_owned()));
+        }
+        let mode = found.permissions().mode() & 0o7777;
+        if mode & 0o077 != 0 {
+            return Err(PassphraseError::Permissions { path: path.to_owned(), mode });
+        }
+        let content =
+            |problem| PassphraseError::Content { path: path.to_owned(), problem: Box::new(problem) };
+        if found.size() > PASSPHRASE_BYTES_MAX as u64 + 2 {
+            return Err(content(PassphraseError::TooLong));
+        }
+        // Room from the start, so that no copy is left behind by growing.
+        let mut text = Zeroizing::new(String::with_capacity(PASSPHRASE_BYTES_MAX + 2));
+        match file.take(PASSPHRASE_BYTES_MAX as u64 + 2).read_to_string(&mut text) {
+            Ok(_) => {}
+            Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
+                return Err(content(PassphraseError::Control));
+            }
+            Err(error) => return Err(io(error)),
+        }
+        let line = text.strip_suffix('\n').unwrap_or(&text);
+        let len = line.strip_suffix('\r').unwrap_or(line).len();
+        text.truncate(len);
+        Self::new(text).map_err(content)
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}
+
+/// Opens a file to read it: no link is followed, and no pipe is waited for.
+pub(super) fn open_plainly(path: &Path) -> rustix::io::Result<File> {
+    let how = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    rustix::fs::open(path, how, Mode::empty()).map(File::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn read_from_a_regular_file_of_ones_own_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("words");
+        let write = |text: &[u8], mode: u32| {
+            std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            Passphrase::read(&path)
+        };
+        let plain = Passphrase::new("under the oak".to_owned().into()).unwrap();
+        for text in ["under the oak", "under the oak\n", "under the oak\r\n"] {
+            assert_eq!(write(text.as_bytes(), 0o600).unwrap(), plain);
+        }
+        assert_eq!(write(b"under the oak\n", 0o400).unwrap(), plain);
+        assert_eq!(format!("{plain:?}"), "Passphrase(..)");
+        let long = vec![b'a'; PASSPHRASE_BYTES_MAX + 1];
+        let cases: [(&[u8], u32, &str); 7] = [
+            (b"under the oak", 0o640, "0640"),
+            (b"under the oak", 0o604, "0604"),
+            (b"", 0o600, "empty"),
+            (b"\n", 0o600, "empty"),
+            (b"two\nlines\n", 0o600, "control"),
+            (b"\xff\xfe", 0o600, "control"),
+            (&long, 0o600, "more than 1024"),
+        ];
+        for (text, mode, message) in cases {
+            let error = write(text, mode).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+            assert!(!error.contains("oak"), "{error}");
+        }
+    }
+
+    #[test]
+    fn links_pipes_devices_and_folders_are_refused_without_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        let (link, pipe) = (folder.path().join("link"), folder.path().join("pipe"));
+        std::os::unix::fs::symlink("/etc/hostname", &link).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+            .unwrap();
+        for path in [link.as_path(), &pipe, folder.path(), Path::new("/dev/zero")] {
+            let error = Passphrase::read(path).unwrap_err();
+            assert!(matches!(error, PassphraseError::Kind(_)), "{path:?}: {error}");
+        }
+        let none = Passphrase::read(&folder.path().join("none")).unwrap_err();
+        assert!(none.to_string().contains("none"), "{none}");
+    }
+
+    #[test]
+    fn a_key_is_not_put_under_a_short_one() {
+        let of = |text: &str| Passphrase::new(text.to_owned().into()).unwrap().strong_enough();
+        assert!(matches!(of("seven c"), Err(PassphraseError::TooShort(7))));
+        assert!(of("eight ch").is_ok());
+        assert!(of("ächtzehn").is_ok());
+    }
+}

@@ -1,0 +1,94 @@
+//! Keys under a passphrase, without a terminal: made, changed, listed, and used by the verbs that sign.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn holdpoint(data: &Path, words: &[&str], variable: Option<&Path>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    command.arg("--data").arg(data).args(words).env_remove("HOLDPOINT_PASSPHRASE_FILE");
+    if let Some(file) = variable {
+        command.env("HOLDPOINT_PASSPHRASE_FILE", file);
+    }
+    command.output().unwrap()
+}
+
+#[track_caller]
+fn ends(output: &Output, code: i32, said: &[&str]) -> String {
+    let text =
+        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{text}");
+    for part in said {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    text
+}
+
+#[test]
+fn a_key_is_made_changed_and_used_by_passphrase_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        path
+    };
+    let (oak, elm, short) =
+        (file("oak", "under the oak\n"), file("elm", "under the elm\n"), file("short", "short\n"));
+    let [oak_text, elm_text, short_text] = [&oak, &elm, &short].map(|path| path.to_str().unwrap());
+    let run = |words: &[&str]| holdpoint(&data, words, None);
+
+    // Without a terminal something has to be said of the passphrase.
+    ends(&run(&["identity", "new", "mara"]), 2, &["no terminal", "--passphrase-file", "--unprotected"]);
+    let short = run(&["identity", "new", "mara", "--passphrase-file", short_text]);
+    ends(&short, 2, &["5 characters", "at least 8"]);
+    assert!(!data.exists(), "nothing was made");
+    let made = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
+    let text = ends(&made, 0, &["made the identity mara (operator, passphrase)"]);
+    assert!(!text.contains("oak"), "{text}");
+    ends(&run(&["identity", "new", "rig", "--unprotected"]), 0, &["(operator, unprotected)"]);
+    let key = data.join("keys/identities/mara.key");
+    assert_eq!(fs::metadata(&key).unwrap().permissions().mode() & 0o7777, 0o600);
+    let kept = fs::read_to_string(&key).unwrap();
+    let head = "holdpoint-key 1\nkdf argon2id\nmemory-kib 65536\npasses 3\nlanes 4\nsalt ";
+    assert!(kept.starts_with(head), "{kept}");
+    let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
+    let kinds: Vec<_> = list.iter().map(|one| (one["name"].as_str(), one["protection"].as_str())).collect();
+    assert_eq!(kinds, [(Some("mara"), Some("passphrase")), (Some("rig"), Some("unprotected"))]);
+    ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
+
+    // A verb that signs.
+    ends(&run(&["stop"]), 0, &[]);
+    let go = ["go", "--as", "mara", "--reason", "checked"];
+    let with = |path: &str| run(&[go.as_slice(), &["--passphrase-file", path]].concat());
+    ends(&run(&go), 2, &["the key of mara has a passphrase", "no terminal", "HOLDPOINT_PASSPHRASE_FILE"]);
+    ends(&with(elm_text), 2, &["the passphrase is wrong", "nothing was done"]);
+    fs::set_permissions(&oak, fs::Permissions::from_mode(0o644)).unwrap();
+    ends(&with(oak_text), 2, &["mode 0644", "chmod 600"]);
+    fs::set_permissions(&oak, fs::Permissions::from_mode(0o600)).unwrap();
+    ends(&run(&["status"]), 0, &["STOPPED"]);
+    ends(&with(oak_text), 0, &[]);
+    ends(&run(&["stop"]), 0, &[]);
+    ends(&holdpoint(&data, &go, Some(&oak)), 0, &[]);
+
+    // Another passphrase, none, and one again: the key stays the same.
+    let change = |words: &[&str]| run(&[&["identity", "passphrase", "mara"], words].concat());
+    ends(&change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text]), 2, &["wrong"]);
+    assert_eq!(fs::read_to_string(&key).unwrap(), kept);
+    let changed = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
+    ends(&changed, 0, &["another passphrase"]);
+    ends(&change(&["--passphrase-file", oak_text, "--remove"]), 2, &["wrong"]);
+    ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &["no passphrase now"]);
+    ends(&change(&["--passphrase-file", elm_text, "--remove"]), 2, &["has no passphrase"]);
+    ends(&change(&["--new-passphrase-file", oak_text]), 0, &["has a passphrase now"]);
+    let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
+    assert_eq!(list[0]["protection"], "passphrase");
+
+    // A file that is damaged is said to be so, with the field and what is allowed.
+    fs::write(&key, kept.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();
+    ends(&with(oak_text), 2, &["mara.key", "memory-kib", "4194304000", "8192 to 1048576"]);
+}
