@@ -16,6 +16,7 @@ mod config;
 mod drawing;
 pub mod feed;
 mod file;
+mod guarded;
 mod limits;
 mod live;
 mod pace;

@@ -13,6 +13,7 @@ use rerun::{Arrows3D, Boxes3D, Component, ComponentDescriptor, Points3D, Scalars
 
 use super::ReadError;
 use super::drawing::{PictureFacts, RecordingHead, Tail, paths};
+use super::guarded::guarded;
 use super::limits::READ_BYTES_MAX;
 use super::rows::TICK;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
@@ -34,8 +35,12 @@ pub struct Contents {
 /// Everything that can be read of a file; a torn end is left out.
 ///
 /// # Errors
-/// If it cannot be opened, is too large, or is something else.
+/// If it cannot be opened, is too large, damaged, or something else.
 pub fn contents(path: &Path) -> Result<Contents, ReadError> {
+    guarded(path, || decoded(path))
+}
+
+fn decoded(path: &Path) -> Result<Contents, ReadError> {
     let file = holdpoint_text::file::open(path).map_err(|source| ReadError::file(path, source))?;
     let mut bytes = Vec::new();
     file.take(READ_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|source| ReadError::file(path, source))?;
@@ -71,9 +76,13 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
 /// A file as plain values.
 ///
 /// # Errors
-/// If it cannot be read, or is no recording of an upgrade.
+/// If it cannot be read, is damaged, or is no recording of an upgrade.
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
-    let Contents { chunks, tail, .. } = contents(path)?;
+    guarded(path, || values(path))
+}
+
+fn values(path: &Path) -> Result<Recording, ReadError> {
+    let Contents { chunks, tail } = decoded(path)?;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let mut events: Vec<Event> =
         texts(&chunks, paths::EVENT).iter().filter_map(|text| serde_json::from_str(text).ok()).collect();
