@@ -13,6 +13,7 @@ mod campaign;
 mod damage;
 mod decay;
 mod edits;
+mod failing;
 mod kill;
 mod killed;
 mod long;
