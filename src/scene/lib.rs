@@ -13,6 +13,7 @@
 mod blueprint;
 mod compact;
 mod config;
+mod credible;
 mod drawing;
 pub mod feed;
 mod file;

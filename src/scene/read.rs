@@ -12,6 +12,7 @@ use rerun::log::{Chunk, LogMsg};
 use rerun::{Arrows3D, Boxes3D, Component, ComponentDescriptor, Points3D, Scalars, TextLog};
 
 use super::ReadError;
+use super::credible::credible_bytes;
 use super::drawing::{PictureFacts, RecordingHead, Tail, paths};
 use super::guarded::guarded;
 use super::limits::READ_BYTES_MAX;
@@ -48,6 +49,8 @@ fn decoded(path: &Path) -> Result<Contents, ReadError> {
     if length > READ_BYTES_MAX {
         return Err(ReadError::foreign(path, format!("it has more than {READ_BYTES_MAX} bytes")));
     }
+    // What follows a torn message cannot be trusted.
+    bytes.truncate(credible_bytes(&bytes));
     let mut decoder = DecoderApp::new();
     decoder.push_byte_chunk(bytes);
     let mut chunks = Vec::new();
@@ -65,7 +68,6 @@ fn decoded(path: &Path) -> Result<Contents, ReadError> {
             }
             Ok(None) => break,
             Err(error) if messages == 0 => return Err(ReadError::foreign(path, error.to_string())),
-            // What follows a torn message cannot be trusted.
             Err(_) => break,
         }
     }
