@@ -81,9 +81,10 @@ const HOSTILE: [&[u8]; 44] = [
 /// The largest input that is made, bytes.
 const INPUT_BYTES_MAX: usize = 1 << 21;
 
-/// An input made from the inputs that are there.
-pub fn mutant(random: &mut Random, from: &[Vec<u8>]) -> Vec<u8> {
-    let mut input = random.of(from).clone();
+/// An input made from the inputs that are there, the first `given` of which are good ones.
+pub fn mutant(random: &mut Random, from: &[Vec<u8>], given: usize) -> Vec<u8> {
+    let built_on = if random.below(4) > 0 { &from[..given] } else { from };
+    let mut input = random.of(built_on).clone();
     // Most inputs are changed a little, so that some get far.
     let changes = 1 + (random.next().trailing_zeros() as usize).min(7);
     for _ in 0..changes {
