@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
@@ -167,9 +167,25 @@ pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
 /// If the file exists or cannot be written, or the key cannot be sealed.
 pub(super) fn write_kept(path: &Path, key: &SigningKey, keep: Keep<'_>) -> Result<(), KeyError> {
     let text = keep.text(path, key)?;
+    put(path, text.as_bytes(), 0o600)
+}
+
+/// Puts a whole new file there, or none: half a key would be taken for one that somebody damaged.
+fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let part = PathBuf::from(part);
+    match fs::remove_file(&part) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(io("create", &part)(error)),
+        Ok(()) | Err(_) => {}
+    }
     let mut file =
-        OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(io("create", path))?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(io("write", path))
+        OpenOptions::new().write(true).create_new(true).mode(mode).open(&part).map_err(io("create", path))?;
+    let written = file.write_all(bytes).and_then(|()| file.sync_all()).map_err(io("write", path));
+    // Unlike a renamed file, a linked one replaces nothing.
+    let placed = written.and_then(|()| fs::hard_link(&part, path).map_err(io("create", path)));
+    drop(fs::remove_file(&part));
+    placed
 }
 
 /// Writes a secret key over the one there, in one step: after a sudden death the file has the old form or the new one,
@@ -232,10 +248,8 @@ pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
 /// # Errors
 /// If the file exists or cannot be written.
 pub fn write_public(path: &Path, key: &VerifyingKey, note: &str) -> Result<(), KeyError> {
-    let mut file =
-        OpenOptions::new().write(true).create_new(true).mode(0o644).open(path).map_err(io("create", path))?;
     let text = format!("{} {note}", hex(key.as_bytes()));
-    writeln!(file, "{}", text.trim_end()).and_then(|()| file.sync_all()).map_err(io("write", path))
+    put(path, format!("{}\n", text.trim_end()).as_bytes(), 0o644)
 }
 
 /// Reads a public key and the note after it.

@@ -11,7 +11,9 @@ use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditFilter, ExportError, Layout, VerifyError, VerifyReport, Views, verify};
+use holdpoint_registry::{
+    AuditFilter, ExportError, Layout, MissingBatches, VerifyError, VerifyReport, Views, verify,
+};
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -206,6 +208,12 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
     out.line(&format!(
         "telemetry batches  {} ({} removed for age, {} not looked at)",
         report.batches, report.batches_pruned, report.batches_unseen
+    ))?;
+    let Some(missing) = report.batches_missing else { return Ok(()) };
+    let MissingBatches { first, last, first_sealed_by, last_sealed_by } = missing;
+    out.line(&format!(
+        "missing batches    {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}: no record says \
+         whether for age or by somebody"
     ))
 }
 

@@ -56,5 +56,5 @@ pub use rebuild::rebuild;
 pub use recovery::Interrupted;
 pub use store::{Opening, Store};
 pub use telemetry::{Batch, BatchReceipt, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
-pub use verify::{VerifyError, VerifyReport, verify};
+pub use verify::{MissingBatches, VerifyError, VerifyReport, verify};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};

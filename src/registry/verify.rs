@@ -42,6 +42,29 @@ pub struct VerifyReport {
     pub batches_pruned: u64,
     /// Sealed batches that could not be looked at because the telemetry file is not there.
     pub batches_unseen: u64,
+    /// Which ones are not there, of those removed for age and those that could not be looked at.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub batches_missing: Option<MissingBatches>,
+}
+
+/// Sealed batches of telemetry that are not there: without a gap the oldest ones, or all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct MissingBatches {
+    pub first: u64,
+    pub last: u64,
+    /// The record that sealed the first one.
+    pub first_sealed_by: u64,
+    /// The record that sealed the last one.
+    pub last_sealed_by: u64,
+}
+
+impl MissingBatches {
+    /// With one more, which was sealed later.
+    fn with(before: Option<Self>, (batch, seq): (u64, u64)) -> Self {
+        let before =
+            before.unwrap_or(Self { first: batch, last: batch, first_sealed_by: seq, last_sealed_by: seq });
+        Self { last: batch, last_sealed_by: seq, ..before }
+    }
 }
 
 /// The first thing that is not sound.
@@ -141,6 +164,7 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         batches: 0,
         batches_pruned: 0,
         batches_unseen: 0,
+        batches_missing: None,
     };
     check_telemetry(&folder.join("telemetry.db"), &fold, &mut report)?;
     Ok(report)
@@ -192,18 +216,23 @@ fn check_telemetry(path: &Path, fold: &Fold, report: &mut VerifyReport) -> Resul
     if fold.batches.is_empty() {
         return Ok(());
     }
-    if fs::symlink_metadata(path).is_err() {
-        report.batches_unseen = fold.batches.len() as u64;
-        return Ok(());
-    }
-    let connection = open_reader(path, &TELEMETRY)?;
+    let is_there = fs::symlink_metadata(path).is_ok();
+    let connection = if is_there { Some(open_reader(path, &TELEMETRY)?) } else { None };
     for sealed in &fold.batches {
         let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };
-        match check_batch(&connection, sealed.batch, sealed.digest).map_err(|error| bad(error.to_string()))? {
-            BatchState::Matches => report.batches += 1,
-            BatchState::Pruned => report.batches_pruned += 1,
-            BatchState::Bad(problem) => return Err(bad(problem.to_owned())),
+        let state =
+            connection.as_ref().map(|connection| check_batch(connection, sealed.batch, sealed.digest));
+        match state.transpose().map_err(|error| bad(error.to_string()))? {
+            Some(BatchState::Matches) => {
+                report.batches += 1;
+                continue;
+            }
+            Some(BatchState::Pruned) => report.batches_pruned += 1,
+            Some(BatchState::Bad(problem)) => return Err(bad(problem.to_owned())),
+            None => report.batches_unseen += 1,
         }
+        report.batches_missing =
+            Some(MissingBatches::with(report.batches_missing, (sealed.batch, sealed.seq)));
     }
     Ok(())
 }

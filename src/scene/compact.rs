@@ -14,6 +14,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::drawing::{Tail, paths, tail};
 use super::file::{Framed, message, opening, store};
+use super::guarded::guarded;
 use super::limits::{CHUNK_ROWS_MAX, READ_BYTES_MAX};
 use super::read::{Contents, contents};
 use super::rows::{Ids, Rows};
@@ -35,8 +36,12 @@ pub struct EndedFile {
 /// Writes the segments of a recording as one file at `into`, which may be one of them; the others are removed.
 ///
 /// # Errors
-/// If a segment cannot be read, or the file not be written.
+/// If a segment cannot be read or is damaged, or the file not be written.
 pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
+    guarded(into, || joined(stem, segments, into, end))
+}
+
+fn joined(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
     let mut all = Vec::new();
     for segment in segments {
         all.extend(contents(segment)?.chunks);
@@ -174,8 +179,12 @@ pub enum StartFindings {
 /// Looks at a file of an earlier life and mends it if a kill left it without an end.
 ///
 /// # Errors
-/// If it cannot be read or written.
+/// If it cannot be read or written, or is damaged.
 pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
+    guarded(path, || mended(stem, path, dropped))
+}
+
+fn mended(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
     let Contents { chunks, tail } = contents(path)?;
     let Some(tail) = tail else {
         let chunks = with_end(chunks, &Tail { outcome: None, dropped });

@@ -13,9 +13,11 @@
 mod blueprint;
 mod compact;
 mod config;
+mod credible;
 mod drawing;
 pub mod feed;
 mod file;
+mod guarded;
 mod limits;
 mod live;
 mod pace;

@@ -12,7 +12,9 @@ use rerun::log::{Chunk, LogMsg};
 use rerun::{Arrows3D, Boxes3D, Component, ComponentDescriptor, Points3D, Scalars, TextLog};
 
 use super::ReadError;
+use super::credible::credible_bytes;
 use super::drawing::{PictureFacts, RecordingHead, Tail, paths};
+use super::guarded::guarded;
 use super::limits::READ_BYTES_MAX;
 use super::rows::TICK;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
@@ -34,8 +36,12 @@ pub struct Contents {
 /// Everything that can be read of a file; a torn end is left out.
 ///
 /// # Errors
-/// If it cannot be opened, is too large, or is something else.
+/// If it cannot be opened, is too large, damaged, or something else.
 pub fn contents(path: &Path) -> Result<Contents, ReadError> {
+    guarded(path, || decoded(path))
+}
+
+fn decoded(path: &Path) -> Result<Contents, ReadError> {
     let file = holdpoint_text::file::open(path).map_err(|source| ReadError::file(path, source))?;
     let mut bytes = Vec::new();
     file.take(READ_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|source| ReadError::file(path, source))?;
@@ -43,6 +49,8 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
     if length > READ_BYTES_MAX {
         return Err(ReadError::foreign(path, format!("it has more than {READ_BYTES_MAX} bytes")));
     }
+    // What follows a torn message cannot be trusted.
+    bytes.truncate(credible_bytes(&bytes));
     let mut decoder = DecoderApp::new();
     decoder.push_byte_chunk(bytes);
     let mut chunks = Vec::new();
@@ -60,7 +68,6 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
             }
             Ok(None) => break,
             Err(error) if messages == 0 => return Err(ReadError::foreign(path, error.to_string())),
-            // What follows a torn message cannot be trusted.
             Err(_) => break,
         }
     }
@@ -71,9 +78,13 @@ pub fn contents(path: &Path) -> Result<Contents, ReadError> {
 /// A file as plain values.
 ///
 /// # Errors
-/// If it cannot be read, or is no recording of an upgrade.
+/// If it cannot be read, is damaged, or is no recording of an upgrade.
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
-    let Contents { chunks, tail, .. } = contents(path)?;
+    guarded(path, || values(path))
+}
+
+fn values(path: &Path) -> Result<Recording, ReadError> {
+    let Contents { chunks, tail } = decoded(path)?;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let mut events: Vec<Event> =
         texts(&chunks, paths::EVENT).iter().filter_map(|text| serde_json::from_str(text).ok()).collect();

@@ -8,14 +8,19 @@ use rerun::log::Chunk;
 use super::ReadError;
 use super::compact::{END, write_all};
 use super::drawing::paths;
+use super::guarded::guarded;
 use super::read::{contents, head};
 use super::rows::TICK;
 
 /// Writes a copy of the recording at `path` with nothing later than `tick` to `out`.
 ///
 /// # Errors
-/// If the recording cannot be read, or the copy not be written.
+/// If the recording cannot be read or is damaged, or the copy not be written.
 pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
+    guarded(path, || copied(path, tick, out))
+}
+
+fn copied(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let chunks = contents(path)?.chunks;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let last = i64::try_from(tick).unwrap_or(i64::MAX);

@@ -13,7 +13,7 @@ use rusqlite::{Connection, params};
 use crate::support::*;
 
 /// A closed store with every kind of row, and its key.
-fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
+pub fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
     let store = open(folder);
     bootstrap(&store, "grasp");
     bootstrap(&store, "place");
@@ -166,7 +166,7 @@ fn checkpoints_of_others_are_refused() {
 }
 
 /// What can be read of a store.
-fn contents(database: &Path) -> Result<String, String> {
+pub fn contents(database: &Path) -> Result<String, String> {
     let read = || {
         let views = Views::open(database)?;
         let versions = views.versions(&VersionFilter::default())?;

@@ -8,11 +8,17 @@
 #![allow(clippy::print_stdout, reason = "a child tells its parent what it did")]
 
 mod approvals;
+#[path = "../../../../tests/fuzz/campaign.rs"]
+mod campaign;
 mod damage;
+mod decay;
 mod edits;
+mod failing;
 mod kill;
 mod killed;
 mod long;
+#[path = "../../../../tests/fuzz/mutate.rs"]
+mod mutate;
 mod opening;
 mod rebuild;
 mod registry;

@@ -92,10 +92,10 @@ pub fn commit(store: &Store, command_id: &str, changes: Vec<Change>) -> Result<R
     store.commit(transaction(command_id, 1, changes))
 }
 
-/// A store with the family's baseline `<family>@1.0.0` active under profile `sim`.
-pub fn bootstrap(store: &Store, name: &str) {
+/// The changes that make the family's baseline `<family>@1.0.0` active under profile `sim`.
+pub fn bootstrapping(name: &str) -> Vec<Change> {
     let baseline = format!("{name}@1.0.0");
-    let changes = vec![
+    vec![
         context(ProfileName::Sim),
         new_version(&baseline, true),
         set_state(&baseline, 1, State::Registered, State::Active),
@@ -106,8 +106,12 @@ pub fn bootstrap(store: &Store, name: &str) {
             cause: ActiveCause::Bootstrap,
             robot: Some(ROBOT.into()),
         },
-    ];
-    commit(store, &format!("bootstrap {name}"), changes).unwrap();
+    ]
+}
+
+/// A store with the family's baseline active.
+pub fn bootstrap(store: &Store, name: &str) {
+    commit(store, &format!("bootstrap {name}"), bootstrapping(name)).unwrap();
 }
 
 /// The changes that register a candidate and take it to `shadowed` (row version 4) with a gate record `gate <name>`.

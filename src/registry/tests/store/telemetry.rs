@@ -43,7 +43,11 @@ fn sealed_batches_are_vouched_for() {
         assert!(matches!(error, VerifyError::Telemetry { .. }), "{what}: {error}");
     }
     std::fs::remove_file(&telemetry).unwrap();
-    assert_eq!(verify(&database, None).unwrap().batches_unseen, 2);
+    let report = verify(&database, None).unwrap();
+    assert_eq!(report.batches_unseen, 2);
+    let missing = report.batches_missing.unwrap();
+    assert_eq!((missing.first, missing.last), (1, 2));
+    assert_eq!(missing.last_sealed_by, missing.first_sealed_by + 1);
 }
 
 #[test]
@@ -59,6 +63,7 @@ fn the_oldest_go_first() {
     commit(&store, "seal", store.seal_telemetry().unwrap()).unwrap();
     let report = verify(&store.layout().database(), None).unwrap();
     assert_eq!((report.batches, report.batches_pruned), (2, 2));
+    assert_eq!(report.batches_missing.map(|missing| (missing.first, missing.last)), Some((1, 2)));
 
     let (cells, is_there) = (store.cells(), |seed| is_kept(&store, seed).is_some());
     for seed in 0..2 {

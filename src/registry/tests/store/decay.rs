@@ -1,0 +1,290 @@
+//! Decay of every file of a store: whatever is flipped, cut or written into one of them is found, or changes nothing
+//! that is read. Nothing panics and nothing hangs.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use ed25519_dalek::VerifyingKey;
+use holdpoint_approvals::{Identity, keyfile};
+use holdpoint_registry::{Batch, Found, Store, TelemetryViews, VerifyReport, Views, verify};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use tempfile::TempDir;
+
+use crate::campaign::{Outcome, campaign};
+use crate::damage::{contents, made};
+use crate::mutate::{Random, flip};
+use crate::released::schema_1;
+use crate::support::*;
+
+/// The longest that looking at one damaged store may take, on however busy a machine.
+const TIME_MAX: Duration = Duration::from_secs(20);
+
+/// A folder in memory where there is such a thing: what is forced to disk here needs no disk.
+fn folder() -> TempDir {
+    let memory = Path::new("/dev/shm");
+    if memory.is_dir() { tempfile::tempdir_in(memory).unwrap() } else { tempfile::tempdir().unwrap() }
+}
+
+/// A closed store as it was when it was sound.
+struct Sound {
+    folder: TempDir,
+    key: VerifyingKey,
+    /// Every file with its place in the folder and its bytes.
+    files: Vec<(PathBuf, Vec<u8>)>,
+    contents: String,
+    batches: Vec<(u64, Option<Batch>)>,
+    report: VerifyReport,
+}
+
+impl Sound {
+    fn of(folder: TempDir, store: &Path, key: VerifyingKey) -> Self {
+        let mut files = Vec::new();
+        let mut open = vec![store.to_owned()];
+        while let Some(at) = open.pop() {
+            for entry in fs::read_dir(at).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    open.push(path);
+                } else {
+                    let bytes = fs::read(&path).unwrap();
+                    files.push((path.strip_prefix(store).unwrap().to_owned(), bytes));
+                }
+            }
+        }
+        files.sort();
+        let database = store.join("holdpoint.db");
+        let report = verify(&database, Some(&key)).unwrap();
+        let contents = contents(&database).unwrap();
+        let batches = batches(store).unwrap();
+        Self { folder, key, files, contents, batches, report }
+    }
+
+    /// With every kind of row, sealed telemetry and a kept cell.
+    fn fresh() -> Self {
+        let folder = folder();
+        let store = folder.path().join("store");
+        let key = made(&store);
+        let opened = open(&store);
+        for fill in 0..3 {
+            let body = vec![fill; 300];
+            let version = id("grasp@1.0.0");
+            let batch = Batch { version, stream: "live".into(), from_ms: 1, to_ms: 2, rows: 3, body };
+            opened.append_telemetry(&batch).unwrap();
+        }
+        commit(&opened, "seal", opened.seal_telemetry().unwrap()).unwrap();
+        opened.cells().put(&digest("cell"), b"kept").unwrap();
+        drop(opened);
+        Self::of(folder, &store, key)
+    }
+
+    /// Of the oldest released schema, brought to the newest.
+    fn released() -> Self {
+        let folder = folder();
+        let store = schema_1(folder.path());
+        let opened = open(&store);
+        let key = *opened.public_key();
+        drop(opened);
+        Self::of(folder, &store, key)
+    }
+
+    /// Makes the folder anew, with one file other than it was.
+    fn with(&self, file: &Path, bytes: &[u8]) -> PathBuf {
+        let store = self.folder.path().join("store");
+        fs::remove_dir_all(&store).unwrap();
+        for (path, sound) in &self.files {
+            let to = store.join(path);
+            fs::create_dir_all(to.parent().unwrap()).unwrap();
+            fs::write(&to, if path == file { bytes } else { sound }).unwrap();
+            if path.extension().is_some_and(|extension| extension == "key") {
+                fs::set_permissions(&to, fs::Permissions::from_mode(0o600)).unwrap();
+            }
+        }
+        store
+    }
+
+    /// Looks at the store with that file as everybody does who has to do with it: verifier, readers, engine.
+    ///
+    /// # Errors
+    /// What must not be: something else is read, and nobody says so.
+    fn look(&self, file: &Path, bytes: &[u8]) -> Result<Outcome, String> {
+        let store = self.with(file, bytes);
+        let database = store.join("holdpoint.db");
+        let same = |report: &VerifyReport, when: &str| -> Result<(), String> {
+            let now = contents(&database);
+            if now.as_ref() != Ok(&self.contents) {
+                return Err(format!("{when}: verified, and another content is read: {now:?}"));
+            }
+            // What is missing of telemetry, the report says.
+            if *report == self.report && batches(&store).as_ref() != Ok(&self.batches) {
+                return Err(format!("{when}: verified, and other telemetry is read"));
+            }
+            Ok(())
+        };
+        let verified = verify(&database, Some(&self.key));
+        if let Ok(report) = &verified {
+            same(report, "as it is")?;
+        }
+        // Keys and people are read by every front end.
+        for entry in fs::read_dir(store.join("keys/identities")).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if let Some(name) = path.file_stem().and_then(|name| name.to_str()) {
+                drop(Identity::load(&store.join("keys/identities"), name));
+            }
+        }
+        drop(keyfile::read_public(&store.join("keys/store.pub")));
+        match Store::open(&store) {
+            Ok(opened) => {
+                if let Found::Cell { body, .. } = opened.cells().get(&digest("cell"))
+                    && body != b"kept"
+                {
+                    return Err("a kept cell has another body".to_owned());
+                }
+                drop(opened);
+                if let Ok(report) = verify(&database, Some(&self.key)) {
+                    same(&report, "once opened")?;
+                } else if verified.is_ok() {
+                    return Err("opening made a sound store unsound".to_owned());
+                }
+                match verified {
+                    Ok(_) => Ok(Outcome::Accepted),
+                    Err(error) => Ok(Outcome::Refused(printed(&error))),
+                }
+            }
+            Err(error) => Ok(Outcome::Refused(printed(&error))),
+        }
+    }
+}
+
+/// An error as the program prints it: made harmless, on one line.
+fn printed(error: &impl Hint) -> String {
+    let text = error.to_string();
+    let words: Vec<&str> = text.lines().map(str::trim).collect();
+    let hint =
+        error.hint().map_or_else(String::new, |hint| format!("\nHint: {}", sanitise(&hint, WIDTH_MAX)));
+    format!("error: {}{hint}", sanitise(&words.join(" "), WIDTH_MAX))
+}
+
+/// Every batch of the streams there are.
+fn batches(store: &Path) -> Result<Vec<(u64, Option<Batch>)>, String> {
+    let read = || {
+        let views = TelemetryViews::open(&store.join("telemetry.db"))?;
+        let mut found = Vec::new();
+        for stream in ["live", "monitor", "sandbox"] {
+            views.each_batch(stream, u64::MAX, |batch| found.push(batch))?;
+        }
+        Ok(found)
+    };
+    read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
+}
+
+/// So many cases for each file, and what became of them.
+fn decay(name: &str, sound: &Sound, cases: u64) {
+    let cases = std::env::var("HOLDPOINT_FUZZ_RUNS").map_or(cases, |text| text.parse().unwrap());
+    let seed = std::env::var("HOLDPOINT_FUZZ_SEED").map_or(1, |text| text.parse().unwrap());
+    let (mut done, mut found) = (0_u64, 0_u64);
+    // A checkpoint is like the other ones.
+    let mut checkpoints = 0;
+    for (number, (file, good)) in (0_u64..).zip(&sound.files) {
+        if file.starts_with("checkpoints") {
+            checkpoints += 1;
+            if checkpoints > 2 {
+                continue;
+            }
+        }
+        for case in 0..cases {
+            let mut random = Random::of_run(seed, number << 32 | case);
+            let mut bytes = good.clone();
+            match case % 4 {
+                0 => bytes.truncate(random.below(good.len())),
+                1 => {
+                    // A sector that was never written.
+                    let start = random.below(good.len()) / 512 * 512;
+                    let end = (start + 512).min(good.len());
+                    bytes[start..end].fill(0);
+                }
+                2 => flip(&mut random, &mut bytes),
+                _ => (0..1 + random.below(16)).for_each(|_| flip(&mut random, &mut bytes)),
+            }
+            let begun = Instant::now();
+            let looked = catch_unwind(AssertUnwindSafe(|| sound.look(file, &bytes)));
+            let looked = looked.unwrap_or_else(|_| Err("it panicked".to_owned()));
+            done += 1;
+            match looked {
+                Ok(Outcome::Accepted) => {}
+                Ok(Outcome::Refused(text)) => {
+                    found += 1;
+                    assert!(
+                        text.lines().count() <= 2 && text.len() < 10_000,
+                        "{name} {file:?} {case}: {text}"
+                    );
+                }
+                Err(problem) => panic!("{name} {file:?}: seed {seed}, case {case}: {problem}"),
+            }
+            assert!(begun.elapsed() < TIME_MAX, "{name} {file:?}: seed {seed}, case {case} took too long");
+        }
+    }
+    assert!(found > done / 10, "only {found} of {done} were found");
+    println!("{name}: seed {seed}, {done} damaged files, {found} found, {} changed nothing", done - found);
+}
+
+#[test]
+fn every_file_of_a_new_store_decays() {
+    decay("decay of a new store", &Sound::fresh(), 8);
+}
+
+#[test]
+fn every_file_of_a_released_store_decays() {
+    decay("decay of a released store", &Sound::released(), 1);
+}
+
+/// A log that decayed ends earlier, as one does that a power cut tore: what is left is a beginning of the history, or
+/// is refused.
+#[test]
+fn a_log_that_decayed_loses_its_end_at_most() {
+    let folder = folder();
+    let live = folder.path().join("live");
+    let store = open(&live);
+    bootstrap(&store, "grasp");
+    shadowed(&store, "grasp@1.1.0");
+    commit(&store, "activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
+    let history = store.views().unwrap().audit(&Default::default()).unwrap();
+    let log = fs::read(live.join("holdpoint.db-wal")).unwrap();
+    let database = fs::read(live.join("holdpoint.db")).unwrap();
+    let (mut shorter, mut whole, mut refused) = (0, 0, 0);
+    for case in 0..60 {
+        let mut random = Random::of_run(1, case);
+        let mut bytes = log.clone();
+        if case % 3 == 0 {
+            bytes.truncate(random.below(log.len()));
+        } else {
+            flip(&mut random, &mut bytes);
+        }
+        let copy = folder.path().join("copy.db");
+        fs::write(&copy, &database).unwrap();
+        fs::write(folder.path().join("copy.db-wal"), &bytes).unwrap();
+        drop(fs::remove_file(folder.path().join("copy.db-shm")));
+        match verify(&copy, None) {
+            Ok(report) => {
+                let left = Views::open(&copy).unwrap().audit(&Default::default()).unwrap();
+                assert_eq!(left.len() as u64, report.records);
+                assert!(history.starts_with(&left), "case {case}: another history");
+                if left.len() == history.len() { whole += 1 } else { shorter += 1 }
+            }
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(shorter > 0, "no case did anything");
+    println!("decay of a log: 60 cases, {whole} whole, {shorter} shorter, {refused} refused");
+}
+
+/// The database of a store as somebody may have made it, from a sound one.
+#[test]
+fn databases_made_up_are_refused_or_read_the_same() {
+    let sound = Sound::fresh();
+    let file = Path::new("holdpoint.db");
+    let (_, database) = sound.files.iter().find(|(path, _)| path == file).unwrap();
+    campaign("database", None, 40, vec![database.clone()], |input| sound.look(file, input));
+}

@@ -1,0 +1,135 @@
+//! Many inputs for one parser: what it must hold for each, how many it gets, and the input that broke it.
+
+use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use crate::mutate::{Random, mutant};
+
+/// What a parser made of an input.
+pub enum Outcome {
+    Accepted,
+    /// As it would be printed.
+    Refused(String),
+}
+
+/// Inputs beyond those given that are built upon: each was refused in a way of its own, or was accepted.
+const KEPT_MAX: usize = 256;
+/// No input may take longer, on however busy a machine.
+const TIME_MAX: Duration = Duration::from_secs(20);
+/// The longest message: the widest line the sanitiser makes, a hint, and what stands before them.
+const MESSAGE_BYTES_MAX: usize = 40_000;
+
+/// A number from the environment.
+fn asked(name: &str) -> Option<u64> {
+    std::env::var(name).ok().map(|text| text.parse().unwrap())
+}
+
+/// Gives `check` every input of `corpus`, which it must not refuse, and then so many mutants.
+///
+/// `HOLDPOINT_FUZZ_RUNS` is how many instead, `HOLDPOINT_FUZZ_SECS` ends it earlier, `HOLDPOINT_FUZZ_SEED` is the
+/// seed (1); with `HOLDPOINT_FUZZ_WAYS` it prints each way in which something was refused. A failure says seed and run
+/// and leaves the input in a file.
+pub fn campaign(
+    name: &str,
+    named: Option<&str>,
+    runs: u64,
+    corpus: Vec<Vec<u8>>,
+    mut check: impl FnMut(&[u8]) -> Result<Outcome, String>,
+) {
+    let seed = asked("HOLDPOINT_FUZZ_SEED").unwrap_or(1);
+    let runs = asked("HOLDPOINT_FUZZ_RUNS").unwrap_or(runs);
+    let until = asked("HOLDPOINT_FUZZ_SECS").map(|secs| Instant::now() + Duration::from_secs(secs));
+    let started = Instant::now();
+    for (index, input) in corpus.iter().enumerate() {
+        match check(input) {
+            Ok(Outcome::Accepted) => {}
+            Ok(Outcome::Refused(text)) => panic!("{name}: input {index} is refused: {text}"),
+            Err(problem) => panic!("{name}: input {index}: {problem}"),
+        }
+    }
+    let given = corpus.len();
+    let mut from = corpus;
+    let mut shapes = BTreeSet::new();
+    let (mut accepted, mut refused, mut done) = (0_u64, 0_u64, 0_u64);
+    for run in 0..runs {
+        if until.is_some_and(|until| Instant::now() > until) {
+            break;
+        }
+        let mut random = Random::of_run(seed, run);
+        let input = mutant(&mut random, &from, given);
+        let begun = Instant::now();
+        let outcome = catch_unwind(AssertUnwindSafe(|| check(&input)));
+        let outcome = outcome.unwrap_or_else(|_| Err("it panicked".to_owned()));
+        let outcome = outcome.and_then(|outcome| match &outcome {
+            Outcome::Refused(text) => check_message(text, named).map(|()| outcome),
+            Outcome::Accepted => Ok(outcome),
+        });
+        let slow = begun.elapsed() > TIME_MAX;
+        let outcome = if slow { Err(format!("it took {:?}", begun.elapsed())) } else { outcome };
+        done += 1;
+        let shape = match outcome {
+            Ok(Outcome::Accepted) => {
+                accepted += 1;
+                format!("accepted {}", accepted.ilog2())
+            }
+            Ok(Outcome::Refused(text)) => {
+                refused += 1;
+                shape(&text)
+            }
+            Err(problem) => {
+                let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{seed}-{run}"));
+                std::fs::write(&file, &input).unwrap();
+                panic!("{name}: seed {seed}, run {run}, {} bytes in {file:?}: {problem}", input.len());
+            }
+        };
+        if shapes.len() < 100_000 && shapes.insert(shape) {
+            if from.len() < given + KEPT_MAX {
+                from.push(input);
+            } else {
+                let place = given + random.below(KEPT_MAX);
+                from[place] = input;
+            }
+        }
+    }
+    if std::env::var_os("HOLDPOINT_FUZZ_WAYS").is_some() {
+        for way in &shapes {
+            println!("{name}: {way}");
+        }
+    }
+    println!(
+        "{name}: seed {seed}, {done} runs, {accepted} accepted, {refused} refused in {} ways, {} s",
+        shapes.len(),
+        started.elapsed().as_secs()
+    );
+}
+
+/// What is printed is one line and perhaps a hint, of bounded length, and no terminal acts on it.
+fn check_message(text: &str, named: Option<&str>) -> Result<(), String> {
+    let lines = text.trim_end_matches('\n').lines().count();
+    let shown: String = text.chars().take(400).collect();
+    if lines == 0 || lines > 2 || text.lines().skip(1).any(|line| !line.starts_with("Hint: ")) {
+        return Err(format!("its message has {lines} lines: {shown:?}"));
+    }
+    if text.len() > MESSAGE_BYTES_MAX {
+        return Err(format!("its message has {} bytes: {shown:?}", text.len()));
+    }
+    if let Some(bad) = text.chars().find(|ch| ch.is_control() && *ch != '\n') {
+        return Err(format!("its message has {bad:?}: {shown:?}"));
+    }
+    match named {
+        Some(file) if !text.contains(file) => Err(format!("its message does not name {file:?}: {shown:?}")),
+        _ => Ok(()),
+    }
+}
+
+/// A message without what it quotes and counts: inputs that are refused alike have the same.
+fn shape(text: &str) -> String {
+    let mut quoted = false;
+    let words = text.chars().filter(|ch| {
+        quoted ^= matches!(ch, '"' | '`');
+        !quoted && (ch.is_ascii_lowercase() || *ch == ' ')
+    });
+    words.take(80).collect()
+}

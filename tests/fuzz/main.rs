@@ -1,0 +1,369 @@
+//! Whatever others hand in, mutated: each parser answers with a value that means the same when it is written and read
+//! again, or with one line that says what is wrong. Never with a panic, a hang, or bytes that a terminal acts on.
+//!
+//! `cargo test` runs each campaign briefly. A long one, of one parser:
+//!
+//! ```text
+//! HOLDPOINT_FUZZ_RUNS=1000000 HOLDPOINT_FUZZ_SEED=7 cargo test --test fuzz -- --nocapture manifest
+//! ```
+//!
+//! The database has its own, beside the store's other tests (`--test store -- --nocapture databases`).
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test says what it expects by failing, and a campaign says how far it got"
+)]
+
+mod campaign;
+mod mutate;
+mod paths;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use holdpoint::approvals::{Approval, Nonce, SignedApproval};
+use holdpoint::error::CliError;
+use holdpoint::governance::approval::{Answer as Decided, Role};
+use holdpoint::governance::ids::Digest;
+use holdpoint::governance::manifest::Manifest;
+use holdpoint::governance::own_profile::{OwnProfile, ProfileTexts};
+use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::submission::{Package, Submission};
+use holdpoint::headless::script::Script;
+use holdpoint::protocol::command::{Command, Operation, Request};
+use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, Answer, Call};
+use holdpoint::runtime::skill::native::Controller;
+use holdpoint::sim::robot::RobotModel;
+use holdpoint::text::{Hint, WIDTH_MAX, escape_json, sanitise};
+
+use campaign::{Outcome, campaign};
+
+/// The name under which inputs are parsed, which every message has to say.
+const FILE: &str = "some/input.file";
+
+fn root(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// The files of this name, or with this ending, in a folder and the folders in it.
+fn files(folder: &str, ending: &str) -> Vec<Vec<u8>> {
+    let mut open = vec![root(folder)];
+    let mut found = Vec::new();
+    while let Some(at) = open.pop() {
+        for entry in fs::read_dir(at).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.to_string_lossy().ends_with(ending) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    assert!(!found.is_empty());
+    found.into_iter().map(|path| fs::read(path).unwrap()).collect()
+}
+
+/// What the program prints of an error.
+pub fn printed(error: &CliError) -> String {
+    let mut out = Vec::new();
+    error.print(&mut out);
+    String::from_utf8(out).unwrap()
+}
+
+fn refused(error: impl Hint) -> Result<Outcome, String> {
+    Ok(Outcome::Refused(printed(&CliError::usage(error))))
+}
+
+/// Text of an input; files that are no text are refused where they are read.
+fn text(input: &[u8]) -> String {
+    String::from_utf8_lossy(input).into_owned()
+}
+
+/// A value written down again and read back is the same.
+fn same<T: PartialEq + std::fmt::Debug>(
+    before: &T,
+    after: Result<T, impl std::fmt::Display>,
+) -> Result<(), String> {
+    match after {
+        Ok(after) if after == *before => Ok(()),
+        Ok(after) => Err(format!("written and read again it is another:\n{before:?}\n{after:?}")),
+        Err(error) => Err(format!("what was accepted is refused once written: {error}")),
+    }
+}
+
+fn toml_of(value: &impl serde::Serialize) -> Result<String, String> {
+    toml::to_string(value).map_err(|error| format!("what was accepted cannot be written: {error}"))
+}
+
+#[test]
+fn manifest() {
+    campaign("manifest", Some(FILE), 400, files("manifests/candidates", "manifest.toml"), |input| {
+        match Manifest::parse(FILE, &text(input)) {
+            Err(error) => refused(error),
+            Ok(manifest) => {
+                same(&manifest, Manifest::parse(FILE, &toml_of(&manifest)?))?;
+                let canonical = manifest.canonical().map_err(|error| error.to_string())?;
+                same(&manifest, serde_json::from_str(&canonical))?;
+                Ok(Outcome::Accepted)
+            }
+        }
+    });
+}
+
+#[test]
+fn submission() {
+    campaign("submission", Some(FILE), 2_000, files("manifests/candidates", "submission.toml"), |input| {
+        match Submission::parse(FILE, &text(input)) {
+            Err(error) => refused(error),
+            Ok(submission) => {
+                same(&submission, Submission::parse(FILE, &toml_of(&submission)?))?;
+                Ok(Outcome::Accepted)
+            }
+        }
+    });
+}
+
+/// Parameters of a controller: what is accepted is finite.
+#[test]
+fn parameters() {
+    let families = ["grasp", "align", "place"];
+    let of = |family: &str| fs::read(root(&format!("manifests/{family}/1.0.0/params.toml"))).unwrap();
+    for family in families {
+        let manifest = fs::read_to_string(root(&format!("manifests/{family}/1.0.0/manifest.toml"))).unwrap();
+        let manifest = Manifest::parse(FILE, &manifest).unwrap();
+        let holdpoint::governance::manifest::Bundle::Native(controller) = &manifest.deployment.bundle else {
+            panic!("{family} has another kind of bundle");
+        };
+        campaign(&format!("parameters-{family}"), Some(FILE), 1_000, vec![of(family)], |input| {
+            match Controller::parse(controller, FILE, &text(input)) {
+                Err(error) => Ok(Outcome::Refused(printed(&CliError::usage(error.to_string())))),
+                Ok(_) => Ok(Outcome::Accepted),
+            }
+        });
+    }
+}
+
+#[test]
+fn script() {
+    campaign("script", Some(FILE), 1_000, files("tests/scenarios", ".toml"), |input| {
+        let text = text(input);
+        match Script::parse(FILE, &text) {
+            Err(error) => refused(error),
+            Ok(script) => {
+                same(&script, Script::parse(FILE, &text))?;
+                Ok(Outcome::Accepted)
+            }
+        }
+    });
+}
+
+#[test]
+fn profile() {
+    campaign("profile", Some(FILE), 300, files("profiles", ".toml"), |input| {
+        match Profile::parse(FILE, &text(input)) {
+            Err(error) => refused(error),
+            Ok(profile) => {
+                same(&profile, Profile::parse(FILE, &toml_of(&profile)?))?;
+                Ok(Outcome::Accepted)
+            }
+        }
+    });
+}
+
+/// The policies of a site's own profile: whatever they say, they compile to a table or are refused.
+#[test]
+fn policies() {
+    let (file, shipped) = Profile::builtin_text(ProfileName::Sim);
+    let own = shipped.replacen("name = ", "site = \"line-4\"\nname = ", 1);
+    campaign("policies", Some(FILE), 40, files("profiles", "sim.cedar"), |input| {
+        let texts = ProfileTexts {
+            file: file.to_owned(),
+            profile: own.clone(),
+            policy_file: FILE.to_owned(),
+            policy: text(input),
+        };
+        match OwnProfile::parse(texts) {
+            Err(error) => refused(error),
+            Ok(_) => Ok(Outcome::Accepted),
+        }
+    });
+}
+
+/// A line of the socket.
+#[test]
+fn call() {
+    let operation = |reason: &str| Operation {
+        version: "grasp@1.1.0-rc.1".parse().unwrap(),
+        by: "ana".into(),
+        reason: reason.into(),
+    };
+    let read =
+        |file: &str| fs::read_to_string(root("manifests/candidates/grasp-improved").join(file)).unwrap();
+    let package = Package {
+        manifest: read("manifest.toml"),
+        submission: read("submission.toml"),
+        params: read("params.toml"),
+    };
+    let commands = [
+        Command::Register { package, name: "grasp-improved".into() },
+        Command::Decide { signed: Box::new(signed()), shown: Some("all".into()) },
+        Command::Rollback(operation("worse")),
+        Command::Demote { operation: operation(""), profiles: vec![ProfileName::Real] },
+        Command::ShelveAlarm { alarm: "a".into(), by: "ana".into(), for_ms: 60_000, reason: "seen".into() },
+        Command::Stop { by: String::new(), reason: String::new() },
+        Command::Pace { times: Some(2.5) },
+        Command::VerifyAudit,
+        Command::Shutdown,
+    ];
+    let call = |(id, command)| Call::Ask { request: Box::new(Request { id: format!("c{id}"), command }) };
+    let mut calls: Vec<Call> = (0..).zip(commands).map(call).collect();
+    calls.push(Call::Subscribe {});
+    let lines = calls.iter().map(|call| wire::line(call).unwrap().into_bytes()).collect();
+    campaign("call", None, 4_000, lines, |input| match serde_json::from_slice::<Call>(input) {
+        Err(error) => {
+            let text = error.to_string();
+            let line =
+                wire::line(&Answer::Closed { text: text.clone() }).map_err(|error| error.to_string())?;
+            if line.len() > ANSWER_BYTES_MAX || line.trim_end_matches('\n').contains('\n') {
+                return Err(format!("the answer to it is no line of the protocol: {} bytes", line.len()));
+            }
+            refused(text)
+        }
+        Ok(call) => {
+            let line = wire::line(&call).map_err(|error| error.to_string())?;
+            if line.trim_end_matches('\n').contains('\n') {
+                return Err("a call has several lines".to_owned());
+            }
+            same(&call, serde_json::from_str(&line))?;
+            Ok(Outcome::Accepted)
+        }
+    });
+}
+
+/// A robot's two files, in turns: what is accepted has numbers throughout, and moves.
+#[test]
+fn urdf() {
+    for arm in ["arm6", "arm7"] {
+        let read = |ending: &str| fs::read(root(&format!("sim/assets/{arm}.{ending}"))).unwrap();
+        let (urdf, toml) = (read("urdf"), read("toml"));
+        let moves =
+            |urdf: &[u8], toml: &[u8]| match RobotModel::from_texts(FILE, &text(urdf), FILE, &text(toml)) {
+                Err(error) => refused(error.to_string()),
+                Ok(robot) => {
+                    let chain = &robot.geometry.chain;
+                    let numbers = chain.joints.iter().flat_map(|joint| [joint.lower_rad, joint.upper_rad]);
+                    if numbers.into_iter().chain(robot.home.iter().copied()).any(|number| !number.is_finite())
+                    {
+                        return Err("a limit is no number".to_owned());
+                    }
+                    let tool = chain.tool(&robot.home);
+                    if tool.translation.vector.iter().any(|number| !number.is_finite()) {
+                        return Err("the tool is nowhere".to_owned());
+                    }
+                    Ok(Outcome::Accepted)
+                }
+            };
+        campaign(&format!("urdf-{arm}"), Some(FILE), 150, vec![urdf.clone()], |input| moves(input, &toml));
+        campaign(&format!("robot-{arm}"), Some(FILE), 150, vec![toml.clone()], |input| moves(&urdf, input));
+    }
+}
+
+fn signed() -> SignedApproval {
+    let folder = tempfile::tempdir().unwrap();
+    let ana = holdpoint::approvals::Identity::create(folder.path(), "ana", Role::Safety).unwrap();
+    let digest = |text: &str| Digest::of_parts("test", &[text.as_bytes()]);
+    ana.sign(Approval {
+        who: String::new(),
+        role: Role::Operator,
+        decision: Decided::Approve,
+        reason: "seen".into(),
+        version: "grasp@1.1.0".parse().unwrap(),
+        candidate_digest: digest("candidate"),
+        row_version: 4,
+        evidence_digest: digest("gate"),
+        policy_digest: digest("sim"),
+        profile: ProfileName::Human,
+        store_id: "s".into(),
+        nonce: Nonce::from_bytes([7; 16]),
+        not_after_ms: 1_000,
+        break_glass: false,
+    })
+}
+
+/// A signed decision: nothing but what was signed has a signature that holds.
+#[test]
+fn approval() {
+    let signed = signed();
+    let json = serde_json::to_vec(&signed).unwrap();
+    campaign("approval", None, 3_000, vec![json], |input| {
+        match serde_json::from_slice::<SignedApproval>(input) {
+            Err(error) => refused(error.to_string()),
+            Ok(found) => match found.verify_signature() {
+                Ok(()) if found.approval() == signed.approval() => Ok(Outcome::Accepted),
+                Ok(()) => Err(format!("a forged decision has a signature that holds: {found:?}")),
+                Err(error) => refused(error),
+            },
+        }
+    });
+}
+
+/// What is shown of any text has nothing that a terminal acts on, is as narrow as asked, and stays as it is.
+#[test]
+fn sanitiser() {
+    let texts = [
+        "plain text",
+        "漢字 приве́т\u{202e}",
+        "\u{1b}[2J\u{9b}31m\u{7}",
+        "e\u{301}\u{301}\u{200d}🏴\u{e0067}",
+    ];
+    let corpus = texts.iter().map(|text| text.as_bytes().to_vec()).collect();
+    let mut run = 0;
+    campaign("sanitiser", None, 4_000, corpus, |input| {
+        run += 1;
+        let (text, width) = (text(input), [0, 1, 2, 7, 80, WIDTH_MAX][run % 6]);
+        let shown = sanitise(&text, width);
+        if shown.width() > width || shown.as_str().chars().any(char::is_control) {
+            return Err(format!("{width} columns were asked for: {shown:?}"));
+        }
+        same(&shown, Ok::<_, String>(sanitise(shown.as_str(), width)))?;
+        let json = serde_json::Value::String(text);
+        let escaped = escape_json(&json.to_string());
+        if escaped.chars().any(char::is_control) {
+            return Err(format!("a control character is left in {escaped:?}"));
+        }
+        same(&json, serde_json::from_str(&escaped))?;
+        Ok(Outcome::Accepted)
+    });
+}
+
+/// A recording, as a file of which anything may have been overwritten or cut off.
+#[cfg(feature = "rerun")]
+#[test]
+fn recording() {
+    let whole = root("tests/fixtures/store-4831bf5/store/recordings/align-1.1.0-08189f45.rrd");
+    let whole = fs::read(whole).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (file, copy) = (folder.path().join("input.file"), folder.path().join("copy.rrd"));
+    let mut run = 0_u64;
+    campaign("recording", Some("input.file"), 30, vec![whole], |input| {
+        fs::write(&file, input).unwrap();
+        run += 1;
+        if run % 8 == 0 {
+            // A copy of what can be read can be read.
+            if let Err(error) = holdpoint::scene::until(&file, 5_000, &copy) {
+                return refused(error);
+            }
+            return holdpoint::scene::read(&copy)
+                .map(|_| Outcome::Accepted)
+                .map_err(|error| error.to_string());
+        }
+        match holdpoint::scene::read(&file) {
+            Err(error) => refused(error),
+            Ok(recording) if recording.pictures.len() > 100_000 => Err("more than is in it".to_owned()),
+            Ok(_) => Ok(Outcome::Accepted),
+        }
+    });
+}
