@@ -35,6 +35,9 @@ pub mod statistics {}
 #[doc = include_str!("guide/kept.md")]
 pub mod kept {}
 
+#[doc = include_str!("guide/attacks.md")]
+pub mod attacks {}
+
 #[doc = include_str!("guide/metrics.md")]
 pub mod metrics {}
 

@@ -285,10 +285,10 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Exactly `N` bytes from hexadecimal digits.
+/// Exactly `N` bytes from hexadecimal digits, in lower case as [`hex`] writes them: a value has one text.
 #[must_use]
 pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
-    if text.len() != 2 * N || !text.bytes().all(|b| b.is_ascii_hexdigit()) {
+    if text.len() != 2 * N || !text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
         return None;
     }
     let mut bytes = [0u8; N];
@@ -308,5 +308,19 @@ fn read_text(path: &Path, file: File) -> Result<Zeroizing<String>, KeyError> {
             Err(KeyError::Malformed { path: path.to_owned() })
         }
         Err(error) => Err(io("read", path)(error)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_one_text() {
+        assert_eq!(unhex::<2>("0c4d"), Some([0x0c, 0x4d]));
+        assert_eq!(hex(&[0x0c, 0x4d]), "0c4d");
+        for bad in ["0C4d", "0c4", "0c4dd", "+c4d", ""] {
+            assert_eq!(unhex::<2>(bad), None, "{bad}");
+        }
     }
 }
