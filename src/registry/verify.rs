@@ -131,11 +131,11 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     let store_id: String = connection
         .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
         .map_err(unreadable)?;
-    if let Ok(Some(end)) = signed::read(&connection) {
-        if end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1 {
-            kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
-            kept.retain(|kept| kept.checkpoint.number() <= end.number());
-        }
+    if let Ok(Some(end)) = signed::read(&connection)
+        && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1
+    {
+        kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
+        kept.retain(|kept| kept.checkpoint.number() <= end.number());
     }
     let checkpoints = check_checkpoints(&kept, &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
