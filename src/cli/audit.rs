@@ -187,6 +187,7 @@ fn check(database: &Path, key: Option<&Path>, out: &mut Output<'_>) -> Result<Ex
             | VerifyError::State { .. }
             | VerifyError::Invariant(_)
             | VerifyError::Checkpoint { .. }
+            | VerifyError::Unsigned(_)
             | VerifyError::Approval { .. }
             | VerifyError::Telemetry { .. }),
         ) => {

@@ -6,17 +6,18 @@ use std::path::Path;
 use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
 
-use super::checkpoint::{self, Checkpoint};
+use super::checkpoint::{Kept, read_all};
 use super::compare::{check_approvals, compare};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
-use super::open::{damaged, not_the_chain, open_reader, quick_check};
+use super::open::{damaged, not_the_chain, open_reader, quick_check, unsigned};
 use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
+use super::signed::{self, Unsigned};
 use super::snapshot;
 use holdpoint_approvals::keyfile;
 
@@ -33,7 +34,9 @@ pub(crate) fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<Fold
     let store_id = store_id(&connection, &database)?;
     let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
     let fold = checked_chain(&connection, &database, known)?;
-    check_newest_checkpoint(&fold, layout, &store_id, key)?;
+    let kept = kept_checkpoints(layout)?;
+    check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
+    check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     Ok(fold)
 }
@@ -50,8 +53,15 @@ pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
     let store_id = store_id(&connection, database)?;
     let layout = Layout::new(database.parent().unwrap_or(Path::new(".")));
     let key = keyfile::read_public(&layout.store_public_key()).ok();
-    let known = key.and_then(|(key, _)| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
+    let key = key.map(|(key, _)| key);
+    let known = key.and_then(|key| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
     let fold = checked_chain(&connection, database, known)?;
+    // An engine may be writing checkpoints: which there have to be is for its start and for `verify`.
+    if layout.store_public_key().is_file() {
+        let kept = kept_checkpoints(&layout)?;
+        signed::check_end(&fold, &connection, &kept, (&store_id, key.as_ref()))
+            .map_err(|found| refused_unsigned(database, found))?;
+    }
     check_tables(&fold, &connection, database, &store_id)?;
     begin("COMMIT")?;
     Ok(connection)
@@ -126,24 +136,49 @@ fn described(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String
     }
 }
 
+/// The checkpoints beside a store.
+pub(crate) fn kept_checkpoints(layout: &Layout) -> Result<Vec<Kept>, StoreError> {
+    let folder = layout.checkpoints();
+    read_all(&folder).map_err(|bad| damaged(&folder.join(bad.file), &bad.problem))
+}
+
 /// The newest checkpoint is of this store, and of this chain.
 pub(crate) fn check_newest_checkpoint(
     fold: &Fold,
     layout: &Layout,
-    store_id: &str,
-    key: &VerifyingKey,
+    kept: &[Kept],
+    (store_id, key): (&str, &VerifyingKey),
 ) -> Result<(), StoreError> {
-    let Some(name) = checkpoint::names(&layout.checkpoints())?.pop() else { return Ok(()) };
-    let path = layout.checkpoints().join(&name);
-    let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
+    let Some(Kept { file, checkpoint }) = kept.last() else { return Ok(()) };
     if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
-        return Err(damaged(&path, "it was not signed by this store"));
+        return Err(damaged(&layout.checkpoints().join(file), "it was not signed by this store"));
     }
     if fold.hash(checkpoint.seq) != Some(checkpoint.head) {
-        let problem = format!("audit record {} is missing or is not the one in {name}", checkpoint.seq);
+        let problem = format!("audit record {} is missing or is not the one in {file}", checkpoint.seq);
         return Err(damaged(&layout.database(), &problem));
     }
     Ok(())
+}
+
+/// The chain ends where it was signed, and no checkpoint is missing.
+pub(crate) fn check_signed(
+    fold: &Fold,
+    connection: &Connection,
+    layout: &Layout,
+    kept: &[Kept],
+    (store_id, key): (&str, &VerifyingKey),
+) -> Result<(), StoreError> {
+    signed::check(fold, connection, kept, (store_id, Some(key)))
+        .map_err(|found| refused_unsigned(&layout.database(), found))
+}
+
+fn refused_unsigned(database: &Path, found: Unsigned) -> StoreError {
+    match found {
+        Unsigned::Chain { seq, problem } => {
+            damaged(database, &ChainFault::Record { seq, problem }.to_string())
+        }
+        Unsigned::Signature(problem) => unsigned(database, &problem),
+    }
 }
 
 /// The store's id, made with the store.

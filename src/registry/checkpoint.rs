@@ -1,7 +1,9 @@
 //! Signed checkpoints: who holds one can tell that the chain up to it was not rewritten or cut off.
 //!
-//! Each is a small JSON file outside the database, `checkpoints/<seq>.json`, signed with the store's key. Copy them
-//! away from the machine to bind also whoever holds that key.
+//! Each is a small JSON file outside the database, `checkpoints/<seq>.json`, signed with the store's key. They are a
+//! chain of their own: each has a number and the digest of the one before, so that none can be taken out of the middle;
+//! the [signed end](super::signed) in the database follows from the newest. Copy them away from the machine to bind
+//! also whoever holds that key.
 
 use std::fs;
 use std::path::Path;
@@ -19,12 +21,43 @@ use holdpoint_governance::ids::Digest;
 const DOMAIN: &str = "holdpoint/checkpoint/v1";
 /// Domain tag of a checkpoint that binds a snapshot of the fold as well.
 const DOMAIN_WITH_FOLD: &str = "holdpoint/checkpoint/v2";
+/// Domain tag of a checkpoint that follows from another.
+const DOMAIN_LINKED: &str = "holdpoint/checkpoint/v3";
+/// Domain tag of a checkpoint's own digest.
+const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
+/// What the first checkpoint of a store follows from.
+const NONE_BEFORE: Digest = Digest::from_bytes([0; 32]);
 /// Records between two checkpoints.
 pub(crate) const EVERY_RECORDS: u64 = 256;
-/// Checkpoints kept; older ones are removed.
+/// Checkpoints kept; older ones are removed. Where there are fewer, the first of all is there.
 const KEPT_MAX: usize = 1000;
 /// The largest checkpoint file, bytes.
 const FILE_BYTES_MAX: u64 = 4096;
+
+/// Where a checkpoint stands among the checkpoints of its store.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Link {
+    /// The first is 1.
+    pub number: u64,
+    /// Digest of the one before, zeros if there was none.
+    pub previous: Digest,
+    /// A rebuild went on although some of those before were missing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub gap: bool,
+}
+
+impl Link {
+    /// What follows from the newest checkpoint.
+    #[must_use]
+    pub fn after(newest: Option<&Checkpoint>) -> Self {
+        Self {
+            number: newest.map_or(0, Checkpoint::number) + 1,
+            previous: newest.map_or(NONE_BEFORE, Checkpoint::digest),
+            gap: false,
+        }
+    }
+}
 
 /// The end of the chain at some moment, signed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,6 +71,9 @@ pub struct Checkpoint {
     /// Digest of the snapshot of the fold that lies beside it, if one does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fold: Option<Digest>,
+    /// Absent in checkpoints of earlier versions, which followed from nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub link: Option<Link>,
     /// ed25519 signature, 128 hexadecimal digits.
     pub signature: String,
 }
@@ -45,13 +81,14 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Signs the end of a chain.
     #[must_use]
-    pub fn sign(store_id: &str, head: Head, fold: Option<Digest>, key: &SigningKey) -> Self {
+    pub fn sign(store_id: &str, head: Head, link: Link, fold: Option<Digest>, key: &SigningKey) -> Self {
         let mut checkpoint = Self {
             store_id: store_id.to_owned(),
             seq: head.seq,
             at_ms: head.at_ms,
             head: head.hash,
             fold,
+            link: Some(link),
             signature: String::new(),
         };
         checkpoint.signature = hex(&key.sign(checkpoint.bytes().bytes()).to_bytes());
@@ -61,16 +98,50 @@ impl Checkpoint {
     fn bytes(&self) -> Digest {
         let (seq, at_ms) = (self.seq.to_le_bytes(), self.at_ms.to_le_bytes());
         let end: [&[u8]; 4] = [self.store_id.as_bytes(), &seq, &at_ms, self.head.bytes()];
+        if let Some(link) = &self.link {
+            let (number, gap) = (link.number.to_le_bytes(), [u8::from(link.gap)]);
+            let fold: &[u8] = self.fold.as_ref().map_or(&[], |fold| fold.bytes());
+            let parts = [end[0], end[1], end[2], end[3], &number, link.previous.bytes(), &gap, fold];
+            return Digest::of_parts(DOMAIN_LINKED, &parts);
+        }
         match &self.fold {
             None => Digest::of_parts(DOMAIN, &end),
             Some(fold) => Digest::of_parts(DOMAIN_WITH_FOLD, &[end[0], end[1], end[2], end[3], fold.bytes()]),
         }
     }
 
+    /// Its number, 0 for those of earlier versions.
+    #[must_use]
+    pub fn number(&self) -> u64 {
+        self.link.as_ref().map_or(0, |link| link.number)
+    }
+
+    /// What the next one follows from: all of it, the signature included.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
+        Digest::of_parts(DOMAIN_DIGEST, &[self.bytes().bytes(), self.signature.as_bytes()])
+    }
+
+    fn goes_on(&self, before: Option<&Self>) -> Result<(), String> {
+        match &self.link {
+            None => match before {
+                Some(before) if before.link.is_some() => Err("it follows from no other".to_owned()),
+                Some(_) | None => Ok(()),
+            },
+            Some(link) if link.gap || *link == Link::after(before) => Ok(()),
+            Some(link) if link.number > before.map_or(0, Self::number) + 1 => {
+                Err(format!("checkpoint number {}, which was before it, is missing", link.number - 1))
+            }
+            Some(link) => {
+                Err(format!("checkpoint number {} does not follow from the one before", link.number))
+            }
+        }
+    }
+
     /// Whether this key made the signature (strict ed25519).
     #[must_use]
     pub fn is_signed_by(&self, key: &VerifyingKey) -> bool {
-        unhex::<64>(&self.signature).is_some_and(|bytes| {
+        unhex::<64>(&self.signature).filter(|bytes| hex(bytes) == self.signature).is_some_and(|bytes| {
             key.verify_strict(self.bytes().bytes(), &Signature::from_bytes(&bytes)).is_ok()
         })
     }
@@ -102,6 +173,61 @@ impl Checkpoint {
     }
 }
 
+/// A checkpoint and the name of its file.
+#[derive(Clone, Debug)]
+pub(crate) struct Kept {
+    pub(crate) file: String,
+    pub(crate) checkpoint: Checkpoint,
+}
+
+/// What is wrong with a checkpoint's file.
+#[derive(Clone, Debug)]
+pub(crate) struct BadFile {
+    pub(crate) file: String,
+    pub(crate) problem: String,
+}
+
+/// Reads all checkpoints, oldest first; a folder that is not there has none.
+pub(crate) fn read_all(folder: &Path) -> Result<Vec<Kept>, BadFile> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let listed = names(folder)
+        .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
+    let read = |file: String| match Checkpoint::read(&folder.join(&file)) {
+        Ok(checkpoint) if name(checkpoint.seq) == file => Ok(Kept { file, checkpoint }),
+        Ok(checkpoint) => Err(BadFile { problem: format!("it is of record {}", checkpoint.seq), file }),
+        Err(problem) => Err(BadFile { file, problem }),
+    };
+    listed.into_iter().map(read).collect()
+}
+
+/// Each follows from the one before, from the last gap that a rebuild signed on; none is missing but what was removed
+/// for age.
+pub(crate) fn check_links(kept: &[Kept]) -> Result<(), BadFile> {
+    let since = kept.iter().rposition(|kept| kept.checkpoint.link.as_ref().is_some_and(|link| link.gap));
+    let since = since.unwrap_or(0);
+    for (index, Kept { file, checkpoint }) in kept.iter().enumerate().skip(since) {
+        if index == 0 && kept.len() >= KEPT_MAX {
+            continue;
+        }
+        let before = index.checked_sub(1).and_then(|before| kept.get(before));
+        checkpoint
+            .goes_on(before.map(|before| &before.checkpoint))
+            .map_err(|problem| BadFile { file: file.clone(), problem })?;
+    }
+    Ok(())
+}
+
+/// The signed end in the database follows from the newest checkpoint, or is the newest one.
+pub(crate) fn check_newest(end: &Checkpoint, kept: &[Kept]) -> Result<(), String> {
+    let newest = kept.last().map(|kept| &kept.checkpoint);
+    match newest {
+        Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
+        Some(_) | None => end.goes_on(newest),
+    }
+}
+
 /// The file name of a record's checkpoint.
 pub(crate) fn name(seq: u64) -> String {
     format!("{seq:012}.json")
@@ -118,4 +244,63 @@ pub(crate) fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
     }
     names.sort();
     Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chain(count: u64) -> Vec<Kept> {
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let mut kept: Vec<Kept> = Vec::new();
+        for seq in 1..=count {
+            let link = Link::after(kept.last().map(|kept| &kept.checkpoint));
+            let head = Head { seq, hash: Digest::from_bytes([1; 32]), at_ms: seq };
+            let checkpoint = Checkpoint::sign("a", head, link, None, &key);
+            kept.push(Kept { file: name(seq), checkpoint });
+        }
+        kept
+    }
+
+    #[test]
+    fn the_oldest_are_missed_unless_they_were_removed_for_age() {
+        let kept = chain(KEPT_MAX as u64 + 5);
+        check_links(&kept).unwrap();
+        check_links(&kept[5..]).unwrap();
+        assert!(
+            check_links(&kept[6..])
+                .unwrap_err()
+                .problem
+                .contains("number 6, which was before it, is missing")
+        );
+        let mut without = kept[5..].to_vec();
+        without.remove(500);
+        assert!(check_links(&without).is_err());
+    }
+
+    #[test]
+    fn every_part_is_signed() {
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let whole = chain(2).remove(1).checkpoint;
+        let edits: [fn(&mut Checkpoint); 8] = [
+            |c| c.store_id = "b".into(),
+            |c| c.seq = 9,
+            |c| c.at_ms = 9,
+            |c| c.head = Digest::from_bytes([2; 32]),
+            |c| c.fold = Some(Digest::from_bytes([2; 32])),
+            |c| c.link = None,
+            |c| c.link.as_mut().unwrap().number = 9,
+            |c| c.link.as_mut().unwrap().gap = true,
+        ];
+        assert!(whole.is_signed_by(&key.verifying_key()));
+        for (index, edit) in edits.into_iter().enumerate() {
+            let mut edited = whole.clone();
+            edit(&mut edited);
+            assert!(!edited.is_signed_by(&key.verifying_key()), "edit {index}");
+        }
+        assert!(
+            !Checkpoint { signature: whole.signature.to_uppercase(), ..whole }
+                .is_signed_by(&key.verifying_key())
+        );
+    }
 }

@@ -9,6 +9,7 @@
 //! | `approval.signed` | its own signature, and the claim that the chain holds |
 //! | `command.id`, `last_seq`, `receipt` | the records they name: all commands together cover the chain without a gap |
 //! | `audit_head` | the chain's last record |
+//! | `meta.signed_end` | the store's key, which signed it over the end of the chain |
 //! | `meta.store_id` | the checkpoints, which are signed over it, and the approvals |
 //!
 //! Two are held against nothing. `audit.wall_ms` is told to people and chooses where `metrics --since DATE` begins; no
@@ -105,7 +106,9 @@ fn order(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainF
 /// The tables that have one row have that row alone.
 fn single_rows(connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let stray: Option<String> = connection
-        .query_row("SELECT key FROM meta WHERE key <> 'store_id' LIMIT 1", [], |row| row.get(0))
+        .query_row("SELECT key FROM meta WHERE key NOT IN ('store_id', 'signed_end') LIMIT 1", [], |row| {
+            row.get(0)
+        })
         .optional()?;
     if let Some(key) = stray {
         return Ok(Some(row("meta", &key, "no program writes it")));

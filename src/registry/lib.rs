@@ -30,6 +30,7 @@ mod recovery;
 mod replay;
 mod rows;
 mod shape;
+mod signed;
 mod snapshot;
 mod store;
 mod telemetry;
@@ -42,7 +43,7 @@ pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion,
     Receipt, TEXT_BYTES_MAX, Transaction,
 };
-pub use checkpoint::Checkpoint;
+pub use checkpoint::{Checkpoint, Link};
 pub use entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
     VersionDetail, VersionFilter,

@@ -33,6 +33,14 @@ pub struct Rebuilt {
     pub lost: Vec<(String, String)>,
     /// Name of the damaged file, beside the store.
     pub kept_as: String,
+    /// Records at the end that nobody had signed: no checkpoint that is there speaks for them.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub unsigned: u64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The rebuild and who asked for it, as its record has them.

@@ -25,6 +25,8 @@ const HEADER_BYTES: usize = 100;
 const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --data";
 /// What helps where the chain is whole and something else is not.
 pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` makes the tables anew from the audit chain and keeps this file beside them";
+/// What helps where the chain is whole and its checkpoints are not.
+pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; `holdpoint store rebuild --from-chain` takes the chain as it is, on record";
 /// What helps with a file that is not ours.
 const HINT_FOREIGN: &str = "choose another folder with --data";
 
@@ -326,6 +328,11 @@ pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
 /// A file whose chain is whole, but whose tables are not what it says.
 pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_REBUILD)
+}
+
+/// A file whose chain is whole, but not signed, or not with all of its checkpoints.
+pub(crate) fn unsigned(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_UNSIGNED)
 }
 
 fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {

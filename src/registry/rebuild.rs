@@ -19,17 +19,20 @@ use serde_json::{Value, json};
 
 use super::audit::{self, Head};
 use super::change::Receipt;
-use super::check::{check_tables, checked_records, refused_chain};
-use super::checkpoint::{self, Checkpoint};
+use super::check::{
+    check_newest_checkpoint, check_signed, check_tables, checked_records, kept_checkpoints, refused_chain,
+};
+use super::checkpoint::{Checkpoint, Kept, Link, check_links, check_newest};
 use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
 use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::migrate::STORE;
-use super::open::{HINT_REBUILD, damaged, make, open_reader, remove_database, truncate_log};
+use super::open::{HINT_REBUILD, HINT_UNSIGNED, damaged, make, open_reader, remove_database, truncate_log};
 use super::replay::{NotApplied, replay};
 use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
+use super::signed;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
@@ -46,26 +49,39 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     let layout = Layout::new(folder);
     let database = layout.database();
     fs::symlink_metadata(&database).map_err(StoreError::io("read", &database))?;
-    let by: Value = serde_json::from_str(by).map_err(|error| StoreError::invalid("caller", by, error))?;
+    let asked_by: Value =
+        serde_json::from_str(by).map_err(|error| StoreError::invalid("caller", by, error))?;
     let _lock = EngineLock::take(&layout)?;
     let secret = layout.store_key();
     let key = keyfile::read_secret(&secret).map_err(|source| StoreError::Key { path: secret, source })?;
     let damaged_store = open_reader(&database, &STORE)?;
     let fold = checked_records(&damaged_store, &database)?;
-    let checkpoint = newest_checkpoint(&layout, &fold, &key.verifying_key())?;
-    let store_id = match checkpoint {
-        Some(checkpoint) => checkpoint.store_id,
+    let kept = kept_checkpoints(&layout)?;
+    let store_id = match kept.last() {
+        Some(Kept { checkpoint, .. }) => checkpoint.store_id.clone(),
         None => super::check::store_id(&damaged_store, &database)?,
     };
+    let by = (store_id.as_str(), &key.verifying_key());
+    check_newest_checkpoint(&fold, &layout, &kept, by)?;
+    let signing = check_signed(&fold, &damaged_store, &layout, &kept, by);
+    if let Err(error @ StoreError::Refused { hint, .. }) = signing
+        && hint != HINT_UNSIGNED
+    {
+        return Err(error);
+    }
+    let (link, unsigned) = signed_before(&fold, &damaged_store, &kept, by);
     let sound = fold
         .check_end(&damaged_store)
         .map_err(refused_chain(&damaged_store, &database))
-        .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id));
+        .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id))
+        .and_then(|()| check_signed(&fold, &damaged_store, &layout, &kept, by));
     let problem = match sound {
         Ok(()) if has_id(&damaged_store, &store_id) => return Ok(None),
         Ok(()) => "its id is not the one its checkpoints are signed over".to_owned(),
         // Records that are missing at the end cannot be made up.
-        Err(error @ StoreError::Refused { hint, .. }) if hint != HINT_REBUILD => return Err(error),
+        Err(error @ StoreError::Refused { hint, .. }) if ![HINT_REBUILD, HINT_UNSIGNED].contains(&hint) => {
+            return Err(error);
+        }
         Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
@@ -73,10 +89,12 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     remove_database(&part)?;
     let mut made = make(&part, &STORE)?;
     let kept_as = free_name(&layout, fold.end())?;
-    let told = ToldOfRebuild { by, problem, kept_as: file_name(&kept_as) };
+    let told = ToldOfRebuild { by: asked_by, problem, kept_as: file_name(&kept_as), unsigned };
     let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
     let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
+    let end = Checkpoint::sign(&store_id, head, link, None, &key);
+    signed::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
     made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
     drop(damaged_store);
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
@@ -85,7 +103,7 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     fs::hard_link(&database, &kept_as).map_err(StoreError::io("keep the damaged file as", &kept_as))?;
     fs::rename(&part, &database).map_err(StoreError::io("rename", &part))?;
     sync_folder(layout.folder())?;
-    Checkpoint::sign(&store_id, head, None, &key).write(&layout.checkpoints())?;
+    end.write(&layout.checkpoints())?;
     Ok(Some(rebuilt))
 }
 
@@ -98,19 +116,26 @@ struct ToldOfRebuild {
     by: Value,
     problem: String,
     kept_as: String,
+    unsigned: u64,
 }
 
-/// The newest checkpoint, which the chain has to reach.
-fn newest_checkpoint(
-    layout: &Layout,
+/// Where the rebuilt store's checkpoint stands, and how many records at the end nobody signed.
+fn signed_before(
     fold: &Fold,
-    key: &ed25519_dalek::VerifyingKey,
-) -> Result<Option<Checkpoint>, StoreError> {
-    let Some(name) = checkpoint::names(&layout.checkpoints())?.pop() else { return Ok(None) };
-    let path = layout.checkpoints().join(&name);
-    let checkpoint = Checkpoint::read(&path).map_err(|problem| damaged(&path, &problem))?;
-    super::check::check_newest_checkpoint(fold, layout, &checkpoint.store_id, key)?;
-    Ok(Some(checkpoint))
+    damaged_store: &Connection,
+    kept: &[Kept],
+    (store_id, key): (&str, &ed25519_dalek::VerifyingKey),
+) -> (Link, u64) {
+    let newest = kept.last().map(|kept| &kept.checkpoint);
+    let end = signed::valid(damaged_store, store_id, Some(key)).ok().flatten();
+    let whole = check_links(kept).is_ok() && end.as_ref().is_none_or(|end| check_newest(end, kept).is_ok());
+    let mut link = Link::after(newest);
+    if !whole {
+        link.gap = true;
+        link.number = link.number.max(end.as_ref().map_or(0, Checkpoint::number) + 1);
+    }
+    let signed_to = newest.into_iter().chain(&end).map(|signed| signed.seq).max().unwrap_or(0);
+    (link, fold.end().seq.saturating_sub(signed_to))
 }
 
 /// A name for the damaged file that no other has.
@@ -167,6 +192,7 @@ fn fill(
         differed,
         lost: lost.iter().map(named).collect(),
         kept_as: told.kept_as,
+        unsigned: told.unsigned,
     };
     let change = RebuiltChange { change: "store-rebuilt".to_owned(), by: told.by, rebuilt };
     write_record(&tx, fold.end(), &change, &lost, wall_ms)?;

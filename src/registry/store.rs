@@ -15,8 +15,8 @@ use rusqlite::{Connection, TransactionBehavior};
 use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{Change, Receipt, Transaction};
-use super::check::{check_existing, store_id};
-use super::checkpoint::{self, Checkpoint, EVERY_RECORDS};
+use super::check::{check_existing, kept_checkpoints, store_id};
+use super::checkpoint::{self, Checkpoint, EVERY_RECORDS, Link};
 use super::compare::compare;
 use super::error::StoreError;
 use super::fold::Fold;
@@ -26,6 +26,7 @@ use super::migrate::STORE;
 use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
 use super::shape::first_difference;
+use super::signed;
 use super::snapshot;
 use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
@@ -102,6 +103,7 @@ impl Store {
         let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
         let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
         let public_key = key.verifying_key();
+        let link = sign_on(&connection, &layout, (&store_id, head), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
         let altered = Arc::new(Mutex::new(None));
@@ -115,6 +117,7 @@ impl Store {
             fold,
             compared: None,
             checkpointed_seq: head.seq,
+            link,
             checkpoint_problem: Arc::clone(&checkpoint_problem),
             altered: Arc::clone(&altered),
             _written: written,
@@ -277,6 +280,8 @@ struct StoreWriter {
     /// SQLite's count of what others wrote to the database, when the tables were last held against the chain.
     compared: Option<i64>,
     checkpointed_seq: u64,
+    /// Of the next checkpoint.
+    link: Link,
     /// The record of the last snapshot of the fold.
     snapshot_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
@@ -327,6 +332,10 @@ impl StoreWriter {
         };
         let place = ApprovalBasis { store_id: &self.store_id, identities: &self.identities };
         let answer = apply(&tx, transaction, place, &self.fold)?;
+        if answer.1.seq > self.fold.end().seq {
+            let end = Checkpoint::sign(&self.store_id, answer.1, self.link.clone(), None, &self.key);
+            signed::write(&tx, &end)?;
+        }
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
         self.compared = written_by_others;
         // Where it fails, the end of the chain is not the fold's any more, and the next transaction is refused for it.
@@ -348,10 +357,13 @@ impl StoreWriter {
     /// Writes a checkpoint; a failure is kept for the engine to raise, the records are on disk.
     fn checkpoint(&mut self, head: Head) {
         let written = self.snapshot(head).and_then(|fold| {
-            Checkpoint::sign(&self.store_id, head, fold, &self.key).write(&self.checkpoints)
+            let checkpoint = Checkpoint::sign(&self.store_id, head, self.link.clone(), fold, &self.key);
+            checkpoint.write(&self.checkpoints)?;
+            Ok(checkpoint)
         });
-        if written.is_ok() {
+        if let Ok(checkpoint) = &written {
             self.checkpointed_seq = head.seq;
+            self.link = Link::after(Some(checkpoint));
         }
         *self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner) =
             written.err().map(|error| error.to_string());
@@ -384,6 +396,34 @@ fn check_others(connection: &Connection, fold: &Fold, compared: Option<i64>) -> 
     }
     let fault = compare(fold, connection).map_err(&error)?;
     Ok(fault.map_or(Others::Compared(now), |fault| Others::Altered(fault.to_string())))
+}
+
+/// Signs where the chain ends, in a store of an earlier version, and finishes a rebuild that was ended before its
+/// checkpoint was written. Tells where the next checkpoint stands.
+fn sign_on(
+    connection: &Connection,
+    layout: &Layout,
+    (store_id, head): (&str, Head),
+    key: &SigningKey,
+) -> Result<Link, StoreError> {
+    let kept = kept_checkpoints(layout)?;
+    let newest = kept.last().map(|kept| &kept.checkpoint);
+    let unreadable = |problem: String| damaged(&layout.database(), &problem);
+    match signed::read(connection).map_err(unreadable)? {
+        None if head.seq > 0 => {
+            let end = Checkpoint::sign(store_id, head, Link::after(newest), None, key);
+            signed::write(connection, &end)?;
+        }
+        Some(end)
+            if end.link.as_ref().is_some_and(|link| link.gap)
+                && newest.is_none_or(|it| it.link != end.link) =>
+        {
+            end.write(&layout.checkpoints())?;
+            return Ok(Link::after(Some(&end)));
+        }
+        None | Some(_) => {}
+    }
+    Ok(Link::after(newest))
 }
 
 /// The store's signing key; a new one only for a new store.

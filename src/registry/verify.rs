@@ -10,7 +10,7 @@ use std::path::Path;
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
-use super::checkpoint::{Checkpoint, names};
+use super::checkpoint::{BadFile, Kept, read_all};
 use super::compare::{check_approvals, compare};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
@@ -18,6 +18,7 @@ use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
 use super::shape::first_difference;
+use super::signed::{self, Unsigned};
 use super::telemetry::{BatchState, check_batch};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
@@ -87,6 +88,9 @@ pub enum VerifyError {
     Invariant(String),
     #[error("the checkpoint {file:?} is bad: {problem}")]
     Checkpoint { file: String, problem: String },
+    /// What signs the end of the chain.
+    #[error("the audit chain is not signed to its end: {0}")]
+    Unsigned(String),
     #[error("the approval {nonce} is bad: {problem}")]
     Approval { nonce: String, problem: String },
     /// A sealed batch of telemetry.
@@ -108,10 +112,19 @@ impl Hint for VerifyError {
             | Self::State { .. }
             | Self::Invariant(_)
             | Self::Checkpoint { .. }
+            | Self::Unsigned(_)
             | Self::Approval { .. }
             | Self::Telemetry { .. } => None,
         }
     }
+}
+
+/// Where a store has its checkpoints and its keys, beside its database.
+const CHECKPOINTS: &str = "checkpoints";
+const KEYS: &str = "keys";
+
+fn bad_file(BadFile { file, problem }: BadFile) -> VerifyError {
+    VerifyError::Checkpoint { file, problem }
 }
 
 fn unreadable(source: rusqlite::Error) -> VerifyError {
@@ -123,6 +136,9 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 /// # Errors
 /// [`VerifyError`], the first thing found: file, chain, state, invariants, checkpoints, approvals, telemetry.
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
+    let folder = database.parent().unwrap_or(Path::new("."));
+    // Before the records: an engine may be writing both.
+    let mut kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
     let connection = open_reader(database, &STORE)?;
     // One moment of the store: an engine may be writing to it.
     connection.execute_batch("BEGIN").map_err(unreadable)?;
@@ -138,8 +154,25 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     let store_id: String = connection
         .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
         .map_err(unreadable)?;
-    let folder = database.parent().unwrap_or(Path::new("."));
-    let checkpoints = check_checkpoints(&folder.join("checkpoints"), &fold, &store_id, public_key)?;
+    if let Ok(Some(end)) = signed::read(&connection)
+        && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1
+    {
+        kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
+        kept.retain(|kept| kept.checkpoint.number() <= end.number());
+    }
+    let checkpoints = check_checkpoints(&kept, &fold, &store_id, public_key)?;
+    let by = (store_id.as_str(), public_key);
+    // A database that was copied away has neither checkpoints nor keys beside it.
+    let alone = kept.is_empty() && !folder.join(KEYS).is_dir();
+    let signed = match signed::read(&connection) {
+        Ok(None) if alone => Ok(()),
+        Ok(_) | Err(_) if alone => signed::check_end(&fold, &connection, &kept, by).map(drop),
+        Ok(_) | Err(_) => signed::check(&fold, &connection, &kept, by),
+    };
+    signed.map_err(|found| match found {
+        Unsigned::Chain { seq, problem } => VerifyError::Record { seq, problem },
+        Unsigned::Signature(problem) => VerifyError::Unsigned(problem),
+    })?;
     if let Some(fault) = compare(&fold, &connection).map_err(unreadable)? {
         return Err(of_fault(fault));
     }
@@ -179,18 +212,14 @@ fn of_fault(fault: ChainFault) -> VerifyError {
 
 /// Every checkpoint names a record that is there with that hash, and is signed by the key.
 fn check_checkpoints(
-    folder: &Path,
+    kept: &[Kept],
     fold: &Fold,
     store_id: &str,
     public_key: Option<&VerifyingKey>,
 ) -> Result<u64, VerifyError> {
-    if !folder.is_dir() {
-        return Ok(0);
-    }
     let mut good = 0;
-    for file in names(folder)? {
+    for Kept { file, checkpoint } in kept {
         let bad = |problem: String| VerifyError::Checkpoint { file: file.clone(), problem };
-        let checkpoint = Checkpoint::read(&folder.join(&file)).map_err(bad)?;
         if checkpoint.store_id != store_id {
             return Err(bad(format!("it belongs to the store {:?}", checkpoint.store_id)));
         }

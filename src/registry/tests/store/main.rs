@@ -23,5 +23,6 @@ mod opening;
 mod rebuild;
 mod registry;
 mod released;
+mod signed;
 mod support;
 mod telemetry;

@@ -1,0 +1,121 @@
+//! The signed end: a checkpoint in the database itself, written by every transaction together with its records.
+//!
+//! Without the store's key nobody can add, change or take away a record behind the newest checkpoint and leave an end
+//! that is signed. It follows from the newest checkpoint file by number and digest, so that files that were removed are
+//! missed. Whoever has an earlier signed end can put the whole store back to it: only a copy elsewhere tells.
+
+use ed25519_dalek::VerifyingKey;
+use rusqlite::{Connection, OptionalExtension, params};
+
+use super::checkpoint::{Checkpoint, Kept, check_links, check_newest};
+use super::error::StoreError;
+use super::fold::Fold;
+
+/// Its key in `meta`.
+pub(crate) const KEY: &str = "signed_end";
+
+/// What is wrong with how a chain is signed.
+#[derive(Clone, Debug)]
+pub(crate) enum Unsigned {
+    /// Something that was signed is not in the chain: the chain was cut or rewritten.
+    Chain { seq: u64, problem: String },
+    /// What signs it is missing, or was not made by this store.
+    Signature(String),
+}
+
+/// Writes it; the caller holds the transaction.
+pub(crate) fn write(connection: &Connection, end: &Checkpoint) -> Result<(), StoreError> {
+    let text =
+        serde_json::to_string(end).map_err(|error| StoreError::invalid("signed end", end.seq, error))?;
+    connection
+        .prepare_cached(
+            "INSERT INTO meta (key, value) VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2",
+        )
+        .and_then(|mut put| put.execute(params![KEY, text]))
+        .map(drop)
+        .map_err(StoreError::sql("sign the end of the audit chain"))
+}
+
+/// Reads it, `None` if there is none.
+///
+/// # Errors
+/// What is wrong with it.
+pub(crate) fn read(connection: &Connection) -> Result<Option<Checkpoint>, String> {
+    let text: Option<String> = connection
+        .query_row("SELECT value FROM meta WHERE key = ?1", [KEY], |row| row.get(0))
+        .optional()
+        .map_err(|error| error.to_string())?;
+    let read = |text: String| -> Result<Checkpoint, serde_json::Error> {
+        let end: Checkpoint = serde_json::from_str(&text)?;
+        if serde_json::to_string(&end)? == text {
+            return Ok(end);
+        }
+        Err(serde::de::Error::custom("it is not as it was written"))
+    };
+    text.map(read).transpose().map_err(|error: serde_json::Error| error.to_string())
+}
+
+/// The signed end, if it is of this store and this key made it; without a key, signatures are not looked at.
+pub(crate) fn valid(
+    connection: &Connection,
+    store_id: &str,
+    key: Option<&VerifyingKey>,
+) -> Result<Option<Checkpoint>, Unsigned> {
+    let bad = |problem: String| Unsigned::Signature(format!("the signed end of the audit chain: {problem}"));
+    let Some(end) = read(connection).map_err(bad)? else { return Ok(None) };
+    if end.store_id != store_id || end.link.is_none() || key.is_some_and(|key| !end.is_signed_by(key)) {
+        return Err(bad("it was not signed by this store".to_owned()));
+    }
+    Ok(Some(end))
+}
+
+/// The chain ends where it was signed. `kept` are the checkpoints beside it.
+pub(crate) fn check_end(
+    fold: &Fold,
+    connection: &Connection,
+    kept: &[Kept],
+    (store_id, key): (&str, Option<&VerifyingKey>),
+) -> Result<Option<Checkpoint>, Unsigned> {
+    let last = fold.end().seq;
+    let Some(end) = valid(connection, store_id, key)? else {
+        // An earlier version signed checkpoints alone.
+        let earlier = kept.last().is_some_and(|kept| kept.checkpoint.link.is_none());
+        if last == 0 || earlier {
+            return Ok(None);
+        }
+        let problem = format!("nobody signed where the audit chain ends, at record {last}");
+        return Err(Unsigned::Signature(problem));
+    };
+    // A store that has signed no record yet is signed as empty by nothing.
+    if fold.hash(end.seq) == Some(end.head) || (end.seq == 0 && last == 0) {
+        if end.seq == last {
+            return Ok(Some(end));
+        }
+        return Err(Unsigned::Signature(format!("nobody signed the records after {}", end.seq)));
+    }
+    if end.seq > last {
+        let problem = format!("it is missing: the chain was signed up to {}", end.seq);
+        return Err(Unsigned::Chain { seq: last + 1, problem });
+    }
+    let problem = "it is not the one that was signed: history was rewritten".to_owned();
+    Err(Unsigned::Chain { seq: end.seq, problem })
+}
+
+/// The chain ends where it was signed, and no checkpoint is missing.
+pub(crate) fn check(
+    fold: &Fold,
+    connection: &Connection,
+    kept: &[Kept],
+    by: (&str, Option<&VerifyingKey>),
+) -> Result<(), Unsigned> {
+    let end = check_end(fold, connection, kept, by)?;
+    if end.as_ref().and_then(|end| end.link.as_ref()).is_some_and(|link| link.gap) {
+        return Ok(());
+    }
+    check_links(kept)
+        .map_err(|bad| Unsigned::Signature(format!("the checkpoint {:?}: {}", bad.file, bad.problem)))?;
+    let Some(end) = end else { return Ok(()) };
+    check_newest(&end, kept).map_err(|problem| {
+        Unsigned::Signature(format!("the signed end of the audit chain and the checkpoints: {problem}"))
+    })
+}

@@ -1,0 +1,186 @@
+//! Checkpoints as a chain of their own, and the end that every transaction signs.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use holdpoint_registry::{AuditFilter, Checkpoint, Store, Views, rebuild, verify};
+use holdpoint_text::Hint as _;
+use rusqlite::Connection;
+
+use crate::damage::rewrite;
+use crate::edits::{made, quick_folder};
+use crate::released::schema_1;
+use crate::support::*;
+
+const BY: &str = "{\"user\":\"ada\"}";
+const EDIT: &str = "UPDATE audit SET body = '{\"edited\":1}' WHERE kind = 'decision' AND seq = 5";
+
+/// Files of checkpoints, oldest first.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let all = fs::read_dir(folder.join("checkpoints")).unwrap().map(|entry| entry.unwrap().path());
+    let mut all: Vec<_> = all.filter(|path| path.extension().is_some_and(|it| it == "json")).collect();
+    all.sort();
+    all
+}
+
+fn sql(folder: &Path, text: &str) {
+    Connection::open(folder.join("holdpoint.db")).unwrap().execute_batch(text).unwrap();
+}
+
+/// What a start says, which leaves the store as it is.
+fn refused(folder: &Path) -> String {
+    let before = fs::read(folder.join("holdpoint.db")).unwrap();
+    let error = unless_in_use(|| Store::open(folder)).map(drop).unwrap_err();
+    assert!(error.hint().is_some(), "{error}");
+    assert_eq!(fs::read(folder.join("holdpoint.db")).unwrap(), before);
+    error.to_string()
+}
+
+/// Sound or not, with and without the key.
+fn not_sound(folder: &Path) -> String {
+    let (key, _) = holdpoint_approvals::keyfile::read_public(&folder.join("keys").join("store.pub")).unwrap();
+    let database = folder.join("holdpoint.db");
+    verify(&database, None).unwrap_err();
+    verify(&database, Some(&key)).unwrap_err().to_string()
+}
+
+#[test]
+fn a_chain_written_anew_is_refused_without_its_checkpoints() {
+    let folder = quick_folder();
+    made(folder.path());
+    rewrite(folder.path(), EDIT);
+    for file in files(folder.path()) {
+        fs::remove_file(file).unwrap();
+    }
+    assert!(refused(folder.path()).contains("history was rewritten"));
+    assert!(not_sound(folder.path()).contains("history was rewritten"));
+    Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
+    let error = rebuild(folder.path(), BY, 7).unwrap_err().to_string();
+    assert!(error.contains("history was rewritten"), "{error}");
+    // Nor without what the database says of the signed end.
+    sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
+    assert!(refused(folder.path()).contains("nobody signed"));
+    assert!(not_sound(folder.path()).contains("nobody signed"));
+    Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
+}
+
+#[test]
+fn the_end_is_signed_by_this_store_for_this_chain() {
+    let (folder, other) = (quick_folder(), quick_folder());
+    made(folder.path());
+    made(other.path());
+    let put = |text: &str| {
+        let connection = Connection::open(folder.path().join("holdpoint.db")).unwrap();
+        connection.execute("UPDATE meta SET value = ?1 WHERE key = 'signed_end'", [text]).unwrap();
+    };
+    let end = |folder: &Path| fs::read_to_string(files(folder).last().unwrap()).unwrap();
+    let whole = end(folder.path());
+    put(&end(other.path()));
+    assert!(refused(folder.path()).contains("was not signed by this store"));
+    let mut forged: Checkpoint = serde_json::from_str(&whole).unwrap();
+    forged.at_ms += 1;
+    put(&serde_json::to_string(&forged).unwrap());
+    assert!(refused(folder.path()).contains("was not signed by this store"));
+    // An earlier end does not sign what came after it.
+    let earlier = fs::read_to_string(&files(folder.path())[1]).unwrap();
+    put(&earlier);
+    assert!(refused(folder.path()).contains("nobody signed the records after"));
+    put(&whole);
+    drop(open(folder.path()));
+}
+
+#[test]
+fn a_checkpoint_that_is_missing_is_missed() {
+    let folder = quick_folder();
+    made(folder.path());
+    let all = files(folder.path());
+    assert!(all.len() >= 3, "{all:?}");
+    let texts: Vec<_> = all.iter().map(|file| fs::read(file).unwrap()).collect();
+    let put_back = || all.iter().zip(&texts).for_each(|(file, text)| fs::write(file, text).unwrap());
+    for missing in [0..1, 1..2, all.len() - 2..all.len(), 0..all.len()] {
+        all[missing.clone()].iter().for_each(|file| fs::remove_file(file).unwrap());
+        let said = refused(folder.path());
+        assert!(said.contains("is missing"), "{missing:?}: {said}");
+        assert!(not_sound(folder.path()).contains("is missing"), "{missing:?}");
+        put_back();
+        drop(open(folder.path()));
+    }
+    // One put in the place of another.
+    fs::write(&all[1], &texts[2]).unwrap();
+    assert!(refused(folder.path()).contains("it is of record"));
+    put_back();
+    // The newest alone: the end in the database is the same checkpoint.
+    fs::remove_file(all.last().unwrap()).unwrap();
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    drop(store);
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+}
+
+#[test]
+fn a_rebuild_goes_on_without_them_and_says_so() {
+    let folder = quick_folder();
+    made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let all = files(folder.path());
+    fs::remove_file(&all[1]).unwrap();
+    refused(folder.path());
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    assert_eq!((rebuilt.unsigned, rebuilt.differed.len()), (0, 0));
+    assert!(rebuilt.problem.contains("is missing"), "{}", rebuilt.problem);
+    assert_eq!(unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap(), None);
+    let newest = Checkpoint::read(files(folder.path()).last().unwrap()).unwrap();
+    assert!(newest.link.unwrap().gap);
+    verify(&database, None).unwrap();
+    // As if it had been killed before the checkpoint of the rebuild was written.
+    fs::remove_file(files(folder.path()).last().unwrap()).unwrap();
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    drop(store);
+    drop(open(folder.path()));
+    verify(&database, None).unwrap();
+
+    // Where nothing speaks for the records at the end, it says how many.
+    let records = verify(&database, None).unwrap().records;
+    let before = Checkpoint::read(&files(folder.path())[2]).unwrap().seq;
+    for file in &files(folder.path())[3..] {
+        fs::remove_file(file).unwrap();
+    }
+    sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
+    refused(folder.path());
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    assert_eq!(rebuilt.unsigned, records - before);
+    let filter = AuditFilter { newest_first: true, limit: 1, ..AuditFilter::default() };
+    let record = &Views::open_checked(&database).unwrap().audit(&filter).unwrap()[0];
+    assert!(record.body.contains(&format!("\"unsigned\":{}", records - before)), "{}", record.body);
+    drop(open(folder.path()));
+}
+
+#[test]
+fn a_store_with_checkpoints_of_an_earlier_version_goes_on_from_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    let earlier = files(&store);
+    let opened = open(&store);
+    opened.commit(transaction("one more", opened.opening().head.at_ms, Vec::new())).unwrap();
+    drop(opened);
+    let first = Checkpoint::read(files(&store).last().unwrap()).unwrap();
+    let link = first.link.clone().unwrap();
+    assert_eq!(link.number, 1);
+    assert_eq!(link.previous, Checkpoint::read(earlier.last().unwrap()).unwrap().digest());
+    drop(open(&store));
+    verify(&store.join("holdpoint.db"), None).unwrap();
+    // The last of them is missed from then on.
+    fs::remove_file(earlier.last().unwrap()).unwrap();
+    assert!(refused(&store).contains("does not follow"));
+    assert!(not_sound(&store).contains("does not follow"));
+
+    // A store of an earlier version whose checkpoints were removed is not signed by anybody.
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    for file in files(&store) {
+        fs::remove_file(file).unwrap();
+    }
+    assert!(refused(&store).contains("nobody signed"));
+    not_sound(&store);
+}
