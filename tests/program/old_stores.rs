@@ -187,6 +187,13 @@ fn every_verb_that_reads_answers_as_it_did() {
             then.printed = serde_json::from_str::<Value>(&then.printed).unwrap().to_string();
             now.printed = without_bodies(&now.printed);
         }
+        // Whoever asks for JSON gets the error so, too, now.
+        if call.contains("--json") && then.code != 0 && then.said.starts_with("error: ") {
+            let document: Value = serde_json::from_str(&now.said).unwrap();
+            let hint = document["hint"].as_str().map_or_else(String::new, |hint| format!("Hint: {hint}\n"));
+            assert_eq!(document["code"], now.code, "{call}");
+            now.said = format!("error: {}\n{hint}", document["error"].as_str().unwrap());
+        }
         (then.printed, now.printed) = as_far_as_it_said(&then.printed, &now.printed);
         assert_eq!(now, then, "{call}");
     }
