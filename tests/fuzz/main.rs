@@ -67,12 +67,13 @@ fn files(folder: &str, ending: &str) -> Vec<Vec<u8>> {
 }
 
 /// What the program prints of an error.
-pub fn printed(error: &CliError) -> String {
+fn printed(error: &CliError) -> String {
     let mut out = Vec::new();
     error.print(&mut out);
     String::from_utf8(out).unwrap()
 }
 
+#[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
 fn refused(error: impl Hint) -> Result<Outcome, String> {
     Ok(Outcome::Refused(printed(&CliError::usage(error))))
 }
@@ -351,7 +352,7 @@ fn recording() {
     campaign("recording", Some("input.file"), 30, vec![whole], |input| {
         fs::write(&file, input).unwrap();
         run += 1;
-        if run % 8 == 0 {
+        if run.is_multiple_of(8) {
             // A copy of what can be read can be read.
             if let Err(error) = holdpoint::scene::until(&file, 5_000, &copy) {
                 return refused(error);

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
-use holdpoint_registry::{Batch, Found, Store, TelemetryViews, VerifyReport, Views, verify};
+use holdpoint_registry::{AuditFilter, Batch, Found, Store, TelemetryViews, VerifyReport, Views, verify};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 use tempfile::TempDir;
 
@@ -206,7 +206,7 @@ fn decay(name: &str, sound: &Sound, cases: u64) {
                     bytes[start..end].fill(0);
                 }
                 2 => flip(&mut random, &mut bytes),
-                _ => (0..1 + random.below(16)).for_each(|_| flip(&mut random, &mut bytes)),
+                _ => (0..=random.below(16)).for_each(|_| flip(&mut random, &mut bytes)),
             }
             let begun = Instant::now();
             let looked = catch_unwind(AssertUnwindSafe(|| sound.look(file, &bytes)));
@@ -250,7 +250,7 @@ fn a_log_that_decayed_loses_its_end_at_most() {
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
     commit(&store, "activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
-    let history = store.views().unwrap().audit(&Default::default()).unwrap();
+    let history = store.views().unwrap().audit(&AuditFilter::default()).unwrap();
     let log = fs::read(live.join("holdpoint.db-wal")).unwrap();
     let database = fs::read(live.join("holdpoint.db")).unwrap();
     let (mut shorter, mut whole, mut refused) = (0, 0, 0);
@@ -268,7 +268,7 @@ fn a_log_that_decayed_loses_its_end_at_most() {
         drop(fs::remove_file(folder.path().join("copy.db-shm")));
         match verify(&copy, None) {
             Ok(report) => {
-                let left = Views::open(&copy).unwrap().audit(&Default::default()).unwrap();
+                let left = Views::open(&copy).unwrap().audit(&AuditFilter::default()).unwrap();
                 assert_eq!(left.len() as u64, report.records);
                 assert!(history.starts_with(&left), "case {case}: another history");
                 if left.len() == history.len() { whole += 1 } else { shorter += 1 }
