@@ -69,8 +69,9 @@ impl Pipeline {
         if let (Some(asked), Reply::Accepted { version, .. }) = (asked, &reply) {
             let subject = version.as_ref().map_or_else(String::new, ToString::to_string);
             let body = serde_json::json!({ "asked": asked, "caller": caller }).to_string();
+            // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                return Reply::refused(Refusal::Store, &error);
+                self.hold(&format!("who asked for {asked} could not be put on record: {}", error.sentence()));
             }
         }
         reply

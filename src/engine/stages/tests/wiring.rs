@@ -2,7 +2,7 @@
 
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::Rate;
-use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::command::{Caller, Command, Reply};
 
 use super::standings::{CANDIDATE, operation};
 use crate::binding::{measured_terms_of, terms_of};
@@ -47,4 +47,25 @@ fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let after = charted(&mut bench);
     assert!(after > before, "{before} to {after}");
+}
+
+/// What was done is never told to be refused, whatever comes after it.
+#[test]
+fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
+    let database = bench.pipeline.record().ledger().store().layout().database();
+    let asked = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller);
+    assert!(
+        matches!(asked, Reply::Accepted { .. }) && bench.pipeline.record().holding().is_none(),
+        "{asked:?}"
+    );
+    let index = "CREATE UNIQUE INDEX refuse ON audit (kind) WHERE kind = 'asked'";
+    rusqlite::Connection::open(database).and_then(|other| other.execute_batch(index)).unwrap();
+    let release = Command::Release { operation: operation(&id), profiles: Vec::new() };
+    let released = bench.pipeline.command_of(release, &caller);
+    assert!(matches!(released, Reply::Accepted { .. }), "{released:?}");
+    let held = bench.pipeline.record().holding().unwrap_or_default();
+    assert!(held.contains("who asked for release"), "{held}");
 }
