@@ -34,6 +34,8 @@ pub mod statistics {}
 
 #[doc = include_str!("guide/kept.md")]
 pub mod kept {}
+#[doc = include_str!("guide/limits.md")]
+pub mod limits {}
 
 #[doc = include_str!("guide/attacks.md")]
 pub mod attacks {}

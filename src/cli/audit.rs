@@ -210,11 +210,16 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
         "telemetry batches  {} ({} removed for age, {} not looked at)",
         report.batches, report.batches_pruned, report.batches_unseen
     ))?;
+    if report.batches_missed > 0 {
+        out.line(&format!(
+            "missing batches    {}: which ones is on record (telemetry-missed)",
+            report.batches_missed
+        ))?;
+    }
     let Some(missing) = report.batches_missing else { return Ok(()) };
     let MissingBatches { first, last, first_sealed_by, last_sealed_by } = missing;
     out.line(&format!(
-        "missing batches    {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}: no record says \
-         whether for age or by somebody"
+        "batches away       {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}"
     ))
 }
 

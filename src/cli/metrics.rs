@@ -182,6 +182,7 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
         invalid_tasks,
         stopped_tasks,
         removed_batches,
+        late_batches,
         damaged_batches,
     } = coverage;
     let span = if from_record > to_record {
@@ -201,7 +202,14 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
     }
     out.paragraph("", &text)?;
     for (count, what) in [
-        (removed_batches, "batches of telemetry were removed for age: what they held is in no number"),
+        (
+            removed_batches,
+            "batches of telemetry are not there, removed for age or missing: what they held is in no number",
+        ),
+        (
+            late_batches,
+            "batches of live tasks were sealed only after their engine had ended: they are in no number",
+        ),
         (damaged_batches, "batches of live tasks are not what was sealed, or cannot be read"),
     ] {
         if *count > 0 {

@@ -129,7 +129,7 @@ impl Record {
     /// stays until somebody resets it. `works`: the last live sequence was done.
     fn is_over(&self, key: &AlarmKey, monitors: &Monitors, works: bool) -> bool {
         match key {
-            AlarmKey::RolledBack(_) | AlarmKey::KeptFalse => true,
+            AlarmKey::RolledBack(_) | AlarmKey::KeptFalse | AlarmKey::TelemetryMissed => true,
             AlarmKey::Escalated(version) => {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
             }

@@ -81,6 +81,9 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::ContextSet
             | RecordKind::ProfileLoaded
             | RecordKind::TelemetrySealed
+            | RecordKind::TelemetryBlockSealed
+            | RecordKind::TelemetryPruned
+            | RecordKind::TelemetryMissed
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
             | RecordKind::Shown

@@ -409,7 +409,16 @@ impl Ledger {
         self.commands += 1;
         let command_id = format!("engine-{}-{}", self.first_command, self.commands);
         let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
-        self.store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit })
+        self.store.commit_sealing(Transaction { command_id, at_ms, wall_ms, changes, audit })
+    }
+}
+
+impl Drop for Ledger {
+    /// What was measured last is sealed before the store is closed. Where that fails it is found at the next start.
+    fn drop(&mut self) {
+        if let Some(at_ms) = self.store.telemetry_waits() {
+            drop(self.write(Vec::new(), Vec::new(), at_ms));
+        }
     }
 }
 

@@ -120,8 +120,10 @@ pub struct Coverage {
     pub invalid_tasks: u64,
     /// Live tasks that a person stopped in their midst; in no rate.
     pub stopped_tasks: u64,
-    /// Sealed batches of telemetry, of any kind, that were removed for age.
+    /// Sealed batches of telemetry, of any kind, that are not there: removed for age, or missing.
     pub removed_batches: u64,
+    /// Batches of live tasks that were not sealed before the engine that kept them had ended; in no rate.
+    pub late_batches: u64,
     /// Batches of live tasks that are not what was sealed, or cannot be read.
     pub damaged_batches: u64,
 }
@@ -177,8 +179,8 @@ fn observe_under(
     let history = History::read(views, to_record)?;
     let mut coverage = Coverage { from_record, to_record, ..Coverage::default() };
     let tasks = live_tasks(&history, telemetry, &mut coverage)?;
-    let oldest = telemetry.map(TelemetryViews::oldest).transpose()?.flatten();
-    let is_removed = |batch: u64| oldest.is_none_or(|oldest| batch < oldest);
+    let there = telemetry.map(TelemetryViews::numbers).transpose()?.unwrap_or_default();
+    let is_removed = |batch: u64| !there.contains(&batch);
     let in_span = |seq: u64| seq >= from_record;
     let sealed = history.sealed.iter().filter(|(batch, seq)| in_span(**seq) && is_removed(**batch));
     coverage.removed_batches = sealed.count() as u64;
@@ -245,6 +247,10 @@ fn live_tasks(
     telemetry.each_batch(LIVE, *last, |(number, batch)| {
         // What is not sealed yet is not on record.
         let Some(seq) = history.sealed.get(&number) else { return };
+        if history.sealed_late.contains(&number) {
+            coverage.late_batches += u64::from(*seq >= coverage.from_record);
+            return;
+        }
         let read = batch.and_then(|batch| {
             let task: TaskRecord = serde_json::from_slice(&batch.body).ok()?;
             let kept: KeptMarks = serde_json::from_slice(&batch.body).ok()?;

@@ -11,7 +11,7 @@ use crate::people::approvals::{Approvals, void_requests};
 use crate::record::Record;
 use crate::stages::monitoring::Live;
 use crate::stages::rollback::trigger;
-use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Decision;
 use holdpoint_governance::gate::GateOutcome;
@@ -20,10 +20,11 @@ use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{EvidenceEntry, Interrupted};
+use holdpoint_registry::{EvidenceEntry, FoundTelemetry, Interrupted};
 
 /// Finishes or undoes what an interrupted engine left, and says so.
 pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
+    take_in_telemetry(live.record)?;
     reload_dossiers(live.context, live.record, live.dossiers)?;
     let interrupted = live.record.ledger().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();
@@ -51,6 +52,24 @@ pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<
     }
     leave_unadmitted(live)?;
     resume_questions(live, approvals)
+}
+
+/// What became of telemetry since the last engine is on record before anything else is: what nobody had sealed is sealed
+/// as found, what is not there any more is told.
+fn take_in_telemetry(record: &mut Record) -> Result<(), Fault> {
+    let FoundTelemetry { changes, missing, .. } = record.ledger().store().opening().telemetry.clone();
+    if !changes.is_empty() {
+        record.write(changes, Vec::new())?;
+    }
+    if missing > 0 {
+        let text = format!(
+            "{missing} sealed batches of telemetry are not in the store's telemetry.db any more, and no record says why: \
+             somebody removed them or the file, or the disk lost it; what they held is in no metric; if there is a copy \
+             of the store, `holdpoint metrics` and `audit verify` tell there what it was"
+        );
+        record.raise(AlarmKey::TelemetryMissed, Priority::High, true, &text);
+    }
+    Ok(())
 }
 
 /// What does not admit the profile that the store was opened under, or has it closed, is taken off: a version for

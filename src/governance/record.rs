@@ -48,6 +48,12 @@ crate::words! {
         ProfileLoaded = "profile-loaded",
         /// A batch of telemetry is on disk.
         TelemetrySealed = "telemetry-sealed",
+        /// Digests of a block of batches of telemetry.
+        TelemetryBlockSealed = "telemetry-block-sealed",
+        /// The oldest batches of telemetry go, because of their size together.
+        TelemetryPruned = "telemetry-pruned",
+        /// Batches of telemetry that were sealed are not there any more, and no record says why.
+        TelemetryMissed = "telemetry-missed",
         /// An alarm as it stands after a change.
         AlarmChanged = "alarm-changed",
         /// Kept results came out otherwise when they were run again: none of them counts any more.

@@ -10,7 +10,8 @@ use serde_json::{Value, json};
 
 use super::audit::{self, Head};
 use super::change::{
-    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
+    AUDIT_MAX, AuditBody, BLOCK_BATCHES_MAX, BODY_BYTES_MAX, CHANGES_MAX, Change, GAPS_MAX, Receipt,
+    TEXT_BYTES_MAX, Transaction,
 };
 use super::columns::parsed;
 use super::error::StoreError;
@@ -18,6 +19,7 @@ use super::fold::{ChainFault, Fold};
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
 use super::rows::{RowName, row_digest, rows_of};
+use super::telemetry::BatchReceipt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -394,10 +396,42 @@ impl Applier<'_> {
                 self.version(version)?;
                 Ok(Touched::new(RecordKind::TelemetrySealed, version))
             }
+            Change::SealTelemetryBlock { batches, .. } => self.seal_block(batches),
+            Change::PruneTelemetry { through } => {
+                check_int("batch", *through)?;
+                Ok(Touched::new(RecordKind::TelemetryPruned, ""))
+            }
+            Change::MissTelemetry { gaps } => {
+                if gaps.is_empty() || gaps.len() > GAPS_MAX {
+                    return Err(StoreError::invalid("runs of missing batches", gaps.len(), "1 to 64"));
+                }
+                for [first, last] in gaps {
+                    check_int("batch", *last)?;
+                    check_int("batch", last.saturating_sub(*first))?;
+                }
+                Ok(Touched::new(RecordKind::TelemetryMissed, ""))
+            }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
                 self.alarm(alarm, subject, (*state, *priority), json)
             }
         }
+    }
+
+    /// The record is about a version if all of its batches are.
+    fn seal_block(&self, batches: &[BatchReceipt]) -> Result<Touched, StoreError> {
+        if batches.is_empty() || batches.len() > BLOCK_BATCHES_MAX {
+            return Err(StoreError::invalid("block of batches", batches.len(), "1 to 64"));
+        }
+        let versions: BTreeSet<&CapabilityId> = batches.iter().map(|batch| &batch.version).collect();
+        for version in &versions {
+            self.version(version)?;
+        }
+        for batch in batches {
+            check_int("batch", batch.batch)?;
+            check_int("rows", batch.rows)?;
+        }
+        let only = versions.first().filter(|_| versions.len() == 1).map(ToString::to_string);
+        Ok(Touched { kind: RecordKind::TelemetryBlockSealed, subject: only.unwrap_or_default() })
     }
 
     /// State and row version of a version that must be there.

@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::names::{EvidenceKind, RequestState};
+use super::telemetry::BatchReceipt;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -20,6 +21,10 @@ use holdpoint_governance::submission::{Provenance, Risk};
 pub const BODY_BYTES_MAX: usize = 4 << 20;
 /// The largest free text (reason, name of a trigger), bytes.
 pub const TEXT_BYTES_MAX: usize = 4096;
+/// The most batches of telemetry that one record seals.
+pub const BLOCK_BATCHES_MAX: usize = 64;
+/// The most runs of missing batches that one record tells; the last one reaches to the end of what is missing.
+pub const GAPS_MAX: usize = 64;
 /// The most changes in one transaction.
 pub const CHANGES_MAX: usize = 256;
 /// The most records a caller may add to one transaction.
@@ -220,7 +225,25 @@ pub enum Change {
         /// What it consists of, JSON text.
         json: String,
     },
-    /// A batch of telemetry is on disk; its digest enters the chain.
+    /// Batches of telemetry are on disk; their digests enter the chain as one record.
+    SealTelemetryBlock {
+        /// In the order of their numbers, at most [`BLOCK_BATCHES_MAX`].
+        batches: Vec<BatchReceipt>,
+        /// They lay there when an engine came up, and nobody had sealed them before the last one ended.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        found: bool,
+    },
+    /// The oldest batches go, because all together take too much room. They are removed once this is on record.
+    PruneTelemetry {
+        /// The last one that goes.
+        through: u64,
+    },
+    /// Sealed batches are not there any more, and no record says why.
+    MissTelemetry {
+        /// Numbers, first and last, of each run of them.
+        gaps: Vec<[u64; 2]>,
+    },
+    /// One batch of telemetry, as earlier versions of the program sealed it.
     SealTelemetry {
         /// The version it is about.
         version: CapabilityId,
@@ -267,6 +290,9 @@ impl Change {
             | Self::PutEvidence { .. }
             | Self::PutApprovalRequest(_)
             | Self::SealTelemetry { .. }
+            | Self::SealTelemetryBlock { .. }
+            | Self::PruneTelemetry { .. }
+            | Self::MissTelemetry { .. }
             | Self::AlarmChange { .. } => false,
         }
     }

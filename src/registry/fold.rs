@@ -10,6 +10,7 @@ use serde::Deserialize;
 use super::audit::{Head, for_each, head};
 use super::names::is_own;
 use super::rows::{ChainedTable, RowName};
+use super::seals::TelemetryAccount;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -75,6 +76,7 @@ pub(crate) struct FoldParts<'a> {
     pub(crate) rows: &'a BTreeMap<RowName, Vouched>,
     pub(crate) states: &'a BTreeMap<String, (State, u64)>,
     pub(crate) order: &'a [String],
+    pub(crate) telemetry: &'a TelemetryAccount,
 }
 
 /// What the chain says.
@@ -91,7 +93,9 @@ pub(crate) struct Fold {
     order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
+    /// Of the records that were read.
     pub(crate) batches: Vec<SealedBatch>,
+    telemetry: TelemetryAccount,
 }
 
 /// The parts of a store record that the fold reads.
@@ -120,6 +124,21 @@ struct TelemetrySealed {
     digest: Digest,
 }
 
+#[derive(Deserialize)]
+struct TelemetryBlock {
+    batches: Vec<TelemetrySealed>,
+}
+
+#[derive(Deserialize)]
+struct TelemetryPruned {
+    through: u64,
+}
+
+#[derive(Deserialize)]
+struct TelemetryMissed {
+    gaps: Vec<[u64; 2]>,
+}
+
 impl Fold {
     /// The fold of no records.
     pub(crate) const fn empty() -> Self {
@@ -132,6 +151,7 @@ impl Fold {
             order: Vec::new(),
             hashes: Vec::new(),
             batches: Vec::new(),
+            telemetry: TelemetryAccount::none(),
         }
     }
 
@@ -185,7 +205,13 @@ impl Fold {
 
     /// What a snapshot keeps of it.
     pub(crate) fn parts(&self) -> FoldParts<'_> {
-        FoldParts { end: self.end, rows: &self.rows, states: &self.states, order: &self.order }
+        FoldParts {
+            end: self.end,
+            rows: &self.rows,
+            states: &self.states,
+            order: &self.order,
+            telemetry: &self.telemetry,
+        }
     }
 
     /// A fold that goes on where a snapshot ended.
@@ -194,6 +220,7 @@ impl Fold {
         rows: BTreeMap<RowName, Vouched>,
         states: BTreeMap<String, (State, u64)>,
         order: Vec<String>,
+        telemetry: TelemetryAccount,
     ) -> Self {
         Self {
             end,
@@ -204,7 +231,13 @@ impl Fold {
             order,
             hashes: Vec::new(),
             batches: Vec::new(),
+            telemetry,
         }
+    }
+
+    /// What it says of telemetry.
+    pub(crate) const fn telemetry(&self) -> &TelemetryAccount {
+        &self.telemetry
     }
 
     /// The hash of a record, `None` if there is none or it was not read.
@@ -286,6 +319,22 @@ impl Fold {
             RecordKind::TelemetrySealed => {
                 let sealed: TelemetrySealed = serde_json::from_value(body.change).map_err(unreadable)?;
                 self.batches.push(SealedBatch { seq, batch: sealed.batch, digest: sealed.digest });
+                self.telemetry.seal_singly(sealed.batch);
+            }
+            RecordKind::TelemetryBlockSealed => {
+                let block: TelemetryBlock = serde_json::from_value(body.change).map_err(unreadable)?;
+                for sealed in block.batches {
+                    self.batches.push(SealedBatch { seq, batch: sealed.batch, digest: sealed.digest });
+                    self.telemetry.seal(sealed.batch);
+                }
+            }
+            RecordKind::TelemetryPruned => {
+                let pruned: TelemetryPruned = serde_json::from_value(body.change).map_err(unreadable)?;
+                self.telemetry.prune(pruned.through);
+            }
+            RecordKind::TelemetryMissed => {
+                let missed: TelemetryMissed = serde_json::from_value(body.change).map_err(unreadable)?;
+                self.telemetry.miss(&missed.gaps);
             }
             _ => {}
         }

@@ -20,6 +20,9 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ApprovalConsumed
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed
+        | RecordKind::TelemetryBlockSealed
+        | RecordKind::TelemetryPruned
+        | RecordKind::TelemetryMissed
         | RecordKind::AlarmChanged
         | RecordKind::StoreRebuilt => true,
         RecordKind::ProfileLoaded

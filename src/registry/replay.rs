@@ -98,6 +98,9 @@ impl Applier<'_> {
             | Change::PutApproval(_)
             | Change::SetContext { .. }
             | Change::SealTelemetry { .. }
+            | Change::SealTelemetryBlock { .. }
+            | Change::PruneTelemetry { .. }
+            | Change::MissTelemetry { .. }
             | Change::AlarmChange { .. } => self.change(change),
         };
         touched.map(drop)

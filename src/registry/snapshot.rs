@@ -18,6 +18,7 @@ use super::error::StoreError;
 use super::fold::{Fold, FoldParts, Vouched};
 use super::layout::write_atomically;
 use super::rows::ChainedTable;
+use super::seals::TelemetryAccount;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 
@@ -40,6 +41,7 @@ struct File {
     rows: Vec<(String, String, Digest, u64)>,
     states: Vec<(String, State, u64)>,
     order: Vec<String>,
+    telemetry: TelemetryAccount,
 }
 
 /// Writes a snapshot and removes the earlier ones. Tells its digest, which a checkpoint has to cover; `None` if it
@@ -48,7 +50,7 @@ struct File {
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
-    let FoldParts { end, rows, states, order } = fold.parts();
+    let FoldParts { end, rows, states, order, telemetry } = fold.parts();
     let file = File {
         seq: end.seq,
         hash: end.hash,
@@ -59,6 +61,7 @@ pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreE
             .collect(),
         states: states.iter().map(|(name, (state, version))| (name.clone(), *state, *version)).collect(),
         order: order.to_vec(),
+        telemetry: telemetry.clone(),
     };
     let bytes =
         serde_json::to_vec(&file).map_err(|error| StoreError::invalid("fold snapshot", end.seq, error))?;
@@ -104,7 +107,7 @@ pub(crate) fn read(
         rows.insert((ChainedTable::named(&table)?, key), Vouched { digest, seq });
     }
     let states = file.states.into_iter().map(|(name, state, version)| (name, (state, version))).collect();
-    Some(Fold::from_parts(end, rows, states, file.order))
+    Some(Fold::from_parts(end, rows, states, file.order, file.telemetry))
 }
 
 /// A file's bytes, if there are not too many.

@@ -2,6 +2,7 @@
 //!
 //! Callers may be many; transactions are applied one at a time, in the order they came, each whole or not at all.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -25,6 +26,7 @@ use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
 use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
+use super::seals::{FoundTelemetry, Settled};
 use super::shape::first_difference;
 use super::signed;
 use super::snapshot;
@@ -45,6 +47,8 @@ pub struct Opening {
     pub head: Head,
     /// What an earlier engine left unfinished, for this one to finish or undo.
     pub interrupted: Vec<Interrupted>,
+    /// What became of telemetry meanwhile, for this engine to put on record.
+    pub telemetry: FoundTelemetry,
 }
 
 struct Job {
@@ -101,6 +105,7 @@ impl Store {
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
+        let found = found_telemetry(&telemetry, &connection, &fold)?;
         let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
         let public_key = key.verifying_key();
         let link = sign_on(&connection, &layout, (&store_id, head), &key)?;
@@ -136,7 +141,7 @@ impl Store {
             layout,
             store_id,
             public_key,
-            opening: Opening { created, head, interrupted },
+            opening: Opening { created, head, interrupted, telemetry: found },
             _lock: lock,
         })
     }
@@ -148,10 +153,31 @@ impl Store {
     /// [`StoreError`]; nothing was changed, except that after [`StoreError::Unknown`] the outcome is not known and
     /// the same command may be sent again.
     pub fn commit(&self, transaction: Transaction) -> Result<Receipt, StoreError> {
+        let settled = Settled::by(&transaction.changes);
         let (answer, receipt) = sync_channel(1);
         let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
         jobs.send(Job { transaction, answer }).map_err(|_| StoreError::Unknown)?;
-        receipt.recv().map_err(|_| StoreError::Unknown)?
+        let receipt = receipt.recv().map_err(|_| StoreError::Unknown)??;
+        if settled != Settled::default() {
+            // What could not be removed is removed the next time; that it goes is on record.
+            drop(self.telemetry.lock().map_err(|_| StoreError::Unknown)?.settle(settled));
+        }
+        Ok(receipt)
+    }
+
+    /// As [`Self::commit`], with seals for all telemetry that waits for one, before everything else: what is on record
+    /// rests on nothing that could still be changed. Where telemetry cannot be forced to disk, only what takes
+    /// authority away is written, without.
+    ///
+    /// # Errors
+    /// As [`Self::commit`].
+    pub fn commit_sealing(&self, mut transaction: Transaction) -> Result<Receipt, StoreError> {
+        match self.seal_telemetry() {
+            Ok(seals) => drop(transaction.changes.splice(0..0, seals)),
+            Err(error) if transaction.changes.iter().any(Change::lets_in) => return Err(error),
+            Err(_) => {}
+        }
+        self.commit(transaction)
     }
 
     /// The store's id; approvals are bound to it.
@@ -228,19 +254,27 @@ impl Store {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.append(batch)
     }
 
-    /// Forces telemetry to disk and returns the changes that put its new batches into the audit chain.
+    /// Forces telemetry to disk and returns the changes that put its new batches into the audit chain, and those that
+    /// remove the oldest ones beyond the limit.
     ///
     /// # Errors
     /// If it cannot be forced to disk; the batches stay unsealed.
     pub fn seal_telemetry(&self) -> Result<Vec<Change>, StoreError> {
-        let sealed = self.telemetry.lock().map_err(|_| StoreError::Unknown)?.seal()?;
-        let seal = |BatchReceipt { version, batch, digest, rows }| Change::SealTelemetry {
-            version,
-            batch,
-            digest,
-            rows,
-        };
-        Ok(sealed.into_iter().map(seal).collect())
+        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.seal()
+    }
+
+    /// Whether telemetry has waited so long, or is so much, that it is sealed although nothing else is written.
+    ///
+    /// # Errors
+    /// If another thread failed with it.
+    pub fn telemetry_is_due(&self, now_ms: u64) -> Result<bool, StoreError> {
+        Ok(self.telemetry.lock().map_err(|_| StoreError::Unknown)?.is_due(now_ms))
+    }
+
+    /// The latest virtual time of telemetry that waits for its seal, ms; `None` if none does.
+    #[must_use]
+    pub fn telemetry_waits(&self) -> Option<u64> {
+        self.telemetry.lock().unwrap_or_else(PoisonError::into_inner).waiting()
     }
 
     /// A batch's rows, checked against their digest; `None` if it was removed for age.
@@ -368,6 +402,20 @@ impl StoreWriter {
         *self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner) =
             written.err().map(|error| error.to_string());
     }
+}
+
+/// What lies in the telemetry file, beside what the chain says of it.
+fn found_telemetry(
+    telemetry: &Mutex<TelemetryFile>,
+    connection: &Connection,
+    fold: &Fold,
+) -> Result<FoundTelemetry, StoreError> {
+    let known: BTreeSet<String> = connection
+        .prepare("SELECT name FROM version")
+        .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
+        .map_err(StoreError::sql("read the versions"))?;
+    let telemetry = telemetry.lock().map_err(|_| StoreError::Unknown)?;
+    telemetry.found(fold.telemetry(), |version| known.contains(&version.to_string()))
 }
 
 /// What others did to the database of a running engine.

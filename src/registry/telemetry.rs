@@ -1,16 +1,24 @@
 //! Telemetry and kept cells: a second database file that may lose its newest batches to a power cut, until they are
 //! sealed; then their digests can enter the audit chain. What a cell may be believed for is [`super::kept`]'s.
 //!
-//! Bounded: the oldest batches and the cells longest unused are removed beyond the limits.
+//! Batches are sealed in blocks: whatever waits is sealed together with the next record of any kind, or once a block
+//! is full or its first batch is old. So a record never rests on telemetry that is not sealed before it.
+//!
+//! Bounded: the oldest batches and the cells longest unused are removed beyond the limits; batches once it is on record
+//! that they go.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
+use serde::{Deserialize, Serialize};
 
+use super::change::{BLOCK_BATCHES_MAX, Change, GAPS_MAX};
 use super::columns::parsed;
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
 use super::open::{Durability, WrittenHere, open_reader, open_writer};
+use super::seals::{BatchState, FoundTelemetry, Settled, TelemetryAccount, absent};
 use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 
 /// How much the telemetry file keeps.
@@ -48,8 +56,8 @@ pub struct Batch {
     pub body: Vec<u8>,
 }
 
-/// A batch as it is kept; what [`Change::SealTelemetry`](super::Change::SealTelemetry) takes.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A batch as it is kept; what [`Change::SealTelemetryBlock`] takes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BatchReceipt {
     /// The version it is about.
     pub version: CapabilityId,
@@ -104,13 +112,18 @@ fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], b
 pub(crate) struct TelemetryFile {
     connection: Connection,
     limits: TelemetryLimits,
-    unsealed: Vec<BatchReceipt>,
+    /// In order, with the virtual time of the last row, ms.
+    unsealed: Vec<(BatchReceipt, u64)>,
     // After the connection: fields are dropped in their order.
     _written: WrittenHere,
 }
 
 /// Batches between two seals at most; more than that is a caller that forgot to seal.
-const UNSEALED_MAX: usize = 10_000;
+const UNSEALED_MAX: usize = 4096;
+/// Batches that wait at most, where nothing else is written.
+const WAITING_MAX: usize = 32;
+/// How long a batch waits at most, where nothing else is written; virtual time, ms.
+const WAITS_MS_MAX: u64 = 5 * 60 * 1000;
 
 impl TelemetryFile {
     /// Opens the file; makes it if there is none.
@@ -119,7 +132,7 @@ impl TelemetryFile {
         Ok(Self { connection, limits, unsealed: Vec::new(), _written: written })
     }
 
-    /// Keeps a batch; removes the oldest ones beyond the limit.
+    /// Keeps a batch.
     pub(crate) fn append(&mut self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         check_body("telemetry batch", &batch.body, batch.rows > 0)?;
         if !is_name(&batch.stream) {
@@ -139,7 +152,15 @@ impl TelemetryFile {
             return Err(StoreError::invalid("unsealed batches", UNSEALED_MAX, "fewer; seal them first"));
         }
         let digest = batch.digest();
-        let limit = self.limits.batch_bytes_max;
+        // Between two seals there may be twice as much.
+        let limit = self.limits.batch_bytes_max.saturating_mul(2);
+        let used: u64 = self
+            .connection
+            .query_row("SELECT batch_bytes FROM usage", [], |row| row.get(0))
+            .map_err(StoreError::sql("read telemetry"))?;
+        if used > limit {
+            return Err(StoreError::invalid("telemetry of", format!("{used} bytes"), "less; seal it first"));
+        }
         let number = self.write("keep telemetry", |tx| {
             tx.prepare_cached(
                 "INSERT INTO batch (version, stream, from_ms, to_ms, rows, digest, bytes, body)
@@ -157,38 +178,144 @@ impl TelemetryFile {
             let number = tx.last_insert_rowid();
             tx.prepare_cached("UPDATE usage SET batch_bytes = batch_bytes + ?1")?
                 .execute([batch.body.len()])?;
-            // The batch just written stays, whatever the limit.
-            while used(tx, "SELECT batch_bytes FROM usage")? > limit {
-                let oldest = "SELECT id, bytes FROM batch WHERE id < ?1 ORDER BY id LIMIT 1";
-                let Some((id, bytes)) = tx
-                    .prepare_cached(oldest)?
-                    .query_row([number], |row| Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?)))
-                    .optional()?
-                else {
-                    break;
-                };
-                tx.prepare_cached("DELETE FROM batch WHERE id = ?1")?.execute([id])?;
-                tx.prepare_cached("UPDATE usage SET batch_bytes = batch_bytes - ?1")?.execute([bytes])?;
-            }
             Ok(number)
         })?;
         let batch_number = u64::try_from(number)
             .map_err(|_| StoreError::invalid("batch number", number, "a positive one"))?;
         let receipt =
             BatchReceipt { version: batch.version.clone(), batch: batch_number, digest, rows: batch.rows };
-        self.unsealed.push(receipt.clone());
+        self.unsealed.push((receipt.clone(), batch.to_ms));
         Ok(receipt)
     }
 
-    /// Forces everything to disk and returns the batches since the last seal, for the audit chain.
-    pub(crate) fn seal(&mut self) -> Result<Vec<BatchReceipt>, StoreError> {
+    /// The latest virtual time of a batch that waits to be sealed, ms; `None` if none does.
+    pub(crate) fn waiting(&self) -> Option<u64> {
+        self.unsealed.iter().map(|(_, to_ms)| *to_ms).max()
+    }
+
+    /// Whether what waits has to be sealed now, although nothing else is written.
+    pub(crate) fn is_due(&self, now_ms: u64) -> bool {
+        let first = self.unsealed.first();
+        self.unsealed.len() >= WAITING_MAX
+            || first.is_some_and(|(_, to_ms)| now_ms.saturating_sub(*to_ms) >= WAITS_MS_MAX)
+    }
+
+    /// Forces everything to disk and returns what puts it into the audit chain; it waits until it is there.
+    pub(crate) fn seal(&self) -> Result<Vec<Change>, StoreError> {
+        if self.unsealed.is_empty() {
+            return Ok(Vec::new());
+        }
+        let busy: i64 = self
+            .connection
+            .query_row("PRAGMA wal_checkpoint(FULL)", [], |row| row.get(0))
+            .map_err(StoreError::sql("force telemetry to disk"))?;
+        if busy != 0 {
+            return Err(StoreError::invalid("telemetry file", "busy", "no other writer"));
+        }
+        let mut changes: Vec<Change> = Vec::new();
+        for block in self.unsealed.chunks(BLOCK_BATCHES_MAX) {
+            let batches = block.iter().map(|(receipt, _)| receipt.clone()).collect();
+            changes.push(Change::SealTelemetryBlock { batches, found: false });
+        }
+        let through = self.over_limit().map_err(StoreError::sql("measure telemetry"))?;
+        changes.extend(through.map(|through| Change::PruneTelemetry { through }));
+        Ok(changes)
+    }
+
+    /// The last of the oldest batches that have to go for the others to be within the limit; the newest stays.
+    fn over_limit(&self) -> rusqlite::Result<Option<u64>> {
+        let used: u64 = self.connection.query_row("SELECT batch_bytes FROM usage", [], |row| row.get(0))?;
+        let mut over = used.saturating_sub(self.limits.batch_bytes_max);
+        if over == 0 {
+            return Ok(None);
+        }
+        let sql = "SELECT id, bytes FROM batch WHERE id < (SELECT max(id) FROM batch) ORDER BY id";
+        let mut select = self.connection.prepare_cached(sql)?;
+        let mut rows = select.query([])?;
+        let mut through = None;
+        while over > 0
+            && let Some(row) = rows.next()?
+        {
+            through = Some(row.get(0)?);
+            over = over.saturating_sub(row.get(1)?);
+        }
+        Ok(through)
+    }
+
+    /// What these changes say is on record now: what they seal waits no more, what they remove goes.
+    pub(crate) fn settle(&mut self, settled: Settled) -> Result<(), StoreError> {
+        let Settled { sealed, pruned } = settled;
+        self.unsealed.retain(|(receipt, _)| receipt.batch > sealed);
+        if pruned == 0 {
+            return Ok(());
+        }
+        self.write("remove old telemetry", |tx| {
+            tx.execute("DELETE FROM batch WHERE id <= ?1", [pruned])?;
+            tx.execute("UPDATE usage SET batch_bytes = (SELECT coalesce(sum(bytes), 0) FROM batch)", [])?;
+            Ok(())
+        })
+    }
+
+    /// Compares the file with what the chain says of it. Batches of versions that there are not are none of this
+    /// store's, and are left out.
+    pub(crate) fn found(
+        &self,
+        account: &TelemetryAccount,
+        is_known: impl Fn(&CapabilityId) -> bool,
+    ) -> Result<FoundTelemetry, StoreError> {
+        let error = StoreError::sql("compare telemetry with the audit chain");
+        let numbers = || -> rusqlite::Result<Vec<u64>> {
+            let mut select = self.connection.prepare("SELECT id FROM batch ORDER BY id")?;
+            let numbers = select.query_map([], |row| row.get(0))?;
+            numbers.collect()
+        };
+        let there = numbers().map_err(&error)?;
+        let mut changes = Vec::new();
+        let oldest = there.first().copied();
+        let gaps = account.gaps(&there, oldest, GAPS_MAX);
+        if account.is_before_removals()
+            && let Some(oldest) = oldest
+        {
+            changes.push(Change::PruneTelemetry { through: oldest.saturating_sub(1).min(account.sealed()) });
+        }
+        let missing = gaps.iter().map(|[first, last]| last - first + 1).sum();
+        if !gaps.is_empty() {
+            changes.push(Change::MissTelemetry { gaps });
+        }
+        let mut unsealed = Vec::new();
+        for number in there.into_iter().filter(|number| *number > account.sealed()).take(UNSEALED_MAX) {
+            let Some(batch) = self.content(number)? else { continue };
+            if is_known(&batch.version) {
+                let Batch { version, rows, .. } = &batch;
+                let receipt = BatchReceipt {
+                    version: version.clone(),
+                    batch: number,
+                    digest: batch.digest(),
+                    rows: *rows,
+                };
+                unsealed.push(receipt);
+            }
+        }
+        let count = unsealed.len() as u64;
+        for block in unsealed.chunks(BLOCK_BATCHES_MAX) {
+            changes.push(Change::SealTelemetryBlock { batches: block.to_vec(), found: true });
+        }
+        Ok(FoundTelemetry { changes, missing, unsealed: count })
+    }
+
+    /// A batch as it lies there; `None` if there is none, or it is about no version.
+    fn content(&self, number: u64) -> Result<Option<Batch>, StoreError> {
+        let sql = "SELECT version, stream, from_ms, to_ms, rows, body FROM batch WHERE id = ?1";
+        let read = |row: &rusqlite::Row<'_>| -> rusqlite::Result<Option<Batch>> {
+            let Ok(version) = row.get::<_, String>(0)?.parse() else { return Ok(None) };
+            let [from_ms, to_ms, rows] = [row.get(2)?, row.get(3)?, row.get(4)?];
+            Ok(Some(Batch { version, stream: row.get(1)?, from_ms, to_ms, rows, body: row.get(5)? }))
+        };
         self.connection
-            .query_row("PRAGMA wal_checkpoint(FULL)", [], |row| row.get::<_, i64>(0))
-            .map_err(StoreError::sql("force telemetry to disk"))
-            .and_then(|busy| match busy {
-                0 => Ok(std::mem::take(&mut self.unsealed)),
-                _ => Err(StoreError::invalid("telemetry file", "busy", "no other writer")),
-            })
+            .prepare_cached(sql)
+            .and_then(|mut select| select.query_row([number], read).optional())
+            .map(Option::flatten)
+            .map_err(StoreError::sql("read telemetry"))
     }
 
     /// A batch's rows, checked against their digest; `None` if it was removed.
@@ -352,13 +479,14 @@ impl TelemetryViews {
         read().map_err(StoreError::sql("read telemetry"))
     }
 
-    /// The number of the oldest batch that is left; `None` if there is none.
+    /// The numbers of all batches that are there.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn oldest(&self) -> Result<Option<u64>, StoreError> {
+    pub fn numbers(&self) -> Result<BTreeSet<u64>, StoreError> {
         self.connection
-            .query_row("SELECT min(id) FROM batch", [], |row| row.get(0))
+            .prepare("SELECT id FROM batch")
+            .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
             .map_err(StoreError::sql("read telemetry"))
     }
 }
@@ -390,21 +518,12 @@ fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// What the verifier finds of one batch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum BatchState {
-    /// There, and its content matches.
-    Matches,
-    /// Removed for age: every batch before it is gone too.
-    Pruned,
-    Bad(&'static str),
-}
-
 /// Compares one batch with the digest the chain holds.
 pub(crate) fn check_batch(
     connection: &Connection,
     batch: u64,
     digest: Digest,
+    account: &TelemetryAccount,
 ) -> rusqlite::Result<BatchState> {
     let sql = "SELECT version, stream, from_ms, to_ms, rows, body FROM batch WHERE id = ?1";
     let found = connection
@@ -420,6 +539,5 @@ pub(crate) fn check_batch(
         return Ok(if found == digest { BatchState::Matches } else { bad });
     }
     let oldest: Option<u64> = connection.query_row("SELECT min(id) FROM batch", [], |row| row.get(0))?;
-    let pruned = oldest.is_some_and(|oldest| batch < oldest);
-    Ok(if pruned { BatchState::Pruned } else { BatchState::Bad("it is missing") })
+    Ok(absent(account, batch, oldest))
 }

@@ -17,9 +17,10 @@ use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
+use super::seals::{BatchState, absent};
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
-use super::telemetry::{BatchState, check_batch};
+use super::telemetry::check_batch;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
 
@@ -41,9 +42,11 @@ pub struct VerifyReport {
     pub batches: u64,
     /// Sealed batches that were removed for age.
     pub batches_pruned: u64,
-    /// Sealed batches that could not be looked at because the telemetry file is not there.
+    /// Sealed batches that are missing, which is on record.
+    pub batches_missed: u64,
+    /// Sealed batches that could not be looked at: the database was copied away from its telemetry file.
     pub batches_unseen: u64,
-    /// Which ones are not there, of those removed for age and those that could not be looked at.
+    /// Which ones are not there, of all these.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batches_missing: Option<MissingBatches>,
 }
@@ -196,10 +199,11 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         approvals,
         batches: 0,
         batches_pruned: 0,
+        batches_missed: 0,
         batches_unseen: 0,
         batches_missing: None,
     };
-    check_telemetry(&folder.join("telemetry.db"), &fold, &mut report)?;
+    check_telemetry(&folder.join("telemetry.db"), alone, &fold, &mut report)?;
     Ok(report)
 }
 
@@ -241,7 +245,12 @@ fn check_checkpoints(
     Ok(good)
 }
 
-fn check_telemetry(path: &Path, fold: &Fold, report: &mut VerifyReport) -> Result<(), VerifyError> {
+fn check_telemetry(
+    path: &Path,
+    alone: bool,
+    fold: &Fold,
+    report: &mut VerifyReport,
+) -> Result<(), VerifyError> {
     if fold.batches.is_empty() {
         return Ok(());
     }
@@ -249,16 +258,21 @@ fn check_telemetry(path: &Path, fold: &Fold, report: &mut VerifyReport) -> Resul
     let connection = if is_there { Some(open_reader(path, &TELEMETRY)?) } else { None };
     for sealed in &fold.batches {
         let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };
-        let state =
-            connection.as_ref().map(|connection| check_batch(connection, sealed.batch, sealed.digest));
-        match state.transpose().map_err(|error| bad(error.to_string()))? {
-            Some(BatchState::Matches) => {
+        let account = fold.telemetry();
+        let state = match &connection {
+            Some(connection) => check_batch(connection, sealed.batch, sealed.digest, account)
+                .map_err(|error| bad(error.to_string()))?,
+            None => absent(account, sealed.batch, None),
+        };
+        match state {
+            BatchState::Matches => {
                 report.batches += 1;
                 continue;
             }
-            Some(BatchState::Pruned) => report.batches_pruned += 1,
-            Some(BatchState::Bad(problem)) => return Err(bad(problem.to_owned())),
-            None => report.batches_unseen += 1,
+            BatchState::Pruned => report.batches_pruned += 1,
+            BatchState::Missed => report.batches_missed += 1,
+            BatchState::Bad(_) if alone && connection.is_none() => report.batches_unseen += 1,
+            BatchState::Bad(problem) => return Err(bad(problem.to_owned())),
         }
         report.batches_missing =
             Some(MissingBatches::with(report.batches_missing, (sealed.batch, sealed.seq)));

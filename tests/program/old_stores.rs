@@ -205,7 +205,7 @@ fn an_engine_carries_it_on_and_every_old_record_stays() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-policy.toml");
     let run = holdpoint(&folder, &["run", "--headless", "--script", script, "--seed", "1"]);
     assert_eq!(run.status.code(), Some(1), "{}{}", text(&run.stdout), text(&run.stderr));
-    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 345 records"));
+    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 346 records"));
     let records = printed(&folder, &["audit", "export"]);
     let old = fs::read_to_string(fixture(OPEN_ROLES).join("expected/audit-export.jsonl")).unwrap();
     assert!(records.starts_with(&old) && records.len() > old.len());
@@ -229,10 +229,11 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     assert_eq!((refused.status.code(), text(&refused.stderr).as_str()), (Some(2), NO_ROLE));
     let resumed = resume("omar");
     assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
-    // The operation's two and whose process asked for it, and what another build means for a store: its context, and two
+    // The operation's two and whose process asked for it, that telemetry is removed on record from now on, and what another
+    // build means for a store: its context, and two
     // for each of four families.
     let verified = printed(&folder, &["audit", "verify"]);
-    assert!(verified.starts_with("sound: 334 records"), "{verified}");
+    assert!(verified.starts_with("sound: 335 records"), "{verified}");
     let voided = printed(&folder, &["audit", "list", "--kind", "family-voided"]);
     assert!(["align", "grasp", "park", "place"].iter().all(|family| voided.contains(family)), "{voided}");
     let made = holdpoint(&folder, &["identity", "new", "eve", "--role", "safety-officer"]);

@@ -251,3 +251,25 @@ fn profile_numbers_are_the_profiles() {
         assert_eq!(numbers, values, "{name}");
     }
 }
+
+/// Each row of the limits names a constant as the source has it.
+#[test]
+fn limits_are_those_of_the_source() {
+    let page = fs::read_to_string(root().join("src/guide/limits.md")).unwrap();
+    let mut problems = Vec::new();
+    let mut rows = 0;
+    for line in page.lines() {
+        let Some((_, set_by)) = line.rsplit_once("| `") else { continue };
+        let Some((constant, path)) = set_by.trim_end_matches("` |").split_once("` in `") else { continue };
+        rows += 1;
+        let (name, value) = constant.split_once(" = ").unwrap();
+        let text = fs::read_to_string(root().join(path)).unwrap();
+        let is_set =
+            |line: &str| line.contains(&format!("const {name}: ")) && line.ends_with(&format!(" = {value};"));
+        if !text.lines().any(is_set) {
+            problems.push(format!("{path} does not set {constant}"));
+        }
+    }
+    assert!(rows >= 50, "{rows} rows were found");
+    report(&problems);
+}

@@ -69,6 +69,8 @@ pub(super) struct History {
     pub(super) control: Vec<Control>,
     /// Sealed batches of telemetry by number, with the record that sealed each.
     pub(super) sealed: BTreeMap<u64, u64>,
+    /// Of these, those that were sealed by the start after the engine that kept them had ended.
+    pub(super) sealed_late: BTreeSet<u64>,
     /// Decisions of stages and actions of monitors, in order.
     pub(super) decisions: Vec<AuditRecord>,
     /// When a drift of the cell set in or ended.
@@ -145,6 +147,13 @@ struct Sealed {
 }
 
 #[derive(Deserialize)]
+struct SealedBlock {
+    batches: Vec<Sealed>,
+    #[serde(default)]
+    found: bool,
+}
+
+#[derive(Deserialize)]
 struct ContextSet {
     policy_digest: Digest,
 }
@@ -201,6 +210,16 @@ impl History {
             RecordKind::TelemetrySealed => {
                 if let Some(Sealed { batch }) = change(&record) {
                     self.sealed.insert(batch, record.seq);
+                }
+            }
+            RecordKind::TelemetryBlockSealed => {
+                if let Some(SealedBlock { batches, found }) = change(&record) {
+                    for Sealed { batch } in batches {
+                        self.sealed.insert(batch, record.seq);
+                        if found {
+                            self.sealed_late.insert(batch);
+                        }
+                    }
                 }
             }
             RecordKind::Drift => {
@@ -276,6 +295,8 @@ impl History {
             | RecordKind::Recording
             | RecordKind::GoalSet
             | RecordKind::RecordingRemoved
+            | RecordKind::TelemetryPruned
+            | RecordKind::TelemetryMissed
             | RecordKind::StoreRebuilt => {}
         }
     }

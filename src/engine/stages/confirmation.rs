@@ -165,9 +165,8 @@ fn conclude(
     let confirmation = Confirmation { pairs, drills, behavior, recovery, kept };
     let json = serde_json::to_string(&confirmation)?;
     let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
-    let mut changes = record.ledger().store().seal_telemetry()?;
-    changes.push(Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest });
-    record.write(changes, Vec::new())?;
+    let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest };
+    record.write(vec![evidence], Vec::new())?;
     let assessments = [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
     let reasons: Vec<_> = assessments.into_iter().flatten().cloned().collect();
     let settled = confirmation.is_settled();

@@ -296,7 +296,8 @@ impl Live<'_> {
     }
 }
 
-/// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain.
+/// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain with the next
+/// record, or with those of others.
 fn keep_telemetry(
     record: &mut Record,
     monitors: &Monitors,
@@ -318,9 +319,8 @@ fn keep_telemetry(
     };
     let store = record.ledger().store();
     store.append_telemetry(&batch)?;
-    let seals = store.seal_telemetry()?;
-    if !seals.is_empty() {
-        record.write(seals, Vec::new())?;
+    if store.telemetry_is_due(to_ms)? {
+        record.write(Vec::new(), Vec::new())?;
     }
     Ok(())
 }

@@ -297,8 +297,7 @@ impl Sandbox<'_> {
         dossier.reasons = decision.reasons().to_vec();
         decided(self.context, self.record, dossier, id, Stage::Sandbox, &decision);
         let (version, _, _) = self.record.ledger().version(id)?;
-        let mut note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
-        note.before.extend(self.record.ledger().store().seal_telemetry()?);
+        let note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
         match decision.outcome() {
             // The stage that Psi names has been completed on current evidence: a measured
             // incompatibility is final, what the budget could not decide is held back.

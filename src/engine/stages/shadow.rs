@@ -176,10 +176,9 @@ fn decide(
         .reasons
         .first()
         .map_or_else(|| "shadow is passed".to_owned(), |reason| format!("{}: {}", reason.code, reason.text));
-    let mut note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
+    let note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
     let store = record.ledger().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;
-    note.before.extend(store.seal_telemetry()?);
     let (version, _, _) = record.ledger().version(&id)?;
     match result.check {
         Check::Pass | Check::PassRestricted(_) => {

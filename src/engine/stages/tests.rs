@@ -4,4 +4,5 @@ mod kept;
 mod paused;
 mod refused;
 mod standings;
+mod telemetry;
 mod wiring;

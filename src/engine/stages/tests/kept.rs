@@ -32,7 +32,7 @@ const FIRST: &str = "grasp-improved";
 /// The one of the attack: too much force, which a baseline that always fails would excuse.
 const SECOND: &str = "grasp-hard-grip";
 
-fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipeline {
+pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipeline {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
     profile.evaluation.sandbox_pairs = PAIRS;
     profile.evaluation.drills_per_kind = DRILLS;

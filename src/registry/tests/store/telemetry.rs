@@ -28,8 +28,9 @@ fn sealed_batches_are_vouched_for() {
     let kept = store.append_telemetry(&batch(1, 100)).unwrap();
     store.append_telemetry(&batch(2, 100)).unwrap();
     let seals = store.seal_telemetry().unwrap();
-    assert_eq!((seals.len(), store.seal_telemetry().unwrap().len()), (2, 0));
+    assert_eq!(seals.len(), 1, "one record seals both");
     commit(&store, "seal", seals).unwrap();
+    assert_eq!(store.seal_telemetry().unwrap().len(), 0, "nothing waits any more");
     assert_eq!(store.telemetry_batch(kept.batch).unwrap(), Some(batch(1, 100)));
     let (database, telemetry) = (store.layout().database(), store.layout().telemetry());
     assert_eq!(verify(&database, None).unwrap().batches, 2);
@@ -43,11 +44,80 @@ fn sealed_batches_are_vouched_for() {
         assert!(matches!(error, VerifyError::Telemetry { .. }), "{what}: {error}");
     }
     std::fs::remove_file(&telemetry).unwrap();
+    let error = verify(&database, None).expect_err("the whole file");
+    assert!(matches!(error, VerifyError::Telemetry { batch: 1, .. }), "{error}");
+    // A database that was copied away says what it could not look at.
+    let copy = tempfile::tempdir().unwrap();
+    std::fs::copy(&database, copy.path().join("holdpoint.db")).unwrap();
+    assert_eq!(verify(&copy.path().join("holdpoint.db"), None).unwrap().batches_unseen, 2);
+}
+
+/// What is missing is told once by the next start; from then on it is on record, and nothing else may go.
+#[test]
+fn what_is_missing_is_put_on_record_by_the_next_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    for fill in 0..5 {
+        store.append_telemetry(&batch(fill, 100)).unwrap();
+    }
+    commit(&store, "seal", store.seal_telemetry().unwrap()).unwrap();
+    let (database, telemetry) = (store.layout().database(), store.layout().telemetry());
+    drop(store);
+    let lose = |sql: &str| Connection::open(&telemetry).unwrap().execute_batch(sql).unwrap();
+    lose("DELETE FROM batch WHERE id IN (1, 3)");
+    assert!(verify(&database, None).is_err());
+    let store = open(folder.path());
+    let found = store.opening().telemetry.clone();
+    assert_eq!((found.missing, found.unsealed), (2, 0));
+    commit(&store, "missed", found.changes).unwrap();
+    drop(store);
     let report = verify(&database, None).unwrap();
-    assert_eq!(report.batches_unseen, 2);
-    let missing = report.batches_missing.unwrap();
-    assert_eq!((missing.first, missing.last), (1, 2));
-    assert_eq!(missing.last_sealed_by, missing.first_sealed_by + 1);
+    assert_eq!((report.batches, report.batches_missed, report.batches_pruned), (3, 2, 0));
+    assert_eq!(open(folder.path()).opening().telemetry.missing, 0, "it is told once");
+    lose("DELETE FROM batch WHERE id = 2");
+    let error = verify(&database, None).expect_err("between two that are known to be missing");
+    assert!(matches!(error, VerifyError::Telemetry { batch: 2, .. }), "{error}");
+    assert_eq!(open(folder.path()).opening().telemetry.missing, 1);
+}
+
+/// What an engine kept and did not live to seal is sealed as found; what is about no version is not this store's.
+#[test]
+fn what_nobody_sealed_is_sealed_as_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    store.append_telemetry(&batch(1, 100)).unwrap();
+    let planted = Batch { version: id("grasp@9.9.9"), ..batch(2, 100) };
+    store.append_telemetry(&planted).unwrap();
+    drop(store);
+    let store = open(folder.path());
+    let found = store.opening().telemetry.clone();
+    assert_eq!((found.missing, found.unsealed), (0, 1));
+    let is_found = |change: &Change| matches!(change, Change::SealTelemetryBlock { found: true, .. });
+    assert!(found.changes.iter().all(is_found), "{:?}", found.changes);
+    commit(&store, "found", found.changes).unwrap();
+    assert_eq!(verify(&store.layout().database(), None).unwrap().batches, 1);
+}
+
+/// Telemetry waits for the next record of any kind, for a full block or for its time, whichever comes first.
+#[test]
+fn a_block_is_due_by_count_or_by_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    assert!(!store.telemetry_is_due(u64::MAX).unwrap(), "nothing waits");
+    for fill in 0..31 {
+        store.append_telemetry(&batch(fill, 10)).unwrap();
+        assert!(!store.telemetry_is_due(300_001).unwrap());
+        assert!(store.telemetry_is_due(300_002).unwrap(), "five minutes after the first one");
+    }
+    store.append_telemetry(&batch(31, 10)).unwrap();
+    assert!(store.telemetry_is_due(2).unwrap(), "a block is full");
+    let receipt = store.commit_sealing(transaction("next", 2, Vec::new())).unwrap();
+    assert_eq!(receipt.first_seq + 1, receipt.last_seq, "32 batches are one record");
+    assert_eq!(store.telemetry_waits(), None);
+    assert_eq!(verify(&store.layout().database(), None).unwrap().batches, 32);
 }
 
 #[test]
@@ -58,12 +128,17 @@ fn the_oldest_go_first() {
     bootstrap(&store, "grasp");
     let batches: Vec<_> =
         (0..4).map(|fill| store.append_telemetry(&batch(fill, 100)).unwrap().batch).collect();
-    let there: Vec<_> = batches.iter().map(|n| store.telemetry_batch(*n).unwrap().is_some()).collect();
-    assert_eq!(there, [false, false, true, true]);
+    assert!(store.append_telemetry(&batch(4, 200)).is_ok(), "up to twice the limit between two seals");
+    let error = store.append_telemetry(&batch(5, 1)).unwrap_err().to_string();
+    assert!(error.contains("seal it first"), "{error}");
+    let there =
+        || -> Vec<bool> { batches.iter().map(|n| store.telemetry_batch(*n).unwrap().is_some()).collect() };
+    assert_eq!(there(), [true; 4], "nothing goes before it is on record");
     commit(&store, "seal", store.seal_telemetry().unwrap()).unwrap();
+    assert_eq!(there(), [false; 4]);
     let report = verify(&store.layout().database(), None).unwrap();
-    assert_eq!((report.batches, report.batches_pruned), (2, 2));
-    assert_eq!(report.batches_missing.map(|missing| (missing.first, missing.last)), Some((1, 2)));
+    assert_eq!((report.batches, report.batches_pruned, report.batches_missed), (1, 4, 0));
+    assert_eq!(report.batches_missing.map(|missing| (missing.first, missing.last)), Some((1, 4)));
 
     let (cells, is_there) = (store.cells(), |seed| is_kept(&store, seed).is_some());
     for seed in 0..2 {

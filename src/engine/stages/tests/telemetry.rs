@@ -1,0 +1,34 @@
+//! Telemetry at the end of an engine's life and at the start of the next.
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_registry::{Batch, verify};
+
+use super::kept::pipeline;
+use crate::trial::cache::EpisodeCache;
+
+/// What was measured last is sealed when the engine ends in order; what is removed meanwhile is told by the next one.
+#[test]
+fn what_is_lost_between_two_engines_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    let first = pipeline(&store, EpisodeCache::InStore, 1);
+    let version = "grasp@1.0.0".parse().unwrap();
+    let to_ms = first.record().now_ms();
+    let body = b"what was measured".to_vec();
+    let batch = Batch { version, stream: "live".into(), from_ms: to_ms, to_ms, rows: 1, body };
+    first.record().ledger().store().append_telemetry(&batch).unwrap();
+    drop(first);
+    let database = store.join("holdpoint.db");
+    assert_eq!(verify(&database, None).unwrap().batches, 1);
+
+    std::fs::remove_file(store.join("telemetry.db")).unwrap();
+    assert!(verify(&database, None).is_err());
+    let second = pipeline(&store, EpisodeCache::InStore, 1);
+    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("somebody is told");
+    assert!(alarm.text.raw().starts_with("1 sealed batches"), "{alarm:?}");
+    drop(second);
+    let report = verify(&database, None).unwrap();
+    assert_eq!((report.batches, report.batches_missed), (0, 1));
+    let third = pipeline(&store, EpisodeCache::InStore, 1);
+    assert_eq!(third.record().ledger().store().opening().telemetry.missing, 0);
+}

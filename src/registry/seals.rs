@@ -1,0 +1,191 @@
+//! What the audit chain says of telemetry, in numbers: how far it is sealed, how far it was removed, and what is known
+//! to be missing. Batches are numbered from 1 on without a gap, so that these few numbers say of each what became of it.
+
+use serde::{Deserialize, Serialize};
+
+use super::change::Change;
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TelemetryAccount {
+    /// The last batch that a record seals.
+    sealed: u64,
+    /// The last one that has a record of its own; removals were on no record then.
+    singly: u64,
+    /// All batches up to here were removed, on record; `None` before removals were on record.
+    pruned: Option<u64>,
+    /// Runs of batches, first and last, that were found missing; in order, apart from each other.
+    missed: Vec<[u64; 2]>,
+}
+
+impl TelemetryAccount {
+    /// Of a chain without telemetry.
+    pub(crate) const fn none() -> Self {
+        Self { sealed: 0, singly: 0, pruned: None, missed: Vec::new() }
+    }
+
+    pub(crate) const fn sealed(&self) -> u64 {
+        self.sealed
+    }
+
+    /// Whether batches may have been removed without a record: it says nothing of removals, and seals in the old way.
+    pub(crate) const fn is_before_removals(&self) -> bool {
+        self.pruned.is_none() && self.singly > 0
+    }
+
+    pub(crate) fn seal(&mut self, batch: u64) {
+        self.sealed = self.sealed.max(batch);
+    }
+
+    pub(crate) fn seal_singly(&mut self, batch: u64) {
+        self.seal(batch);
+        self.singly = self.singly.max(batch);
+    }
+
+    pub(crate) fn prune(&mut self, through: u64) {
+        self.pruned = self.pruned.max(Some(through));
+        self.missed.retain(|[_, last]| *last > through);
+    }
+
+    pub(crate) fn miss(&mut self, gaps: &[[u64; 2]]) {
+        self.missed.extend_from_slice(gaps);
+        self.missed.sort_unstable();
+        let mut joined: Vec<[u64; 2]> = Vec::with_capacity(self.missed.len());
+        for [first, last] in self.missed.drain(..) {
+            match joined.last_mut() {
+                Some(before) if first <= before[1].saturating_add(1) => before[1] = before[1].max(last),
+                Some(_) | None => joined.push([first, last]),
+            }
+        }
+        self.missed = joined;
+    }
+
+    /// Whether it was found missing, which is on record.
+    pub(crate) fn is_missed(&self, batch: u64) -> bool {
+        self.missed.iter().any(|[first, last]| (*first..=*last).contains(&batch))
+    }
+
+    /// Whether it may be away because of its age. `oldest` is the oldest batch there is: before removals were on
+    /// record, whatever went was older than what stayed.
+    pub(crate) fn is_pruned(&self, batch: u64, oldest: Option<u64>) -> bool {
+        self.pruned.map_or_else(
+            || batch <= self.singly && oldest.is_some_and(|oldest| batch < oldest),
+            |pruned| batch <= pruned,
+        )
+    }
+
+    /// The batches that have to be there and are not in this list, which is in order; as runs of them, at most `most`,
+    /// the last of which reaches to the end of what is missing. `oldest` as above.
+    pub(crate) fn gaps(&self, there: &[u64], oldest: Option<u64>, most: usize) -> Vec<[u64; 2]> {
+        let mut gaps: Vec<[u64; 2]> = Vec::new();
+        let mut next = self.pruned.unwrap_or(0) + 1;
+        let ends = there.iter().copied().filter(|batch| (next..=self.sealed).contains(batch));
+        for batch in ends.chain([self.sealed.saturating_add(1)]).collect::<Vec<_>>() {
+            for missing in next..batch {
+                if self.is_missed(missing) || self.is_pruned(missing, oldest) {
+                    continue;
+                }
+                let is_full = gaps.len() >= most;
+                match gaps.last_mut() {
+                    Some([_, last]) if is_full || *last + 1 == missing => *last = missing,
+                    Some(_) | None => gaps.push([missing, missing]),
+                }
+            }
+            next = batch + 1;
+        }
+        gaps
+    }
+}
+
+/// What a start finds in the file beside what the chain says.
+#[derive(Clone, Debug, Default)]
+pub struct FoundTelemetry {
+    /// What puts it on record.
+    pub changes: Vec<Change>,
+    /// Batches that were sealed and are not there.
+    pub missing: u64,
+    /// Batches that nobody had sealed when the last engine ended.
+    pub unsealed: u64,
+}
+
+/// How far a transaction that is on disk seals telemetry, and how far it removes it; 0 if it does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Settled {
+    pub(crate) sealed: u64,
+    pub(crate) pruned: u64,
+}
+
+impl Settled {
+    pub(crate) fn by(changes: &[Change]) -> Self {
+        let mut settled = Self::default();
+        for change in changes {
+            match change {
+                Change::SealTelemetryBlock { batches, .. } => {
+                    settled.sealed = batches.iter().map(|batch| batch.batch).fold(settled.sealed, u64::max);
+                }
+                Change::PruneTelemetry { through } => settled.pruned = settled.pruned.max(*through),
+                _ => {}
+            }
+        }
+        settled
+    }
+}
+
+/// What the verifier finds of one batch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BatchState {
+    /// There, and its content matches.
+    Matches,
+    /// Removed because of its age, which is on record.
+    Pruned,
+    /// Missing, which is on record.
+    Missed,
+    Bad(&'static str),
+}
+
+/// What is said of a batch that is not there. `oldest` is the oldest one that is.
+pub(crate) fn absent(account: &TelemetryAccount, batch: u64, oldest: Option<u64>) -> BatchState {
+    if account.is_pruned(batch, oldest) {
+        BatchState::Pruned
+    } else if account.is_missed(batch) {
+        BatchState::Missed
+    } else {
+        BatchState::Bad("it is missing")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn account(sealed: u64, singly: u64) -> TelemetryAccount {
+        TelemetryAccount { sealed, singly, ..TelemetryAccount::none() }
+    }
+
+    #[test]
+    fn what_is_missing() {
+        let mut account = account(10, 0);
+        assert_eq!(account.gaps(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], Some(1), 64), [[0; 2]; 0]);
+        assert_eq!(account.gaps(&[3, 4, 8, 10], Some(3), 64), [[1, 2], [5, 7], [9, 9]]);
+        assert_eq!(account.gaps(&[3, 4, 8, 10], Some(3), 2), [[1, 2], [5, 9]]);
+        assert_eq!(account.gaps(&[], None, 64), [[1, 10]]);
+        account.prune(4);
+        assert_eq!(account.gaps(&[3, 8, 10], Some(3), 64), [[5, 7], [9, 9]]);
+        account.miss(&[[9, 9], [5, 6]]);
+        assert_eq!(account.gaps(&[8, 10], Some(8), 64), [[7, 7]]);
+        account.miss(&[[7, 7]]);
+        assert_eq!(account.missed, [[5, 7], [9, 9]]);
+        assert!(account.gaps(&[8, 10], Some(8), 64).is_empty());
+        account.prune(8);
+        assert_eq!(account.missed, [[9, 9]]);
+    }
+
+    #[test]
+    fn what_was_removed_before_removals_were_on_record() {
+        let account = account(10, 6);
+        assert_eq!(account.gaps(&[5, 6, 7, 8, 9, 10], Some(5), 64), [[0; 2]; 0]);
+        assert_eq!(account.gaps(&[9, 10], Some(9), 64), [[7, 8]], "those had to be on record");
+        assert_eq!(account.gaps(&[], None, 64), [[1, 10]], "the newest are never removed");
+    }
+}
