@@ -88,6 +88,7 @@ impl Record {
         if self.clock().is_scripted() || !self.alarms.take_due(now_ms) {
             return;
         }
+        self.look_at_checkpoints();
         let over: Vec<AlarmKey> = self
             .alarms()
             .iter()
@@ -143,8 +144,19 @@ impl Record {
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),
             // Whoever ends the question or the rejection clears it.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
+            AlarmKey::CheckpointFailed => self.ledger().store().checkpoint_problem().is_none(),
             // An engine that holds does so until it comes up again.
             AlarmKey::EngineFault => self.holding().is_none(),
+        }
+    }
+
+    /// Whether the newest checkpoint could be written, and sent to the store's witnesses. The store works on without.
+    fn look_at_checkpoints(&mut self) {
+        let Some(problem) = self.ledger().store().checkpoint_problem() else { return };
+        let key = AlarmKey::CheckpointFailed;
+        if self.alarms().get(&key).is_none_or(|alarm| !alarm.condition) {
+            let text = format!("a cut of the audit chain would not be found: {problem}");
+            self.raise(key, Priority::High, false, &text);
         }
     }
 

@@ -10,8 +10,7 @@ use serde_json::{Value, json};
 
 use super::audit::{self, Head};
 use super::change::{
-    AUDIT_MAX, AuditBody, BLOCK_BATCHES_MAX, BODY_BYTES_MAX, CHANGES_MAX, Change, GAPS_MAX, Receipt,
-    TEXT_BYTES_MAX, Transaction,
+    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
 };
 use super::columns::parsed;
 use super::error::StoreError;
@@ -19,7 +18,7 @@ use super::fold::{ChainFault, Fold};
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
 use super::rows::{RowName, row_digest, rows_of};
-use super::telemetry::BatchReceipt;
+use super::witness::{self, WITNESSES_MAX};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -390,48 +389,24 @@ impl Applier<'_> {
             Change::SetContext { profile, policy_digest, json } => {
                 self.set_context(*profile, *policy_digest, json)
             }
-            Change::SealTelemetry { version, batch, rows, .. } => {
-                check_int("batch", *batch)?;
-                check_int("rows", *rows)?;
-                self.version(version)?;
-                Ok(Touched::new(RecordKind::TelemetrySealed, version))
-            }
-            Change::SealTelemetryBlock { batches, .. } => self.seal_block(batches),
-            Change::PruneTelemetry { through } => {
-                check_int("batch", *through)?;
-                Ok(Touched::new(RecordKind::TelemetryPruned, ""))
-            }
-            Change::MissTelemetry { gaps } => {
-                if gaps.is_empty() || gaps.len() > GAPS_MAX {
-                    return Err(StoreError::invalid("runs of missing batches", gaps.len(), "1 to 64"));
+            Change::SealTelemetry { .. }
+            | Change::SealTelemetryBlock { .. }
+            | Change::PruneTelemetry { .. }
+            | Change::MissTelemetry { .. } => self.about_telemetry(change),
+            Change::SetWitness { folder, present, by } => {
+                check_json("caller", by)?;
+                witness::check_path(folder)?;
+                let known = self.fold.witnesses();
+                if *present && known.len() >= WITNESSES_MAX && !known.contains(folder) {
+                    let allowed = format!("at most {WITNESSES_MAX}");
+                    return Err(StoreError::invalid("number of witnesses", known.len() + 1, allowed));
                 }
-                for [first, last] in gaps {
-                    check_int("batch", *last)?;
-                    check_int("batch", last.saturating_sub(*first))?;
-                }
-                Ok(Touched::new(RecordKind::TelemetryMissed, ""))
+                Ok(Touched::new(RecordKind::WitnessSet, ""))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
                 self.alarm(alarm, subject, (*state, *priority), json)
             }
         }
-    }
-
-    /// The record is about a version if all of its batches are.
-    fn seal_block(&self, batches: &[BatchReceipt]) -> Result<Touched, StoreError> {
-        if batches.is_empty() || batches.len() > BLOCK_BATCHES_MAX {
-            return Err(StoreError::invalid("block of batches", batches.len(), "1 to 64"));
-        }
-        let versions: BTreeSet<&CapabilityId> = batches.iter().map(|batch| &batch.version).collect();
-        for version in &versions {
-            self.version(version)?;
-        }
-        for batch in batches {
-            check_int("batch", batch.batch)?;
-            check_int("rows", batch.rows)?;
-        }
-        let only = versions.first().filter(|_| versions.len() == 1).map(ToString::to_string);
-        Ok(Touched { kind: RecordKind::TelemetryBlockSealed, subject: only.unwrap_or_default() })
     }
 
     /// State and row version of a version that must be there.

@@ -24,6 +24,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::TelemetryPruned
         | RecordKind::TelemetryMissed
         | RecordKind::AlarmChanged
+        | RecordKind::WitnessSet
         | RecordKind::StoreRebuilt => true,
         RecordKind::ProfileLoaded
         | RecordKind::Decision

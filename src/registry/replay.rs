@@ -101,6 +101,7 @@ impl Applier<'_> {
             | Change::SealTelemetryBlock { .. }
             | Change::PruneTelemetry { .. }
             | Change::MissTelemetry { .. }
+            | Change::SetWitness { .. }
             | Change::AlarmChange { .. } => self.change(change),
         };
         touched.map(drop)

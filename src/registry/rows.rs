@@ -135,6 +135,7 @@ pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
         Change::SealTelemetry { .. }
         | Change::SealTelemetryBlock { .. }
         | Change::PruneTelemetry { .. }
+        | Change::SetWitness { .. }
         | Change::MissTelemetry { .. } => Vec::new(),
         Change::AlarmChange { alarm, .. } => vec![(T::Alarm, alarm.clone())],
     }

@@ -297,6 +297,7 @@ impl History {
             | RecordKind::RecordingRemoved
             | RecordKind::TelemetryPruned
             | RecordKind::TelemetryMissed
+            | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt => {}
         }
     }

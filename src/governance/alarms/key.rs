@@ -36,6 +36,8 @@ crate::words! {
         KeptFalse = "kept-false",
         /// Telemetry that the record seals is not there any more.
         TelemetryMissed = "telemetry-missed",
+        /// A checkpoint cannot be written, or cannot be sent to a witness.
+        CheckpointFailed = "checkpoint-failed",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -68,7 +70,9 @@ impl AlarmKind {
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
-            Self::KeptFalse | Self::TelemetryMissed | Self::EngineFault => AlarmTopic::Engine,
+            Self::KeptFalse | Self::TelemetryMissed | Self::CheckpointFailed | Self::EngineFault => {
+                AlarmTopic::Engine
+            }
         }
     }
 }
@@ -105,6 +109,8 @@ pub enum AlarmKey {
     KeptFalse,
     /// The one file of telemetry there is.
     TelemetryMissed,
+    /// The store's checkpoints, here and elsewhere.
+    CheckpointFailed,
     /// The one engine there is.
     EngineFault,
 }
@@ -132,6 +138,7 @@ impl AlarmKey {
             Self::Unreviewed(_) => AlarmKind::Unreviewed,
             Self::KeptFalse => AlarmKind::KeptFalse,
             Self::TelemetryMissed => AlarmKind::TelemetryMissed,
+            Self::CheckpointFailed => AlarmKind::CheckpointFailed,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -150,7 +157,11 @@ impl fmt::Display for AlarmKey {
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
-            Self::CellDegraded | Self::KeptFalse | Self::TelemetryMissed | Self::EngineFault => {
+            Self::CellDegraded
+            | Self::KeptFalse
+            | Self::TelemetryMissed
+            | Self::CheckpointFailed
+            | Self::EngineFault => {
                 write!(f, "{kind}")
             }
         }
@@ -177,12 +188,14 @@ impl FromStr for AlarmKey {
             AlarmKind::Unreviewed => Self::Unreviewed(version()?),
             AlarmKind::KeptFalse if about.is_none() => Self::KeptFalse,
             AlarmKind::TelemetryMissed if about.is_none() => Self::TelemetryMissed,
+            AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
             AlarmKind::EngineFault
+            | AlarmKind::CheckpointFailed
+            | AlarmKind::TelemetryMissed
             | AlarmKind::CellDegraded
-            | AlarmKind::KeptFalse
-            | AlarmKind::TelemetryMissed => return Err(bad()),
+            | AlarmKind::KeptFalse => return Err(bad()),
         })
     }
 }
@@ -224,6 +237,7 @@ mod tests {
                 AlarmKind::EngineFault
                 | AlarmKind::CellDegraded
                 | AlarmKind::KeptFalse
+                | AlarmKind::CheckpointFailed
                 | AlarmKind::TelemetryMissed => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated
