@@ -27,16 +27,40 @@ type Inode = usize;
 #[derive(Clone, Debug)]
 enum Act {
     /// A file got a name; `new` is its permissions if it is a new one.
-    Name { inode: Inode, path: PathBuf, new: Option<u32> },
-    Folder { path: PathBuf },
-    Rename { from: PathBuf, to: PathBuf },
-    Unname { path: PathBuf },
-    Write { inode: Inode, at: usize, bytes: Vec<u8> },
-    Resize { inode: Inode, length: usize },
-    Force { inode: Inode },
-    ForceFolder { path: PathBuf },
-    /// The program said that everything up to this record is kept.
-    Acknowledge { seq: u64 },
+    Name {
+        inode: Inode,
+        path: PathBuf,
+        new: Option<u32>,
+    },
+    Folder {
+        path: PathBuf,
+    },
+    Rename {
+        from: PathBuf,
+        to: PathBuf,
+    },
+    Unname {
+        path: PathBuf,
+    },
+    Write {
+        inode: Inode,
+        at: usize,
+        bytes: Vec<u8>,
+    },
+    Resize {
+        inode: Inode,
+        length: usize,
+    },
+    Force {
+        inode: Inode,
+    },
+    ForceFolder {
+        path: PathBuf,
+    },
+    /// The program said how much is kept.
+    Acknowledge {
+        kept: u64,
+    },
 }
 
 impl Act {
@@ -93,11 +117,16 @@ pub enum Loss {
 }
 
 impl Trace {
-    /// Runs a program and records what it does to files below `folder`; none where nobody may trace.
+    /// Runs a program and records what it does to files below `folder`; none where nobody may trace. `said` reads out
+    /// of each piece that it prints how much is kept.
     ///
     /// # Panics
     /// If the program fails, or does something to the folder that is not understood.
-    pub fn record(folder: &Path, program: &mut Command) -> Option<Self> {
+    pub fn record(
+        folder: &Path,
+        program: &mut Command,
+        mut said: impl FnMut(&str) -> Option<u64>,
+    ) -> Option<Self> {
         let tried =
             Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
         if !tried.is_ok_and(|status| status.success()) {
@@ -123,7 +152,9 @@ impl Trace {
         folders.sort();
         let file = tempfile::NamedTempFile::new().unwrap();
         let mut strace = Command::new("strace");
-        strace.args(["-f", "-qq", "-y", "-xx", "-s", "10000000", "-e"]).arg(format!("trace={CALLS}"));
+        strace
+            .args(["-f", "--seccomp-bpf", "-qq", "-y", "-xx", "-s", "10000000", "-e"])
+            .arg(format!("trace={CALLS}"));
         strace.arg("-o").arg(file.path()).arg(program.get_program()).args(program.get_args());
         for (name, value) in program.get_envs() {
             strace.env(name, value.unwrap());
@@ -142,10 +173,10 @@ impl Trace {
                 let end = rest.split_once(" resumed>").unwrap().1;
                 // What was begun outside of the trace's view is none of its calls.
                 if let Some(start) = unfinished.remove(thread) {
-                    reader.read(&format!("{start}{end}"));
+                    reader.read(&format!("{start}{end}"), &mut said);
                 }
             } else {
-                reader.read(rest);
+                reader.read(rest, &mut said);
             }
         }
         Some(Self { before, folders, acts: reader.acts })
@@ -158,7 +189,7 @@ impl Trace {
 
     /// What was acknowledged by then.
     pub fn acknowledged(&self, moment: usize) -> u64 {
-        let said = |act: &Act| if let Act::Acknowledge { seq } = act { Some(*seq) } else { None };
+        let said = |act: &Act| if let Act::Acknowledge { kept } = act { Some(*kept) } else { None };
         self.acts[..moment].iter().filter_map(said).max().unwrap_or(0)
     }
 
@@ -303,7 +334,7 @@ impl<'a> Reader<'a> {
     }
 
     /// One call: `name(arguments) = result`.
-    fn read(&mut self, line: &str) {
+    fn read(&mut self, line: &str, said: &mut dyn FnMut(&str) -> Option<u64>) {
         // Signals and ends of processes.
         let Some((name, rest)) = line.split_once('(') else { return };
         let Some((arguments, result)) = rest.rsplit_once(" = ") else { return };
@@ -332,9 +363,7 @@ impl<'a> Reader<'a> {
         });
         if let (true, Some((1, _))) = (name.starts_with("write"), descriptor) {
             let text = String::from_utf8_lossy(&bytes(arguments[1])).into_owned();
-            if let Some(seq) = text.split("ACK ").nth(1).and_then(|rest| rest.trim().parse().ok()) {
-                self.acts.push(Act::Acknowledge { seq });
-            }
+            self.acts.extend(said(&text).map(|kept| Act::Acknowledge { kept }));
             return;
         }
         match name {
@@ -466,5 +495,8 @@ fn bytes(argument: &str) -> Vec<u8> {
 
 /// The bytes of `\x12\x34`.
 fn unhex(text: &str) -> Vec<u8> {
-    text.split("\\x").skip(1).map(|digits| u8::from_str_radix(digits.get(..2).unwrap(), 16).unwrap()).collect()
+    text.split("\\x")
+        .skip(1)
+        .map(|digits| u8::from_str_radix(digits.get(..2).unwrap(), 16).unwrap())
+        .collect()
 }

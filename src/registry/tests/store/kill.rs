@@ -40,7 +40,7 @@ fn child(test: &str, folder: &Path, wrap: Option<&str>, failpoint: &str) -> Chil
 }
 
 /// The number after `ACK` in a line of the child.
-fn acknowledged(line: &str) -> Option<u64> {
+pub fn acknowledged(line: &str) -> Option<u64> {
     line.split("ACK ").nth(1)?.trim().parse().ok()
 }
 

@@ -14,7 +14,7 @@ use rusqlite::Connection;
 
 use crate::disk::{Loss, Trace};
 use crate::edits::{made, quick_folder};
-use crate::kill::one_step;
+use crate::kill::{acknowledged, one_step};
 use crate::mutate::Random;
 use crate::released::schema_1;
 use crate::support::*;
@@ -61,7 +61,7 @@ fn number(name: &str, otherwise: u64) -> u64 {
 fn recorded(test: &str, folder: &Path) -> Option<Trace> {
     let mut child = Command::new(std::env::current_exe().unwrap());
     child.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(CHILD, folder);
-    Trace::record(folder, &mut child)
+    Trace::record(folder, &mut child, acknowledged)
 }
 
 /// Ends a recorded life in every way asked for, and looks at what is left; `check` gets what had been acknowledged.
@@ -85,7 +85,8 @@ fn ended(name: &str, trace: &Trace, check: impl Fn(&Path, u64, &str)) {
 
 /// Nothing acknowledged is lost, everything holds, and the next engine works in it and can be followed by another.
 fn goes_on(folder: &Path, acknowledged: u64, when: &str) {
-    let store = unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: bricked: {error}"));
+    let store =
+        unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: bricked: {error}"));
     let views = store.views().unwrap();
     let head = views.head().unwrap().seq;
     assert!(head >= acknowledged, "{when}: {acknowledged} was acknowledged, {head} are there");
@@ -94,9 +95,7 @@ fn goes_on(folder: &Path, acknowledged: u64, when: &str) {
         bootstrap(&store, "grasp");
     }
     let after = transaction("after", LATER_MS, vec![new_version("grasp@9.0.0", false)]);
-    store
-        .commit(after)
-        .unwrap_or_else(|error| panic!("{when}: {error}"));
+    store.commit(after).unwrap_or_else(|error| panic!("{when}: {error}"));
     assert_eq!(store.checkpoint_problem(), None, "{when}");
     let key = *store.public_key();
     drop((views, store));
@@ -122,9 +121,8 @@ fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
         trace.play(moment, Loss::Anything, &mut random, folder.path());
         let opened = Store::open(folder.path());
         opened.is_err()
-            || opened.is_ok_and(|store| {
-                store.views().unwrap().head().unwrap().seq < trace.acknowledged(moment)
-            })
+            || opened
+                .is_ok_and(|store| store.views().unwrap().head().unwrap().seq < trace.acknowledged(moment))
     });
     assert!(lost.count() > 10, "a disk that lies is not noticed");
 }
