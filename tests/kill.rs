@@ -1,7 +1,16 @@
-//! kill -9 at a random moment of `promote-benign`: the next start recovers and every invariant holds.
+//! kill -9 at a random moment of `promote-benign`: the next start recovers and every invariant holds. And the power cut
+//! at any moment of it, from one record of what it did to the disk.
 //!
-//! Five kills by default; `HOLDPOINT_KILLS` sets another number.
+//! `HOLDPOINT_KILLS` is how many kills (5), `HOLDPOINT_POWER_CUTS` how many power cuts (8), `HOLDPOINT_REPLAYED_KILLS`
+//! how many ends of the recorded run with nothing lost (4); `HOLDPOINT_KILL_SEED` is the seed.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
+#![allow(clippy::print_stdout, reason = "a campaign says how far it got")]
+
+#[path = "support/disk.rs"]
+mod disk;
+#[allow(dead_code, reason = "its random numbers are used here, not its mutants")]
+#[path = "fuzz/mutate.rs"]
+mod mutate;
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -13,30 +22,38 @@ use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::{KeptCells, KeptSecret, check_invariants};
+use tempfile::TempDir;
 
-/// SplitMix64, so that a failing run can be repeated with its seed.
-fn random(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+use disk::{Loss, Trace};
+use mutate::Random;
+
+fn number(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
 }
 
-/// Starts the scenario and kills it after `after`; tells whether it was still running.
-fn killed(data: &Path, cache: &Path, after: Duration) -> bool {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
-        .args(["run", "--headless", "--script", "tests/scenarios/promote-benign.toml", "--seed", "5"])
+/// A folder in memory where there is such a thing: a kill and a recorded power cut need no disk.
+fn quick_folder() -> TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
+/// The scenario, which says as JSON what was done.
+fn scenario(data: &Path, cache: &Path) -> Command {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    program
+        .args(["run", "--headless", "--json", "--seed", "5"])
+        .args(["--script", "tests/scenarios/promote-benign.toml"])
         .arg("--cache")
         .arg(cache.join("cells"))
         .arg("--cache-key")
         .arg(cache.join("cells.key"))
         .arg("--data")
-        .arg(data)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+        .arg(data);
+    program
+}
+
+/// Starts the scenario and kills it after `after`; tells whether it was still running.
+fn killed(data: &Path, cache: &Path, after: Duration) -> bool {
+    let mut child = scenario(data, cache).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let start = Instant::now();
     while start.elapsed() < after {
         if child.try_wait().unwrap().is_some() {
@@ -55,60 +72,118 @@ fn violations(data: &Path) -> Vec<String> {
     check_invariants(&connection).unwrap().iter().map(ToString::to_string).collect()
 }
 
+/// The kept cells that all runs share.
+struct Cache {
+    folder: TempDir,
+    secret: KeptSecret,
+}
+
+impl Cache {
+    fn new() -> Self {
+        let folder = quick_folder();
+        let secret =
+            KeptSecret::beside(&folder.path().join("cells.key"), &folder.path().join("cells")).unwrap();
+        Self { folder, secret }
+    }
+
+    fn cells(&self) -> KeptCells {
+        KeptCells::in_folder(self.folder.path().join("cells"), self.secret.clone())
+    }
+}
+
+/// The next engine works in what is left, nothing is half done, and the record is sound.
+fn recovers(data: &Path, cache: &Cache, when: &str) {
+    let mut engine = Engine::start(Config {
+        data,
+        profile: ProfileName::Sim.into(),
+        seed: 5,
+        jobs: 2,
+        scripted: true,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::Shared(cache.cells()),
+    })
+    .unwrap_or_else(|error| panic!("{when}: {error}"));
+    for _ in 0..3 {
+        if engine.advance() == (Progress::Idle { next_ms: None }) {
+            break;
+        }
+    }
+    assert_eq!(engine.holding(), None, "{when}");
+    for family in &engine.snapshot().families {
+        assert!(family.active.is_some() != family.safe_stopped, "{when}: {family:?}");
+    }
+    drop(engine);
+    let found = violations(data);
+    assert!(found.is_empty(), "{when}: {found:?}");
+    let verify = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["audit", "verify", "--data"])
+        .arg(data)
+        .output()
+        .unwrap();
+    assert!(verify.status.success(), "{when}: {}", String::from_utf8_lossy(&verify.stdout));
+}
+
 #[test]
 fn the_next_start_recovers_from_a_kill_at_any_moment() {
-    let kills: u64 = std::env::var("HOLDPOINT_KILLS").map_or(5, |text| text.parse().unwrap());
-    let seed = std::env::var("HOLDPOINT_KILL_SEED").map_or(20_261_121, |text| text.parse().unwrap());
-    let mut state = seed;
-    let cache = tempfile::tempdir().unwrap();
-    let cells = cache.path().join("cells");
-    let secret = KeptSecret::beside(&cache.path().join("cells.key"), &cells).unwrap();
+    let kills = number("HOLDPOINT_KILLS", 5);
+    let seed = number("HOLDPOINT_KILL_SEED", 20_261_121);
+    let cache = Cache::new();
     let mut landed = 0;
     for round in 0..kills {
-        let data = tempfile::tempdir().unwrap();
+        let mut random = Random::of_run(seed, round);
+        let data = quick_folder();
         // Early moments are tried as often as late ones: the span is drawn first.
-        let span_ms = [200, 1_000, 4_000, 12_000][usize::try_from(random(&mut state) % 4).unwrap()];
-        let after = Duration::from_millis(20 + random(&mut state) % span_ms);
-        landed += u64::from(killed(data.path(), cache.path(), after));
-        if !data.path().join("holdpoint.db").exists() {
-            continue;
+        let span_ms: usize = *random.of(&[200, 1_000, 4_000, 12_000]);
+        let after = Duration::from_millis(20 + random.below(span_ms) as u64);
+        landed += u64::from(killed(data.path(), cache.folder.path(), after));
+        if data.path().join("holdpoint.db").exists() {
+            recovers(data.path(), &cache, &format!("round {round}, seed {seed}, after {after:?}"));
         }
-        let mut engine = Engine::start(Config {
-            data: data.path(),
-            profile: ProfileName::Sim.into(),
-            seed: 5,
-            jobs: 2,
-            scripted: true,
-            cell: Cell::builtin().unwrap(),
-            cache: EpisodeCache::Shared(KeptCells::in_folder(cells.clone(), secret.clone())),
-        })
-        .unwrap_or_else(|error| panic!("round {round}, seed {seed}, after {after:?}: {error}"));
-        for _ in 0..3 {
-            if engine.advance() == (Progress::Idle { next_ms: None }) {
-                break;
-            }
+    }
+    println!("kills of the program: seed {seed}, {kills} kills, {landed} of them while it ran");
+    assert!(landed * 2 >= kills, "only {landed} of {kills} kills hit a running engine");
+}
+
+/// How many changes of a version's state are in the store.
+fn changes_of_state(data: &Path) -> u64 {
+    let connection = rusqlite::Connection::open(data.join("holdpoint.db")).unwrap();
+    let sql = "SELECT count(*) FROM audit WHERE kind = 'state-set'";
+    connection.query_row(sql, [], |row| row.get(0)).unwrap()
+}
+
+#[test]
+fn the_next_start_recovers_from_a_power_cut_at_any_moment() {
+    let seed = number("HOLDPOINT_KILL_SEED", 20_261_121);
+    let cache = Cache::new();
+    let data = quick_folder();
+    // What is printed of a change is said after it is kept.
+    let mut changes = 0;
+    let said = |text: &str| {
+        let lines = text.matches("\"event\":\"state-changed\"").count() as u64;
+        changes += lines;
+        (lines > 0).then_some(changes)
+    };
+    let Some(trace) = Trace::record(data.path(), &mut scenario(data.path(), cache.folder.path()), said)
+    else {
+        return;
+    };
+    for (loss, cases) in [
+        (Loss::Unforced, number("HOLDPOINT_POWER_CUTS", 8)),
+        (Loss::Nothing, number("HOLDPOINT_REPLAYED_KILLS", 4)),
+    ] {
+        for case in 0..cases {
+            let mut random = Random::of_run(seed, case);
+            let moment = random.below(trace.moments());
+            let data = quick_folder();
+            trace.play(moment, loss, &mut random, data.path());
+            let when = format!("{loss:?} lost, seed {seed}, case {case}, moment {moment}");
+            recovers(data.path(), &cache, &when);
+            let (said, kept) = (trace.acknowledged(moment), changes_of_state(data.path()));
+            assert!(kept >= said, "{when}: {said} changes of state were printed, {kept} are kept");
         }
-        assert_eq!(engine.holding(), None, "round {round}, seed {seed}, after {after:?}");
-        let snapshot = engine.snapshot();
-        for family in &snapshot.families {
-            assert!(
-                family.active.is_some() != family.safe_stopped,
-                "round {round}, seed {seed}, after {after:?}: {family:?}"
-            );
-        }
-        drop(engine);
-        let found = violations(data.path());
-        assert!(found.is_empty(), "round {round}, seed {seed}, after {after:?}: {found:?}");
-        let verify = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
-            .args(["audit", "verify", "--data"])
-            .arg(data.path())
-            .output()
-            .unwrap();
-        assert!(
-            verify.status.success(),
-            "round {round}, seed {seed}: {}",
-            String::from_utf8_lossy(&verify.stdout)
+        println!(
+            "power cuts of the program: seed {seed}, {cases} of {} moments, {loss:?} lost",
+            trace.moments()
         );
     }
-    assert!(landed * 2 >= kills, "only {landed} of {kills} kills hit a running engine");
 }

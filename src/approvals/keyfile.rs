@@ -185,7 +185,13 @@ fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     // Unlike a renamed file, a linked one replaces nothing.
     let placed = written.and_then(|()| fs::hard_link(&part, path).map_err(io("create", path)));
     drop(fs::remove_file(&part));
-    placed
+    placed.and_then(|()| force_folder(path))
+}
+
+/// Forces to disk which files a file's folder has: without it a power cut may take the name of a file that was forced.
+fn force_folder(path: &Path) -> Result<(), KeyError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(io("write the folder of", path))
 }
 
 /// Writes a secret key over the one there, in one step: after a sudden death the file has the old form or the new one,
@@ -203,8 +209,7 @@ pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: Keep<'_>) -> R
     }
     write_kept(&aside, key, keep)?;
     fs::rename(&aside, path).map_err(io("replace", path))?;
-    let folder = path.parent().unwrap_or(Path::new("."));
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(io("replace", path))
+    force_folder(path)
 }
 
 /// Reads a secret key that has no passphrase; refuses a link and a file that others can read or write.

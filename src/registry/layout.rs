@@ -106,9 +106,15 @@ impl Layout {
             self.recordings(),
             self.logs(),
         ];
+        let new = !self.keys().is_dir();
         for path in folders {
             let made = DirBuilder::new().recursive(true).mode(0o700).create(&path);
             made.map_err(StoreError::io("make the store folder", &path))?;
+        }
+        if new {
+            sync_folder(&self.folder)?;
+            // Where the folder it is in may not be read, that one is left to the system.
+            drop(self.folder.parent().map(sync_folder));
         }
         Ok(())
     }

@@ -2,21 +2,47 @@
 //! place in turn. The error is said, nothing acknowledged is lost, no store is bricked.
 //!
 //! The calls are refused by strace (`--inject`), outside the program: SQLite's own calls are met like ours. Where there
-//! is no strace, or the system forbids tracing, this is left out and said. `HOLDPOINT_IO_ERRORS` is how many (6).
+//! is no strace, or the system forbids tracing, this is left out and said. `HOLDPOINT_IO_ERRORS` is how many (6). One
+//! call fails, or three after another, or every one from there on; lives differ in length.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use holdpoint_registry::{Batch, Store, check_invariants, verify};
 
+use crate::edits::quick_folder;
+use crate::kill::one_step;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_FAILING_CHILD";
+/// Steps of the life beyond its first.
+const MORE: &str = "HOLDPOINT_FAILING_MORE";
 const TEST: &str = "failing::a_disk_that_fails_at_any_call_loses_nothing";
 
 /// What is refused, and with which error.
 const CALLS: [&str; 6] = ["write", "pwrite64", "fsync", "fdatasync", "ftruncate", "rename"];
 const ERRORS: [&str; 2] = ["EIO", "ENOSPC"];
+
+/// How long a disk fails, from its `nth` call on.
+#[derive(Clone, Copy, Debug)]
+enum Spell {
+    Once,
+    Thrice,
+    ForGood,
+}
+
+impl Spell {
+    const ALL: [Self; 3] = [Self::Once, Self::Thrice, Self::ForGood];
+
+    /// As strace takes it.
+    fn when(self, nth: u64) -> String {
+        match self {
+            Self::Once => nth.to_string(),
+            Self::Thrice => format!("{nth}..{}", nth + 2),
+            Self::ForGood => format!("{nth}+"),
+        }
+    }
+}
 
 /// A short life of a store, from its making to an activation and its rollback, with telemetry; says `ACK <seq>` after
 /// each commit and `FAILED` with the error at the first.
@@ -41,37 +67,36 @@ fn live(folder: &Path) -> Result<(), holdpoint_registry::StoreError> {
     acked("seal", store.seal_telemetry()?)?;
     acked("activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0))?;
     acked("rollback", rollback(("grasp@1.1.0", 5), ("grasp@1.0.0", 3)))?;
+    let more: u64 = std::env::var(MORE).map_or(0, |text| text.parse().unwrap());
+    if more > 0 {
+        let ada = person(&store, "ada");
+        for step in 0..more {
+            println!("ACK {}", one_step(&store, &ada, 0, step)?.last_seq);
+        }
+    }
     println!("DONE");
     Ok(())
 }
 
-/// Runs [`live`] in `folder`, with the `nth` of these calls refused if one is given; what it printed.
-fn run(folder: &Path, refused: Option<(&str, &str, u64)>) -> String {
+/// Runs [`live`] in `folder`, with some of these calls refused; what it printed.
+fn run(folder: &Path, more: u64, (call, error, when): (&str, &str, &str)) -> String {
     let program = std::env::current_exe().unwrap();
-    let mut command = match refused {
-        None => Command::new(program),
-        Some((call, error, nth)) => {
-            let mut strace = Command::new("strace");
-            strace.args(["-f", "-qq", "-o", "/dev/null", "-P"]).arg(folder);
-            for file in ["holdpoint.db", "holdpoint.new", "telemetry.db", "telemetry.new"] {
-                for ending in ["", "-wal", "-journal"] {
-                    strace.arg("-P").arg(folder.join(format!("{file}{ending}")));
-                }
-            }
-            for file in ["checkpoints", "keys/store.key", "keys/store.pub", "keys/cells.key"] {
-                strace.arg("-P").arg(folder.join(file));
-            }
-            strace.args([
-                "-e",
-                &format!("trace={call}"),
-                "-e",
-                &format!("inject={call}:error={error}:when={nth}"),
-            ]);
-            strace.arg(program);
-            strace
+    let mut command = Command::new("strace");
+    command.args(["-f", "-qq", "-o", "/dev/null", "-P"]).arg(folder);
+    for file in ["holdpoint.db", "holdpoint.new", "telemetry.db", "telemetry.new"] {
+        for ending in ["", "-wal", "-journal"] {
+            command.arg("-P").arg(folder.join(format!("{file}{ending}")));
         }
-    };
-    command.args([TEST, "--exact", "--nocapture", "--test-threads=1"]).env(CHILD, folder);
+    }
+    for file in ["checkpoints", "keys", "keys/store.key.part", "keys/store.pub.part", "keys/cells.key.part"] {
+        command.arg("-P").arg(folder.join(file));
+    }
+    command.args(["-e", &format!("trace={call}"), "-e", &format!("inject={call}:error={error}:when={when}")]);
+    command.arg(program);
+    command
+        .args([TEST, "--exact", "--nocapture", "--test-threads=1"])
+        .env(CHILD, folder)
+        .env(MORE, more.to_string());
     let output = command.stdout(Stdio::piped()).stderr(Stdio::piped()).output().unwrap();
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
@@ -115,27 +140,35 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
     }
     let most: u64 = std::env::var("HOLDPOINT_IO_ERRORS").map_or(6, |text| text.parse().unwrap());
     let (mut done, mut told) = (0, 0);
-    // Every call of one life at most: a call that is never made lets it end in peace.
-    let mut open: Vec<(&str, &str)> =
-        CALLS.iter().flat_map(|call| ERRORS.iter().map(move |error| (*call, *error))).collect();
-    let mut nth = 0;
-    while done < most && !open.is_empty() {
-        nth += 1;
-        open.retain(|(call, error)| {
-            if done >= most {
-                return false;
+    'all: for more in 0.. {
+        // Every call of a life at most: a call that is never made lets it end in peace.
+        let all = CALLS.iter().flat_map(|call| ERRORS.iter().map(move |error| (*call, *error)));
+        let mut open: Vec<(&str, &str, Spell)> =
+            all.flat_map(|(call, error)| Spell::ALL.map(|spell| (call, error, spell))).collect();
+        for nth in 1.. {
+            let mut still_open = Vec::new();
+            for (call, error, spell) in open {
+                if done >= most {
+                    break 'all;
+                }
+                let folder = quick_folder();
+                let store = folder.path().join("store");
+                std::fs::create_dir(&store).unwrap();
+                let said = run(&store, more, (call, error, &spell.when(nth)));
+                let failed = check(&store, &said, &format!("{call} {nth} {error} {spell:?}, {more} more"));
+                done += 1;
+                told += u64::from(failed);
+                // A sync or write that fails behind an acknowledgement is put right by the next one, so an end in
+                // peace says nothing of what comes later; calls run out after some hundred.
+                if failed || nth < 60 + 20 * more {
+                    still_open.push((call, error, spell));
+                }
             }
-            let folder = tempfile::tempdir().unwrap();
-            let store = folder.path().join("store");
-            std::fs::create_dir(&store).unwrap();
-            let said = run(&store, Some((call, error, nth)));
-            let failed = check(&store, &said, &format!("{call} {nth} {error}"));
-            done += 1;
-            told += u64::from(failed);
-            // A sync or write that fails behind an acknowledgement is put right by the next one, so an end in peace
-            // says nothing of what comes later; calls run out after some hundred.
-            failed || nth < 60
-        });
+            open = still_open;
+            if open.is_empty() {
+                break;
+            }
+        }
     }
     assert!(told > 0, "no failure reached the store");
     println!("{done} failing calls, {told} told by an error, {} without effect", done - told);

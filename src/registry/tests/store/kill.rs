@@ -8,11 +8,16 @@ use std::process::{Child, Command, Stdio};
 
 use holdpoint_approvals::{Identity, Nonce};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_registry::{AuditFilter, Change, Store, check_invariants, failpoint, verify};
+use holdpoint_registry::{
+    AuditFilter, Change, Receipt, Store, StoreError, check_invariants, failpoint, verify,
+};
 
+use crate::edits::quick_folder;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILL_CHILD";
+/// So often the same store is killed; then its chain is long enough, and a new one is begun.
+const KILLS_OF_A_STORE: u64 = 25;
 
 /// This test again, as a child that works in `folder`.
 fn child(test: &str, folder: &Path, wrap: Option<&str>, failpoint: &str) -> Child {
@@ -35,7 +40,7 @@ fn child(test: &str, folder: &Path, wrap: Option<&str>, failpoint: &str) -> Chil
 }
 
 /// The number after `ACK` in a line of the child.
-fn acknowledged(line: &str) -> Option<u64> {
+pub fn acknowledged(line: &str) -> Option<u64> {
     line.split("ACK ").nth(1)?.trim().parse().ok()
 }
 
@@ -51,36 +56,7 @@ fn work(folder: &Path) {
         None => person(&store, "ada"),
     };
     for step in 0u64.. {
-        let views = store.views().unwrap();
-        let status = views.families().unwrap().remove(0);
-        let row_version =
-            |version: &CapabilityId| views.version(version).unwrap().unwrap().summary.row_version;
-        let active = status.active.unwrap();
-        let command = format!("{start} {step}");
-        let result = match status.pinned {
-            Some(pinned) if step % 2 == 1 => {
-                let (new, old) = (active.to_string(), pinned.to_string());
-                commit(&store, &command, rollback((&new, row_version(&active)), (&old, row_version(&pinned))))
-            }
-            _ => {
-                let name = format!("grasp@2.{start}.{step}");
-                let nonce = Nonce::random().unwrap();
-                let mut approval = approval(&store, &name, 0);
-                approval.nonce = nonce.clone();
-                let signed = Box::new(ada.sign(approval));
-                let put = vec![Change::PutApproval(signed)];
-                let old = active.to_string();
-                let mut changes = vec![Change::ConsumeApproval {
-                    nonce: nonce.to_string(),
-                    evidence_digest: digest(&format!("gate {name}")),
-                }];
-                changes.extend(activation(&name, (&old, row_version(&active)), 1));
-                commit(&store, &format!("{command} shadowed"), shadowing(&name))
-                    .and_then(|_| commit(&store, &format!("{command} put"), put))
-                    .and_then(|_| commit(&store, &command, changes))
-            }
-        };
-        match result {
+        match one_step(&store, &ada, start, step) {
             Ok(receipt) => println!("ACK {}", receipt.last_seq),
             Err(error) => {
                 println!("FAILED {error}");
@@ -90,8 +66,40 @@ fn work(folder: &Path) {
     }
 }
 
+/// An activation that somebody approved, or every other time its rollback.
+pub fn one_step(store: &Store, ada: &Identity, start: u64, step: u64) -> Result<Receipt, StoreError> {
+    let views = store.views()?;
+    let status = views.families()?.remove(0);
+    let row_version = |version: &CapabilityId| views.version(version).unwrap().unwrap().summary.row_version;
+    let active = status.active.unwrap();
+    let command = format!("{start} {step}");
+    match status.pinned {
+        Some(pinned) if step % 2 == 1 => {
+            let (new, old) = (active.to_string(), pinned.to_string());
+            commit(store, &command, rollback((&new, row_version(&active)), (&old, row_version(&pinned))))
+        }
+        _ => {
+            let name = format!("grasp@2.{start}.{step}");
+            let nonce = Nonce::random().unwrap();
+            let mut approval = approval(store, &name, 0);
+            approval.nonce = nonce.clone();
+            let signed = Box::new(ada.sign(approval));
+            let put = vec![Change::PutApproval(signed)];
+            let old = active.to_string();
+            let mut changes = vec![Change::ConsumeApproval {
+                nonce: nonce.to_string(),
+                evidence_digest: digest(&format!("gate {name}")),
+            }];
+            changes.extend(activation(&name, (&old, row_version(&active)), 1));
+            commit(store, &format!("{command} shadowed"), shadowing(&name))?;
+            commit(store, &format!("{command} put"), put)?;
+            commit(store, &command, changes)
+        }
+    }
+}
+
 /// After a death: the chain reaches what was acknowledged and everything holds, also for the next engine.
-fn check(folder: &Path, last_ack: u64, when: &str) {
+pub fn check(folder: &Path, last_ack: u64, when: &str) {
     let database = folder.join("holdpoint.db");
     let report = verify(&database, None).unwrap_or_else(|error| panic!("{when}: {error}"));
     assert!(report.records >= last_ack, "{when}: {last_ack} was acknowledged, {} are there", report.records);
@@ -107,16 +115,22 @@ fn killed_at_any_moment_nothing_acknowledged_is_lost() {
         return work(Path::new(&folder));
     }
     let kills: u64 = std::env::var("HOLDPOINT_KILLS").map_or(5, |text| text.parse().unwrap());
-    let folder = tempfile::tempdir().unwrap();
+    let seed: u64 = std::env::var("HOLDPOINT_KILL_SEED").map_or(7, |text| text.parse().unwrap());
+    let mut folder = quick_folder();
     let test = "kill::killed_at_any_moment_nothing_acknowledged_is_lost";
-    let mut random = 7u64;
+    let mut random = seed;
     let mut last_ack = 0;
+    let mut placed = 0;
     let mut places = failpoint::PLACES.iter().cycle();
     for cycle in 0..kills {
+        if cycle > 0 && cycle % KILLS_OF_A_STORE == 0 {
+            (folder, last_ack) = (quick_folder(), 0);
+        }
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         // At a named place if the build has them (every other time), else after some acknowledgement.
         let place = if failpoint::ENABLED && cycle % 2 == 1 { places.next() } else { None };
         let failpoint = place.map_or(String::new(), |place| format!("{place}=kill@{}", 1 + (random >> 60)));
+        placed += u64::from(place.is_some());
         let mut child = child(test, folder.path(), None, &failpoint);
         let mut acks_left = if place.is_some() { u64::MAX } else { 1 + (random >> 33) % 12 };
         for line in BufReader::new(child.stdout.take().unwrap()).lines() {
@@ -137,8 +151,9 @@ fn killed_at_any_moment_nothing_acknowledged_is_lost() {
             Some(9),
             "cycle {cycle} {failpoint}"
         );
-        check(folder.path(), last_ack, &format!("cycle {cycle} {failpoint}"));
+        check(folder.path(), last_ack, &format!("seed {seed}, cycle {cycle} {failpoint}"));
     }
+    println!("kills of the store: seed {seed}, {kills} kills, {placed} of them at a named place");
 }
 
 /// A disk that takes no more: the error is said, nothing acknowledged is lost, and it goes on once there is room.

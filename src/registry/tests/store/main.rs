@@ -12,6 +12,8 @@ mod approvals;
 mod campaign;
 mod damage;
 mod decay;
+#[path = "../../../../tests/support/disk.rs"]
+mod disk;
 mod edits;
 mod failing;
 mod kill;
@@ -20,6 +22,7 @@ mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
+mod power;
 mod rebuild;
 mod registry;
 mod released;

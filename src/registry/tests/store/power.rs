@@ -1,0 +1,170 @@
+//! Power cuts: what a store did to its disk is recorded once, and the power goes at any moment of it, thousands of times.
+//! Whatever the disk had not been told to force may be lost, in any order and torn; nothing acknowledged is, and the
+//! store opens.
+//!
+//! `HOLDPOINT_POWER_CUTS` is how many of each life (60), `HOLDPOINT_POWER_SEED` the seed (1). Each life is also ended at
+//! moments at which nothing is lost, as `kill -9` ends it: `HOLDPOINT_REPLAYED_KILLS` of them (20).
+
+use std::path::Path;
+use std::process::Command;
+
+use holdpoint_approvals::Identity;
+use holdpoint_registry::{Batch, Store, StoreError, check_invariants, rebuild, verify};
+use rusqlite::Connection;
+
+use crate::disk::{Loss, Trace};
+use crate::edits::{made, quick_folder};
+use crate::kill::{acknowledged, one_step};
+use crate::mutate::Random;
+use crate::released::schema_1;
+use crate::support::*;
+
+const CHILD: &str = "HOLDPOINT_POWER_CHILD";
+/// After everything that the stores here have on record, virtual time.
+const LATER_MS: u64 = 1_000_000_000;
+
+/// Three engines, one after the other, each with activations, rollbacks, telemetry and kept cells; says what it keeps.
+fn life(folder: &Path) {
+    for engine in 0..3 {
+        let store = Store::open(folder).unwrap();
+        let start = store.opening().head.seq;
+        if engine == 0 {
+            bootstrap(&store, "grasp");
+        }
+        println!("ACK {}", store.views().unwrap().head().unwrap().seq);
+        let ada = match Identity::load(&store.layout().identities(), "ada") {
+            Ok(ada) => ada,
+            Err(_) => person(&store, "ada"),
+        };
+        for step in 0..6 {
+            let receipt = one_step(&store, &ada, start, step).unwrap();
+            println!("ACK {}", receipt.last_seq);
+            let (version, body) = (id("grasp@1.0.0"), vec![7; 3_000]);
+            let batch =
+                Batch { version, stream: "live".into(), from_ms: step, to_ms: step + 1, rows: 1, body };
+            store.append_telemetry(&batch).unwrap();
+            if step % 3 == 2 {
+                let sealed =
+                    commit(&store, &format!("seal {start} {step}"), store.seal_telemetry().unwrap()).unwrap();
+                println!("ACK {}", sealed.last_seq);
+                store.cells().put(&digest(&format!("cell {start} {step}")), b"kept").unwrap();
+            }
+        }
+    }
+}
+
+fn number(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
+}
+
+/// This test again as a child in `folder`, recorded.
+fn recorded(test: &str, folder: &Path) -> Option<Trace> {
+    let mut child = Command::new(std::env::current_exe().unwrap());
+    child.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(CHILD, folder);
+    Trace::record(folder, &mut child, acknowledged)
+}
+
+/// Ends a recorded life in every way asked for, and looks at what is left; `check` gets what had been acknowledged.
+fn ended(name: &str, trace: &Trace, check: impl Fn(&Path, u64, &str)) {
+    let seed = number("HOLDPOINT_POWER_SEED", 1);
+    for (loss, cases) in [
+        (Loss::Unforced, number("HOLDPOINT_POWER_CUTS", 60)),
+        (Loss::Nothing, number("HOLDPOINT_REPLAYED_KILLS", 20)),
+    ] {
+        for case in 0..cases {
+            let mut random = Random::of_run(seed, case);
+            let moment = random.below(trace.moments());
+            let folder = quick_folder();
+            trace.play(moment, loss, &mut random, folder.path());
+            let when = format!("{name}, {loss:?}: seed {seed}, case {case}, moment {moment}");
+            check(folder.path(), trace.acknowledged(moment), &when);
+        }
+        println!("{name}: seed {seed}, {cases} ends of {} moments, {loss:?} lost", trace.moments());
+    }
+}
+
+/// Nothing acknowledged is lost, everything holds, and the next engine works in it and can be followed by another.
+fn goes_on(folder: &Path, acknowledged: u64, when: &str) {
+    let store =
+        unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: bricked: {error}"));
+    let views = store.views().unwrap();
+    let head = views.head().unwrap().seq;
+    assert!(head >= acknowledged, "{when}: {acknowledged} was acknowledged, {head} are there");
+    assert_eq!(check_invariants(views.connection()).unwrap(), [], "{when}");
+    if views.context().unwrap().is_none() {
+        bootstrap(&store, "grasp");
+    }
+    let after = transaction("after", LATER_MS, vec![new_version("grasp@9.0.0", false)]);
+    store.commit(after).unwrap_or_else(|error| panic!("{when}: {error}"));
+    assert_eq!(store.checkpoint_problem(), None, "{when}");
+    let key = *store.public_key();
+    drop((views, store));
+    drop(unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: bricked: {error}")));
+    verify(&folder.join("holdpoint.db"), Some(&key)).unwrap_or_else(|error| panic!("{when}: {error}"));
+}
+
+#[test]
+fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
+    if let Ok(folder) = std::env::var(CHILD) {
+        return life(Path::new(&folder));
+    }
+    let folder = quick_folder();
+    let test = "power::a_power_cut_at_any_moment_loses_nothing_acknowledged";
+    let Some(trace) = recorded(test, folder.path()) else { return };
+    assert!(trace.acknowledged(trace.moments() - 1) > 80 && trace.moments() > 800, "{}", trace.moments());
+    ended("a life", &trace, goes_on);
+    // The check can fail: where a disk forces nothing, it does.
+    let lost = (0..40).filter(|case| {
+        let mut random = Random::of_run(1, *case);
+        let moment = random.below(trace.moments());
+        let folder = quick_folder();
+        trace.play(moment, Loss::Anything, &mut random, folder.path());
+        let opened = Store::open(folder.path());
+        opened.is_err()
+            || opened
+                .is_ok_and(|store| store.views().unwrap().head().unwrap().seq < trace.acknowledged(moment))
+    });
+    assert!(lost.count() > 10, "a disk that lies is not noticed");
+}
+
+#[test]
+fn a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt() {
+    if let Ok(folder) = std::env::var(CHILD) {
+        drop(rebuild(Path::new(&folder), "{}", 0).unwrap());
+        return;
+    }
+    let folder = quick_folder();
+    made(folder.path());
+    let least = verify(&folder.path().join("holdpoint.db"), None).unwrap().records;
+    Connection::open(folder.path().join("holdpoint.db"))
+        .unwrap()
+        .execute_batch("UPDATE family SET reason = 'edited' WHERE name = 'grasp'")
+        .unwrap();
+    let test = "power::a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt";
+    let Some(trace) = recorded(test, folder.path()) else { return };
+    ended("a rebuild", &trace, |folder, _, when| {
+        match unless_in_use(|| Store::open(folder)).map(drop) {
+            Ok(()) => {}
+            Err(StoreError::Refused { .. }) => {
+                let rebuilt = unless_in_use(|| rebuild(folder, "{}", 0));
+                assert!(rebuilt.unwrap_or_else(|error| panic!("{when}: {error}")).is_some(), "{when}");
+            }
+            Err(error) => panic!("{when}: {error}"),
+        }
+        goes_on(folder, least, when);
+    });
+}
+
+#[test]
+fn a_power_cut_while_an_old_store_is_brought_up_to_date_loses_nothing() {
+    if let Ok(folder) = std::env::var(CHILD) {
+        drop(open(Path::new(&folder)));
+        return;
+    }
+    let folder = quick_folder();
+    let store = schema_1(folder.path());
+    let least = verify(&store.join("holdpoint.db"), None).unwrap().records;
+    let test = "power::a_power_cut_while_an_old_store_is_brought_up_to_date_loses_nothing";
+    let Some(trace) = recorded(test, &store) else { return };
+    ended("an old store", &trace, |folder, _, when| goes_on(folder, least, when));
+}

@@ -1,0 +1,502 @@
+//! What a program did to a folder on disk, as the system's tracer saw it, and what a power cut at any moment of it may
+//! leave: a test plays thousands of them from one trace.
+//!
+//! The disk that is modelled keeps less of a promise than any file system in use: what was not forced to it may be there
+//! or not, by sectors of 512 bytes and in any order; a name that was made, moved or removed is there once its folder was
+//! forced, and before that as far as a beginning of the folder's changes goes. A file that was forced may have lost its
+//! name all the same.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::mutate::Random;
+
+/// What is cut off, or kept, as a whole.
+const SECTOR: usize = 512;
+/// Every call that changes a folder or a file, or forces it to disk. One that is not understood below ends the test.
+const CALLS: &str = "/^(open(at)?|creat|p?writev?2?|pwrite64|f(data)?sync|f?truncate|rename(at2?)?|unlink(at)?|mkdir(at)?|\
+                     rmdir|link(at)?|symlink(at)?|lseek|f?chmod|fchmodat|fallocate|copy_file_range|sendfile|\
+                     sync_file_range)$";
+
+type Inode = usize;
+
+/// One thing that was done.
+#[derive(Clone, Debug)]
+enum Act {
+    /// A file got a name; `new` is its permissions if it is a new one.
+    Name {
+        inode: Inode,
+        path: PathBuf,
+        new: Option<u32>,
+    },
+    Folder {
+        path: PathBuf,
+    },
+    Rename {
+        from: PathBuf,
+        to: PathBuf,
+    },
+    Unname {
+        path: PathBuf,
+    },
+    Write {
+        inode: Inode,
+        at: usize,
+        bytes: Vec<u8>,
+    },
+    Resize {
+        inode: Inode,
+        length: usize,
+    },
+    Force {
+        inode: Inode,
+    },
+    ForceFolder {
+        path: PathBuf,
+    },
+    /// The program said how much is kept.
+    Acknowledge {
+        kept: u64,
+    },
+}
+
+impl Act {
+    /// The folder whose entries it changes.
+    fn folder(&self) -> Option<&Path> {
+        match self {
+            Self::Name { path, .. }
+            | Self::Folder { path }
+            | Self::Rename { to: path, .. }
+            | Self::Unname { path } => path.parent(),
+            Self::Write { .. }
+            | Self::Resize { .. }
+            | Self::Force { .. }
+            | Self::ForceFolder { .. }
+            | Self::Acknowledge { .. } => None,
+        }
+    }
+}
+
+/// A file as it is on the disk.
+#[derive(Clone, Debug, Default)]
+struct Content {
+    bytes: Vec<u8>,
+    mode: u32,
+}
+
+impl Content {
+    fn write(&mut self, at: usize, bytes: &[u8]) {
+        let end = at + bytes.len();
+        if self.bytes.len() < end {
+            self.bytes.resize(end, 0);
+        }
+        self.bytes[at..end].copy_from_slice(bytes);
+    }
+}
+
+/// What was there before, and everything that was done since.
+#[derive(Debug)]
+pub struct Trace {
+    before: BTreeMap<PathBuf, Content>,
+    folders: Vec<PathBuf>,
+    acts: Vec<Act>,
+}
+
+/// What the disk keeps of what it was not told to force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// Everything: the program alone ended.
+    Nothing,
+    /// What the seed says, in sectors and names.
+    Unforced,
+    /// As [`Loss::Unforced`], and forcing does nothing: a disk that lies. A check that finds nothing here finds nothing.
+    Anything,
+}
+
+impl Trace {
+    /// Runs a program and records what it does to files below `folder`; none where nobody may trace. `said` reads out
+    /// of each piece that it prints how much is kept.
+    ///
+    /// # Panics
+    /// If the program fails, or does something to the folder that is not understood.
+    pub fn record(
+        folder: &Path,
+        program: &mut Command,
+        mut said: impl FnMut(&str) -> Option<u64>,
+    ) -> Option<Self> {
+        let tried =
+            Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
+        if !tried.is_ok_and(|status| status.success()) {
+            println!("left out: strace is not installed, or must not trace");
+            return None;
+        }
+        let folder = folder.canonicalize().unwrap();
+        let (mut before, mut folders) = (BTreeMap::new(), Vec::new());
+        let mut open = vec![folder.clone()];
+        while let Some(at) = open.pop() {
+            for entry in fs::read_dir(at).unwrap() {
+                let path = entry.unwrap().path();
+                let inside = path.strip_prefix(&folder).unwrap().to_owned();
+                if path.is_dir() {
+                    folders.push(inside);
+                    open.push(path);
+                } else {
+                    let mode = fs::metadata(&path).unwrap().permissions().mode();
+                    before.insert(inside, Content { bytes: fs::read(&path).unwrap(), mode });
+                }
+            }
+        }
+        folders.sort();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let mut strace = Command::new("strace");
+        strace
+            .args(["-f", "--seccomp-bpf", "-qq", "-y", "-xx", "-s", "10000000", "-e"])
+            .arg(format!("trace={CALLS}"));
+        strace.arg("-o").arg(file.path()).arg(program.get_program()).args(program.get_args());
+        for (name, value) in program.get_envs() {
+            strace.env(name, value.unwrap());
+        }
+        let done = strace.stdout(Stdio::piped()).stderr(Stdio::piped()).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let mut reader = Reader::new(&folder, &before);
+        let text = fs::read_to_string(file.path()).unwrap();
+        let mut unfinished = BTreeMap::new();
+        for line in text.lines() {
+            let (thread, rest) = line.split_once(' ').unwrap();
+            let rest = rest.trim_start();
+            if let Some(start) = rest.strip_suffix(" <unfinished ...>") {
+                unfinished.insert(thread, start);
+            } else if rest.starts_with("<... ") {
+                let end = rest.split_once(" resumed>").unwrap().1;
+                // What was begun outside of the trace's view is none of its calls.
+                if let Some(start) = unfinished.remove(thread) {
+                    reader.read(&format!("{start}{end}"), &mut said);
+                }
+            } else {
+                reader.read(rest, &mut said);
+            }
+        }
+        Some(Self { before, folders, acts: reader.acts })
+    }
+
+    /// Moments at which the power can go: after none, one, ... all of what was done.
+    pub fn moments(&self) -> usize {
+        self.acts.len() + 1
+    }
+
+    /// What was acknowledged by then.
+    pub fn acknowledged(&self, moment: usize) -> u64 {
+        let said = |act: &Act| if let Act::Acknowledge { kept } = act { Some(*kept) } else { None };
+        self.acts[..moment].iter().filter_map(said).max().unwrap_or(0)
+    }
+
+    /// Writes into the empty `folder` what is left if the power goes at a moment.
+    pub fn play(&self, moment: usize, loss: Loss, random: &mut Random, folder: &Path) {
+        let acts = &self.acts[..moment];
+        let (names, folders) = self.names(acts, loss, random);
+        let files = self.contents(acts, loss, random);
+        for path in folders {
+            let made = folder.join(&path);
+            fs::create_dir_all(&made).unwrap();
+            fs::set_permissions(&made, fs::Permissions::from_mode(0o700)).unwrap();
+        }
+        for (path, inode) in names {
+            let path = folder.join(path);
+            // A folder that was never made: what is in it is lost as well.
+            if !path.parent().unwrap().is_dir() {
+                continue;
+            }
+            fs::write(&path, &files[inode].bytes).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(files[inode].mode)).unwrap();
+        }
+    }
+
+    /// The names that are there, and the folders.
+    fn names(
+        &self,
+        acts: &[Act],
+        loss: Loss,
+        random: &mut Random,
+    ) -> (BTreeMap<PathBuf, Inode>, Vec<PathBuf>) {
+        let mut names: BTreeMap<PathBuf, Inode> = self.before.keys().cloned().zip(0..).collect();
+        let mut folders = self.folders.clone();
+        // Of each folder: how many of its changes are kept, and how many there were so far.
+        let mut changes: BTreeMap<&Path, (usize, usize)> = BTreeMap::new();
+        for act in acts {
+            if let Some(folder) = act.folder() {
+                changes.entry(folder).or_default().1 += 1;
+            } else if let (Act::ForceFolder { path }, Loss::Nothing | Loss::Unforced) = (act, loss) {
+                let (kept, made) = changes.entry(path).or_default();
+                *kept = *made;
+            }
+        }
+        for (kept, made) in changes.values_mut() {
+            *kept = match loss {
+                Loss::Nothing => *made,
+                Loss::Unforced | Loss::Anything => *kept + random.below(*made - *kept + 1),
+            };
+        }
+        for act in acts {
+            let Some(folder) = act.folder() else { continue };
+            let (left, _) = changes.get_mut(folder).unwrap();
+            if *left == 0 {
+                continue;
+            }
+            *left -= 1;
+            match act {
+                Act::Name { inode, path, .. } => drop(names.insert(path.clone(), *inode)),
+                Act::Folder { path } => folders.push(path.clone()),
+                Act::Rename { from, to } => {
+                    if let Some(inode) = names.remove(from) {
+                        names.insert(to.clone(), inode);
+                    }
+                }
+                Act::Unname { path } => drop(names.remove(path)),
+                Act::Write { .. }
+                | Act::Resize { .. }
+                | Act::Force { .. }
+                | Act::ForceFolder { .. }
+                | Act::Acknowledge { .. } => {}
+            }
+        }
+        (names, folders)
+    }
+
+    /// The files that are there, by their numbers.
+    fn contents(&self, acts: &[Act], loss: Loss, random: &mut Random) -> Vec<Content> {
+        let mut files: Vec<Content> = self.before.values().cloned().collect();
+        // Where each file was forced for the last time.
+        let mut forced = BTreeMap::new();
+        for (at, act) in acts.iter().enumerate() {
+            match act {
+                Act::Force { inode } if loss != Loss::Anything => drop(forced.insert(*inode, at)),
+                Act::Name { inode, new: Some(mode), .. } => {
+                    if files.len() <= *inode {
+                        files.resize(inode + 1, Content::default());
+                    }
+                    files[*inode].mode = *mode;
+                }
+                _ => {}
+            }
+        }
+        // A power cut takes most, half, or little; each in turn.
+        let kept_of_8 = *random.of(&[0, 1, 4, 7, 8]);
+        for (at, act) in acts.iter().enumerate() {
+            let (Act::Write { inode, .. } | Act::Resize { inode, .. }) = act else { continue };
+            let safe = loss == Loss::Nothing || forced.get(inode).is_some_and(|forced| at < *forced);
+            let mut kept = || safe || random.below(8) < kept_of_8;
+            match act {
+                Act::Resize { inode, length } if kept() => files[*inode].bytes.resize(*length, 0),
+                Act::Write { inode, at, bytes } => {
+                    let mut done = 0;
+                    while done < bytes.len() {
+                        let start = at + done;
+                        let length = (SECTOR - start % SECTOR).min(bytes.len() - done);
+                        if kept() {
+                            files[*inode].write(start, &bytes[done..done + length]);
+                        }
+                        done += length;
+                    }
+                }
+                _ => {}
+            }
+        }
+        files
+    }
+}
+
+/// An open file.
+#[derive(Debug)]
+struct Open {
+    inode: Inode,
+    at: usize,
+    append: bool,
+}
+
+/// Reads the tracer's lines, one call after the other.
+#[derive(Debug)]
+struct Reader<'a> {
+    folder: &'a Path,
+    names: BTreeMap<PathBuf, Inode>,
+    lengths: Vec<usize>,
+    open: BTreeMap<u64, Open>,
+    acts: Vec<Act>,
+}
+
+impl<'a> Reader<'a> {
+    fn new(folder: &'a Path, before: &BTreeMap<PathBuf, Content>) -> Self {
+        let names = before.keys().cloned().zip(0..).collect();
+        let lengths = before.values().map(|file| file.bytes.len()).collect();
+        Self { folder, names, lengths, open: BTreeMap::new(), acts: Vec::new() }
+    }
+
+    /// One call: `name(arguments) = result`.
+    fn read(&mut self, line: &str, said: &mut dyn FnMut(&str) -> Option<u64>) {
+        // Signals and ends of processes.
+        let Some((name, rest)) = line.split_once('(') else { return };
+        let Some((arguments, result)) = rest.rsplit_once(" = ") else { return };
+        if !name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_') {
+            return;
+        }
+        let result = result.split(['<', ' ']).next().unwrap();
+        // A call that failed did nothing.
+        let Ok(result) = result.parse::<u64>() else { return };
+        let arguments = arguments.trim_end().strip_suffix(')').unwrap_or(arguments);
+        let arguments: Vec<&str> = arguments.split(", ").collect();
+        // Paths that were given, and those that the tracer knows for descriptors, in the folder.
+        let inside = |bytes: Vec<u8>| {
+            let path = PathBuf::from(String::from_utf8(bytes).ok()?);
+            path.strip_prefix(self.folder).ok().map(Path::to_owned)
+        };
+        let named: Vec<PathBuf> = arguments
+            .iter()
+            .filter(|argument| argument.starts_with('"'))
+            .filter_map(|argument| inside(bytes(argument)))
+            .collect();
+        let descriptor = arguments[0].split_once('<').and_then(|(number, path)| {
+            let number: u64 = number.parse().ok()?;
+            let path = path.split_once('>')?.0;
+            Some((number, path))
+        });
+        if let (true, Some((1, _))) = (name.starts_with("write"), descriptor) {
+            let text = String::from_utf8_lossy(&bytes(arguments[1])).into_owned();
+            self.acts.extend(said(&text).map(|kept| Act::Acknowledge { kept }));
+            return;
+        }
+        match name {
+            "open" | "openat" | "creat" => {
+                let [path] = named.as_slice() else { return };
+                self.opened(path, line, result);
+            }
+            "mkdir" | "mkdirat" => {
+                self.acts.extend(named.into_iter().map(|path| Act::Folder { path }));
+            }
+            "unlink" | "unlinkat" => {
+                for path in named {
+                    self.names.remove(&path);
+                    self.acts.push(Act::Unname { path });
+                }
+            }
+            "rename" | "renameat" | "renameat2" | "link" | "linkat" => {
+                let [from, to] = named.as_slice() else {
+                    assert!(named.is_empty(), "{line} leads into or out of the folder");
+                    return;
+                };
+                let inode = self.names[from];
+                self.names.insert(to.clone(), inode);
+                let (from, to) = (from.clone(), to.clone());
+                if name.starts_with("link") {
+                    self.acts.push(Act::Name { inode, path: to, new: None });
+                } else {
+                    assert_eq!(from.parent(), to.parent(), "{line}");
+                    self.names.remove(&from);
+                    self.acts.push(Act::Rename { from, to });
+                }
+            }
+            _ => {
+                let Some((number, path)) = descriptor else {
+                    assert!(named.is_empty(), "{line}");
+                    return;
+                };
+                // Of a file whose name is gone nothing is left.
+                if arguments[0].ends_with("(deleted)") {
+                    return;
+                }
+                let path = PathBuf::from(String::from_utf8_lossy(&unhex(path)).into_owned());
+                let Ok(path) = path.strip_prefix(self.folder) else { return };
+                let path = path.to_owned();
+                self.changed((name, line), number, &path, &arguments, result);
+            }
+        }
+    }
+
+    fn opened(&mut self, path: &Path, line: &str, number: u64) {
+        let made = line.contains("O_CREAT");
+        let inode = match self.names.get(path) {
+            Some(inode) => *inode,
+            None if made => {
+                let inode = self.lengths.len();
+                self.lengths.push(0);
+                self.names.insert(path.to_owned(), inode);
+                let mode = line.split_once(") = ").unwrap().0.rsplit(", ").next().unwrap();
+                let mode = u32::from_str_radix(mode.trim_start_matches('0'), 8).unwrap_or(0) & !0o022;
+                self.acts.push(Act::Name { inode, path: path.to_owned(), new: Some(mode) });
+                inode
+            }
+            // A folder.
+            None => return,
+        };
+        if line.contains("O_TRUNC") && self.lengths[inode] > 0 {
+            self.lengths[inode] = 0;
+            self.acts.push(Act::Resize { inode, length: 0 });
+        }
+        self.open.insert(number, Open { inode, at: 0, append: line.contains("O_APPEND") });
+    }
+
+    /// A call on a descriptor of a file in the folder, or of one of its folders.
+    fn changed(
+        &mut self,
+        (name, line): (&str, &str),
+        number: u64,
+        path: &Path,
+        arguments: &[&str],
+        result: u64,
+    ) {
+        let result = usize::try_from(result).unwrap();
+        let Some(inode) = self.names.get(path).copied() else {
+            if matches!(name, "fsync" | "fdatasync") {
+                self.acts.push(Act::ForceFolder { path: path.to_owned() });
+            }
+            return;
+        };
+        match name {
+            "fsync" | "fdatasync" => self.acts.push(Act::Force { inode }),
+            "ftruncate" => {
+                let length = arguments[1].parse().unwrap();
+                self.lengths[inode] = length;
+                self.acts.push(Act::Resize { inode, length });
+            }
+            "lseek" => {
+                if let Some(open) = self.open.get_mut(&number) {
+                    open.at = result;
+                }
+            }
+            "pwrite64" => {
+                let at = arguments[3].parse().unwrap();
+                self.wrote(inode, at, bytes(arguments[1]), result);
+            }
+            "write" => {
+                let open = self.open.get_mut(&number).unwrap_or_else(|| panic!("{line}"));
+                assert_eq!(open.inode, inode, "{line}");
+                let at = if open.append { self.lengths[inode] } else { open.at };
+                open.at = at + result;
+                self.wrote(inode, at, bytes(arguments[1]), result);
+            }
+            "fchmod" => {}
+            _ => panic!("a call that is not understood: {line}"),
+        }
+    }
+
+    fn wrote(&mut self, inode: Inode, at: usize, mut bytes: Vec<u8>, done: usize) {
+        bytes.truncate(done);
+        self.lengths[inode] = self.lengths[inode].max(at + done);
+        self.acts.push(Act::Write { inode, at, bytes });
+    }
+}
+
+/// The bytes of a quoted argument.
+fn bytes(argument: &str) -> Vec<u8> {
+    let text = argument.trim_start_matches('"').trim_end_matches('"');
+    unhex(text)
+}
+
+/// The bytes of `\x12\x34`.
+fn unhex(text: &str) -> Vec<u8> {
+    text.split("\\x")
+        .skip(1)
+        .map(|digits| u8::from_str_radix(digits.get(..2).unwrap(), 16).unwrap())
+        .collect()
+}
