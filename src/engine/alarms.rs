@@ -85,10 +85,10 @@ impl Record {
     /// jumps, so there nothing is done by itself.
     pub(crate) fn look_at_alarms(&mut self, monitors: &Monitors, works: bool) {
         let now_ms = self.now_ms();
+        self.look_at_checkpoints();
         if self.clock().is_scripted() || !self.alarms.take_due(now_ms) {
             return;
         }
-        self.look_at_checkpoints();
         let over: Vec<AlarmKey> = self
             .alarms()
             .iter()
@@ -152,11 +152,15 @@ impl Record {
 
     /// Whether the newest checkpoint could be written, and sent to the store's witnesses. The store works on without.
     fn look_at_checkpoints(&mut self) {
-        let Some(problem) = self.ledger().store().checkpoint_problem() else { return };
         let key = AlarmKey::CheckpointFailed;
-        if self.alarms().get(&key).is_none_or(|alarm| !alarm.condition) {
-            let text = format!("a cut of the audit chain would not be found: {problem}");
-            self.raise(key, Priority::High, false, &text);
+        let raised = self.alarms().get(&key).is_some_and(|alarm| alarm.condition);
+        match self.ledger().store().checkpoint_problem() {
+            Some(problem) if !raised => {
+                let text = format!("a cut of the audit chain would not be found: {problem}");
+                self.raise(key, Priority::High, false, &text);
+            }
+            None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
+            Some(_) | None => {}
         }
     }
 

@@ -72,7 +72,9 @@ impl Frontier {
 /// The root of the tree of these records.
 pub(crate) fn root(records: &[Digest]) -> Digest {
     let mut frontier = Frontier::empty();
-    records.iter().for_each(|record| frontier.push(record));
+    for record in records {
+        frontier.push(record);
+    }
     frontier.root()
 }
 
@@ -204,13 +206,18 @@ mod tests {
         (0..count).map(|nth| Digest::of_parts("t", &[&nth.to_le_bytes()])).collect()
     }
 
+    /// The largest power of two below n.
+    fn naive_split(n: usize) -> usize {
+        (0..40).map(|e| 1 << e).rfind(|k| *k < n).unwrap()
+    }
+
     /// MTH of RFC 9162, 2.1.1, word for word.
     fn naive_root(part: &[Digest]) -> Digest {
         match part {
             [] => Digest::from_bytes(Sha256::digest([]).into()),
             [only] => leaf(only),
             _ => {
-                let k = (1..).map(|e| 1usize << e).find(|k| *k >= part.len()).unwrap() / 2;
+                let k = naive_split(part.len());
                 node(&naive_root(&part[..k]), &naive_root(&part[k..]))
             }
         }
@@ -221,7 +228,7 @@ mod tests {
         if part.len() == 1 {
             return Vec::new();
         }
-        let k = (1..).map(|e| 1usize << e).find(|k| *k >= part.len()).unwrap() / 2;
+        let k = naive_split(part.len());
         let (mut path, beside) = if m < k {
             (naive_path(m, &part[..k]), naive_root(&part[k..]))
         } else {
@@ -236,7 +243,7 @@ mod tests {
         if m == part.len() {
             return if whole { Vec::new() } else { vec![naive_root(part)] };
         }
-        let k = (1..).map(|e| 1usize << e).find(|k| *k >= part.len()).unwrap() / 2;
+        let k = naive_split(part.len());
         let (mut path, beside) = if m <= k {
             (naive_subproof(m, &part[..k], whole), naive_root(&part[k..]))
         } else {
@@ -302,15 +309,12 @@ mod tests {
         for size in 1..=all.len() {
             let (part, tree) = (&all[..size], naive_root(&all[..size]));
             assert_eq!(root(part), tree);
-            for index in 0..size {
+            for (index, record) in all.iter().enumerate().take(size) {
                 let path = inclusion(part, index).unwrap();
                 assert_eq!(path, naive_path(index, part), "{index} of {size}");
-                assert!(
-                    includes(&all[index], index as u64, (size as u64, &tree), &path),
-                    "{index} of {size}"
-                );
-                for other in (0..size + 1).filter(|other| *other != index) {
-                    let found = includes(&all[index], other as u64, (size as u64, &tree), &path);
+                assert!(includes(record, index as u64, (size as u64, &tree), &path), "{index} of {size}");
+                for other in (0..=size).filter(|other| *other != index) {
+                    let found = includes(record, other as u64, (size as u64, &tree), &path);
                     assert!(!found, "{index} as {other} of {size}");
                 }
             }

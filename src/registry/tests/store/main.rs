@@ -10,6 +10,7 @@
 mod approvals;
 #[path = "../../../../tests/fuzz/campaign.rs"]
 mod campaign;
+mod copied;
 mod damage;
 mod decay;
 #[path = "../../../../tests/support/disk.rs"]
@@ -23,9 +24,11 @@ mod long;
 mod mutate;
 mod opening;
 mod power;
+mod proofs;
 mod rebuild;
 mod registry;
 mod released;
 mod signed;
 mod support;
 mod telemetry;
+mod witnesses;
