@@ -19,6 +19,7 @@ use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
+use super::structure;
 use super::telemetry::{BatchState, check_batch};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
@@ -146,11 +147,7 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
     })?;
-    let check: String =
-        connection.query_row("PRAGMA integrity_check(1)", [], |row| row.get(0)).map_err(unreadable)?;
-    if check != "ok" {
-        return Err(VerifyError::Damaged(check));
-    }
+    structure::check_all(&connection, &fold).map_err(VerifyError::Damaged)?;
     let store_id: String = connection
         .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
         .map_err(unreadable)?;
