@@ -72,7 +72,12 @@ impl Side {
 
     pub(super) fn snapshot(&mut self) -> Result<Snapshot, CliError> {
         match self.ask(Command::Snapshot)? {
-            Reply::Snapshot { snapshot } => Ok(*snapshot),
+            Reply::Snapshot { snapshot } => match snapshot.reading {
+                None => Ok(*snapshot),
+                // Nobody decides by rows that were not held against the record.
+                Some(reading) => Err(CliError::held(format!("the record is being verified; {reading}"))
+                    .with_hint("try again in a moment; `holdpoint stop` works now")),
+            },
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             Reply::Accepted { .. }
             | Reply::Detail { .. }
@@ -130,14 +135,18 @@ pub(super) fn start_error(error: StartError) -> CliError {
         | StartError::Profile(_)
         | StartError::Baseline(_)
         | StartError::OtherRobot { .. }
-        | StartError::Sim(_) => CliError::usage(error),
+        | StartError::Sim(_)
+        | StartError::Door(_)
+        | StartError::Thread(_) => CliError::usage(error),
     }
 }
 
 /// An engine that does not answer, or ended, holds; the rest the caller can put right.
 pub(super) fn door_error(error: DoorError) -> CliError {
     match &error {
-        DoorError::NoAnswer { .. } | DoorError::Ended { .. } => CliError::held(error),
+        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => {
+            CliError::held(error)
+        }
         DoorError::PathTooLong { .. }
         | DoorError::Taken { .. }
         | DoorError::Io { .. }

@@ -10,19 +10,24 @@ use clap::{Args, ValueEnum};
 use self::report::{StatusReport, VersionRow};
 use super::audit;
 use super::decide::{known_family, known_version};
-use super::side::running;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::door::{DoorError, Subscription};
+use holdpoint_engine::door::{Client, DoorError, Subscription};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_registry::Views;
+use holdpoint_registry::{Layout, Views};
 
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
+
+/// How long an engine has to say that it is there. A thread of its own does, whatever it is at.
+const HELLO_PATIENCE: Duration = Duration::from_millis(700);
+
+/// How long it has to say how things stand, between two slices of its work.
+const LOOK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How often the store is read if nothing tells of a change.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
@@ -125,22 +130,23 @@ fn parse_subject(text: &str) -> Result<StatusSubject, String> {
 /// # Errors
 /// [`CliError`].
 pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    // An engine that answers has checked the tables, and holds if somebody changes them.
-    let views = match running(context)? {
-        Some(_) => audit::open(&context.data)?,
-        None => audit::open_checked(&context.data)?,
+    // An engine that answers has checked the tables, and holds if somebody changes them, or says that it has not yet.
+    let views = match Client::connect_within(&Layout::new(&context.data), HELLO_PATIENCE) {
+        Ok(Some(_)) => audit::open(&context.data)?,
+        Ok(None) | Err(DoorError::Silent { .. }) => audit::open_checked(&context.data)?,
+        Err(error) => return Err(super::side::door_error(error)),
     };
     match &args.subject {
         None => {}
         Some(StatusSubject::Family(family)) => known_family(&views, family)?,
         Some(StatusSubject::Version(version)) => known_version(&views, version)?,
     }
-    let mut source = Source { context, subject: args.subject.as_ref(), views, events: None };
+    let mut source = Source { context, subject: args.subject.as_ref(), views, events: None, silent: None };
     match &args.until {
         None if !args.watch => {
             let report = source.read()?;
             print(&report, &mut BTreeSet::new(), out)?;
-            Ok(Exit::Confirmed)
+            source.silent.take().map_or(Ok(Exit::Confirmed), |error| Err(super::side::door_error(error)))
         }
         None => watch(&mut source, out),
         Some(until) => {
@@ -278,21 +284,33 @@ struct Source<'a> {
     subject: Option<&'a StatusSubject>,
     views: Views,
     events: Option<Subscription>,
+    /// Why the engine that is there said nothing when it was asked last.
+    silent: Option<DoorError>,
 }
 
 impl Source<'_> {
     fn read(&mut self) -> Result<StatusReport, CliError> {
-        let snapshot = self.snapshot()?;
-        StatusReport::new(&self.views, snapshot.as_ref(), self.subject)
+        let snapshot = match self.snapshot() {
+            Err(error @ DoorError::Silent { .. }) => {
+                self.silent = Some(error);
+                None
+            }
+            answer => {
+                self.silent = None;
+                answer.map_err(super::side::door_error)?
+            }
+        };
+        StatusReport::new(&self.views, snapshot.as_ref(), self.silent.as_ref(), self.subject)
     }
 
-    /// The engine's picture. An engine that comes, goes, or is too busy to answer leaves what the store says.
-    fn snapshot(&mut self) -> Result<Option<Snapshot>, CliError> {
-        let Some(mut client) = running(self.context)? else {
+    /// The engine's picture. An engine that comes, goes, or says nothing leaves what the store says.
+    fn snapshot(&mut self) -> Result<Option<Snapshot>, DoorError> {
+        let layout = Layout::new(&self.context.data);
+        let Some(mut client) = Client::connect_within(&layout, HELLO_PATIENCE)? else {
             self.events = None;
             return Ok(None);
         };
-        match client.ask(Command::Snapshot) {
+        match client.look(LOOK_PATIENCE) {
             Ok(Reply::Snapshot { snapshot }) => {
                 if self.events.is_none() {
                     self.events = client.subscribe().ok();
@@ -308,7 +326,7 @@ impl Source<'_> {
                 | Reply::Verified { .. },
             )
             | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),
-            Err(error) => Err(super::side::door_error(error)),
+            Err(error) => Err(error),
         }
     }
 

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
@@ -81,6 +81,14 @@ pub enum DoorError {
         /// How long was waited, s.
         secs: u64,
     },
+    /// An engine is there and says nothing.
+    #[error("the engine at {path:?}, process {process}, does not answer: {}", why_silent(*stopped))]
+    Silent {
+        path: PathBuf,
+        process: i32,
+        /// Whether a signal stopped it.
+        stopped: bool,
+    },
     /// The engine ended meanwhile.
     #[error("the engine at {path:?} has ended")]
     Ended { path: PathBuf },
@@ -89,17 +97,25 @@ pub enum DoorError {
     Random(#[from] holdpoint_approvals::ApprovalError),
 }
 
+const fn why_silent(stopped: bool) -> &'static str {
+    if stopped { "a signal stopped it" } else { "it is busy, or hangs" }
+}
+
 impl Hint for DoorError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::PathTooLong { .. } => Some("choose a shorter folder with --data".into()),
             Self::Taken { hint, .. } => Some((*hint).into()),
+            Self::Silent { process, stopped: true, .. } => {
+                Some(format!("`kill -CONT {process}` lets it go on; nothing moves the arm meanwhile").into())
+            }
             Self::Protocol { .. } => Some("use the same version of holdpoint".into()),
             Self::Random(error) => error.hint(),
             Self::Closed { .. }
             | Self::Io { .. }
             | Self::Foreign { .. }
             | Self::NoAnswer { .. }
+            | Self::Silent { stopped: false, .. }
             | Self::Ended { .. } => None,
         }
     }
@@ -129,11 +145,21 @@ enum Incoming {
     Wake,
 }
 
+/// A request that came before the engine was up.
+struct Early {
+    request: Box<Request>,
+    caller: Caller,
+    answer: oneshot::Sender<Reply>,
+    since: Instant,
+}
+
 /// The engine's side of the door. Closes it when dropped.
 pub struct Door {
     incoming: Receiver<Incoming>,
     waiting: Option<Incoming>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
+    /// What waits for the engine to come up.
+    early: Vec<Early>,
     events: broadcast::Sender<Arc<str>>,
     endings: Arc<AtomicUsize>,
     stop: CancellationToken,
@@ -175,6 +201,7 @@ impl Door {
             incoming,
             waiting: None,
             later: Vec::new(),
+            early: Vec::new(),
             events,
             endings,
             stop,
@@ -183,27 +210,60 @@ impl Door {
         })
     }
 
+    /// Before there is an engine: `answer` is given every request that waits, whose it is and for how long it has
+    /// waited; what it does not answer waits on.
+    pub(crate) fn poll_early(
+        &mut self,
+        mut answer: impl FnMut(&Request, &Caller, Duration) -> Option<Reply>,
+    ) {
+        while let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) {
+            if let Incoming::Request(request, caller, answer) = next {
+                self.early.push(Early { request, caller, answer, since: Instant::now() });
+            }
+        }
+        for early in std::mem::take(&mut self.early) {
+            match answer(&early.request, &early.caller, early.since.elapsed()) {
+                Some(reply) => drop(early.answer.send(reply)),
+                None => self.early.push(early),
+            }
+        }
+    }
+
     /// Hands every request that waits to the engine, without blocking. Returns how many there were.
     pub fn poll(&mut self, engine: &mut Engine) -> usize {
         let mut done = 0;
         self.answer_later(engine);
+        for Early { request, caller, answer, .. } in std::mem::take(&mut self.early) {
+            self.hand_over(engine, *request, caller, answer);
+            done += 1;
+        }
         // A bound, so that a busy client cannot keep the engine from its work.
         while done < REQUESTS_MAX {
             let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) else { break };
             match next {
                 Incoming::Request(request, caller, answer) => {
-                    let id = request.id.clone();
-                    // Whoever asked may be gone; what was asked is done all the same.
-                    match engine.offer_for(*request, caller) {
-                        Some(reply) => drop(answer.send(reply)),
-                        None => self.later.push((id, answer)),
-                    }
+                    self.hand_over(engine, *request, caller, answer);
                     done += 1;
                 }
                 Incoming::Wake => {}
             }
         }
         done
+    }
+
+    fn hand_over(
+        &mut self,
+        engine: &mut Engine,
+        request: Request,
+        caller: Caller,
+        answer: oneshot::Sender<Reply>,
+    ) {
+        let id = request.id.clone();
+        // Whoever asked may be gone; what was asked is done all the same.
+        match engine.offer_for(request, caller) {
+            Some(reply) => drop(answer.send(reply)),
+            None => self.later.push((id, answer)),
+        }
     }
 
     /// Answers what had to wait for the end of a sequence.
@@ -258,6 +318,7 @@ impl Drop for Door {
         self.stop.cancel();
         // Requests that wait are answered by their connections: the engine ends.
         self.waiting = None;
+        self.early.clear();
         while self.incoming.try_recv().is_ok() {}
         if let Some(thread) = self.thread.take() {
             drop(thread.join());

@@ -15,7 +15,7 @@ mod update;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -25,9 +25,10 @@ use tokio::sync::{mpsc, watch};
 use self::publisher::Publisher;
 use self::serving::{Serving, said};
 pub use self::update::{OUTSTANDING_MAX, UPDATES_MAX, Update};
+use super::Config;
 use super::door::Signals;
 use super::pump::Pump;
-use super::{Config, Engine};
+use crate::anteroom::{Anteroom, LOOK_PATIENCE, ReadWatch};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::{AskedStop, Switch};
@@ -110,6 +111,12 @@ impl Host {
     /// [`Update::Ended`].
     #[must_use]
     pub fn start(config: HostConfig) -> Self {
+        Self::start_watched(config, Box::new(|_| ()))
+    }
+
+    /// As [`Self::start`]; `watch` looks on while the record is read.
+    #[must_use]
+    pub fn start_watched(config: HostConfig, watch: ReadWatch) -> Self {
         let (requests, asked) = sync_channel(OUTSTANDING_MAX);
         let (told, updates) = mpsc::channel(UPDATES_MAX);
         let (snapshot, snapshots) = watch::channel(None);
@@ -119,7 +126,7 @@ impl Host {
         let layout = Layout::new(config.data.clone());
         let publisher = Publisher::new(told, snapshot, Arc::clone(&outstanding));
         let own = Arc::clone(&shared);
-        let work = move || run(config, &asked, publisher, picture, &own);
+        let work = move || run((config, watch), &asked, publisher, picture, &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
         Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
@@ -201,7 +208,7 @@ impl Host {
 }
 
 fn run(
-    config: HostConfig,
+    begun_with: (HostConfig, ReadWatch),
     asked: &Receiver<Request>,
     mut publisher: Publisher,
     picture: watch::Sender<Option<Arc<Picture>>>,
@@ -209,29 +216,71 @@ fn run(
 ) -> Result<(), String> {
     // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
     let _ = rustix::process::nice(NICE);
-    let started = catch_unwind(AssertUnwindSafe(|| start(config, picture)));
+    let mut early = Early { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
+    let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, picture)));
+    let waiting = early.waiting;
     let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
     let ended = match started {
-        Ok(pump) => {
-            // Both are set once, here.
-            drop(shared.switch.set(pump.engine().switch()));
+        Ok(Some(pump)) => {
+            // It is set once, here.
             if let Some(serve) = pump.serve() {
                 drop(shared.serve.set(serve));
             }
             publisher.say(Update::Started);
-            Serving::new(pump, asked).run(&mut publisher);
+            let first = waiting.into_iter().map(|(request, _)| request).collect();
+            Serving::new(pump, asked, first).run(&mut publisher);
             Ok(())
         }
+        Ok(None) => Ok(()),
         Err(text) => Err(text),
     };
+    if ended.is_err() {
+        publisher.withdraw();
+    }
     publisher.flush();
     publisher.say(Update::Ended(ended.clone()));
     ended
 }
 
-fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Result<Pump, String> {
+/// The front end, before there is an engine.
+struct Early<'a> {
+    asked: &'a Receiver<Request>,
+    /// What it asked that waits for the engine, and since when.
+    waiting: Vec<(Request, Instant)>,
+    publisher: &'a mut Publisher,
+    shared: &'a Shared,
+}
+
+impl Early<'_> {
+    /// Answers what can be answered. Tells whether the front end is gone.
+    fn requests(&mut self, anteroom: &mut Anteroom<'_>) -> bool {
+        loop {
+            match self.asked.try_recv() {
+                Ok(request) => self.waiting.push((request, Instant::now())),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => return true,
+            }
+        }
+        for (request, since) in std::mem::take(&mut self.waiting) {
+            match anteroom.answer(&request, since.elapsed()) {
+                Some(reply) => self.publisher.answer(request.id, reply),
+                None => self.waiting.push((request, since)),
+            }
+        }
+        self.publisher.is_lost()
+    }
+}
+
+/// Shows how things stand by the rows while the record is read, then starts the engine. `None` if it was told to end
+/// before.
+fn start(
+    (config, watch): (HostConfig, ReadWatch),
+    early: &mut Early<'_>,
+    picture: watch::Sender<Option<Arc<Picture>>>,
+) -> Result<Option<Pump>, String> {
     let jobs = config.workers();
-    let engine = Engine::start(Config {
+    let begun = Instant::now();
+    let engine_config = Config {
         data: &config.data,
         profile: config.profile,
         seed: config.seed,
@@ -239,9 +288,24 @@ fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Re
         scripted: false,
         cell: Cell::of(config.robot.as_deref()).map_err(|error| error.to_string())?,
         cache: EpisodeCache::InStore,
-    })
-    .map_err(|error| error.sentence())?;
-    let mut pump = Pump::new(engine, config.sinks);
+    };
+    let mut anteroom =
+        Anteroom::open(engine_config, Signals::Taken, watch).map_err(|error| error.sentence())?;
+    // It is set once, here.
+    drop(early.shared.switch.set(anteroom.switch()));
+    while !anteroom.turn() {
+        if early.requests(&mut anteroom) || anteroom.has_ended() {
+            return Ok(None);
+        }
+        if begun.elapsed() >= LOOK_PATIENCE {
+            early.publisher.show(|| anteroom.snapshot());
+        }
+    }
+    if anteroom.has_ended() {
+        return Ok(None);
+    }
+    let (engine, door) = anteroom.enter().map_err(|error| error.sentence())?;
+    let mut pump = Pump::with_door(engine, door, config.sinks);
     let others = pump.pictures();
     let pictures = move |taken: Picture| {
         if let Some(take) = &others {
@@ -250,8 +314,7 @@ fn start(config: HostConfig, picture: watch::Sender<Option<Arc<Picture>>>) -> Re
         picture.send_replace(Some(Arc::new(taken)));
     };
     pump.pace_live_world(config.pace, Arc::new(pictures));
-    pump.open_door(Signals::Taken).map_err(|error| error.sentence())?;
-    Ok(pump)
+    Ok(Some(pump))
 }
 
 #[cfg(test)]

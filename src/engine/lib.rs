@@ -5,6 +5,7 @@
 //! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
 mod alarms;
+pub mod anteroom;
 mod binding;
 pub mod bound;
 pub mod bound_robot;
@@ -48,22 +49,25 @@ use std::sync::atomic::AtomicBool;
 
 use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
+use crate::door::DoorError;
 use crate::embedded::baselines;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
-use crate::world::switch::{AskedStop, Switch};
+use crate::world::switch::{AskedStop, Controls, Switch};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
+use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError, ProfileTexts};
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::Profile;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
-use holdpoint_runtime::capability::PackageError;
+use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_text::Hint;
 
 /// Answers remembered for retried commands.
@@ -110,6 +114,12 @@ pub enum StartError {
         /// The robot it was to be opened with.
         given: Box<BoundRobot>,
     },
+    /// Other processes cannot be served.
+    #[error(transparent)]
+    Door(#[from] DoorError),
+    /// The system gives no thread to read the record on.
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
     /// The start could not be written.
     #[error(transparent)]
     Fault(#[from] Fault),
@@ -123,6 +133,7 @@ impl Hint for StartError {
             Self::Profile(error) => error.hint(),
             Self::Baseline(error) => error.hint(),
             Self::Fault(error) => error.hint(),
+            Self::Door(error) => error.hint(),
             Self::OtherRobot { recorded, .. } => Some(
                 match &recorded.file {
                     Some(file) => format!(
@@ -136,7 +147,7 @@ impl Hint for StartError {
                 }
                 .into(),
             ),
-            Self::Sim(_) => None,
+            Self::Sim(_) | Self::Thread(_) => None,
         }
     }
 }
@@ -152,6 +163,21 @@ pub struct Config<'a> {
     pub cell: Cell,
     /// Where episodes of active versions are kept.
     pub cache: EpisodeCache,
+}
+
+/// What an engine decides by and begins with, read before anything of the store is.
+struct Rules {
+    profile: Profile,
+    table: PolicyTable,
+    own: Option<ProfileTexts>,
+    baselines: Vec<Capability>,
+}
+
+impl Rules {
+    fn of(chosen: &ChosenProfile) -> Result<Self, StartError> {
+        let (profile, table) = chosen.rules()?;
+        Ok(Self { profile, table, own: chosen.texts().cloned(), baselines: baselines()? })
+    }
 }
 
 /// See the module's head.
@@ -171,10 +197,14 @@ impl Engine {
     /// # Errors
     /// [`StartError`]; the store is then as it was, but for the recovery that was written.
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
-        let (profile, table) = config.profile.rules()?;
-        let own = config.profile.texts().cloned();
-        let baselines = baselines()?;
+        let rules = Rules::of(&config.profile)?;
         let store = Store::open(config.data)?;
+        Self::on(config, rules, store, Controls::default())
+    }
+
+    /// Starts on a store whose record was read.
+    fn on(config: Config<'_>, rules: Rules, store: Store, controls: Controls) -> Result<Self, StartError> {
+        let Rules { profile, table, own, baselines } = rules;
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;
@@ -193,6 +223,7 @@ impl Engine {
             own,
             cell: config.cell,
             cache: config.cache,
+            controls,
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines)?;
         Ok(Self {

@@ -55,7 +55,7 @@ use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
 use crate::view::snapshot::SnapshotView;
 use crate::world::LiveWorld;
-use crate::world::switch::Switch;
+use crate::world::switch::{Controls, Switch};
 use holdpoint_text::Hint;
 
 /// What a pipeline is made with.
@@ -70,6 +70,8 @@ pub struct PipelineSettings {
     pub cell: Cell,
     /// Where episodes of active versions are kept.
     pub cache: EpisodeCache,
+    /// What reaches into it from other threads.
+    pub controls: Controls,
 }
 
 /// What a slice of work came to.
@@ -130,9 +132,10 @@ impl Pipeline {
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
-        let PipelineSettings { seed, jobs, profile, table, own, cell, cache } = settings;
+        let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls } = settings;
         let context = Context::new(profile, table, own, cell)?;
-        let world = LiveWorld::new(context.cell.clone())?;
+        let Controls { switch, cancel } = controls;
+        let world = LiveWorld::new(context.cell.clone(), switch)?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
         ledger.bind_robot(&BoundRobot::of(&context.cell));
         let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
@@ -140,7 +143,7 @@ impl Pipeline {
             world,
             agent,
             context,
-            trials: Trials::new(seed, jobs, cache),
+            trials: Trials::new(seed, jobs, cache, cancel),
             record: Record::new(ledger, clock),
             dossiers: Dossiers::default(),
             approvals: Approvals::default(),
@@ -159,6 +162,8 @@ impl Pipeline {
         if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.cell.set_goal(goal);
         }
+        // Whoever stopped the cell before there was an engine is on record before anything else is.
+        pipeline.take_in_halt();
         pipeline.announce(voided);
         if let Err(fault) = pipeline.bound_agent().check() {
             pipeline.hold(&fault.sentence());

@@ -40,6 +40,13 @@ impl Pump {
         Self { engine, door: None, listeners }
     }
 
+    /// Starts the listeners of an engine whose door is open already.
+    #[must_use]
+    pub fn with_door(mut engine: Engine, door: Door, sinks: Vec<MakeSink>) -> Self {
+        let listeners = Listeners::start(&mut engine, sinks);
+        Self { engine, door: Some(door), listeners }
+    }
+
     /// Opens the door for other processes.
     ///
     /// # Errors

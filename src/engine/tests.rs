@@ -34,6 +34,7 @@ use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::stages::activation::Activation;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::world::switch::Controls;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
 
@@ -49,6 +50,7 @@ fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
         own: None,
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
+        controls: Controls::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()

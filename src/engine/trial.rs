@@ -41,11 +41,11 @@ pub struct Trials {
 impl Trials {
     /// With a run's seed and so many workers; whole slices until [`Trials::work_in_small_parts`].
     #[must_use]
-    pub fn new(seed: u64, jobs: usize, cache: EpisodeCache) -> Self {
+    pub fn new(seed: u64, jobs: usize, cache: EpisodeCache, cancel: Arc<AtomicBool>) -> Self {
         Self {
             seed,
             part: usize::MAX,
-            cancel: Arc::new(AtomicBool::new(false)),
+            cancel,
             cache,
             crew: Crew::new(jobs),
             undisturbed: Arc::new(Shelf::new()),

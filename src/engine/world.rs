@@ -56,9 +56,9 @@ impl LiveWorld {
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub fn new(cell: Cell) -> Result<Self, SimError> {
+    pub(crate) fn new(cell: Cell, switch: Arc<Switch>) -> Result<Self, SimError> {
         Ok(Self {
-            cell: LiveCell::new(cell)?,
+            cell: LiveCell::with(cell, switch)?,
             due: 0.0,
             pace: None,
             thread: None,

@@ -226,13 +226,41 @@ impl AuditRecord {
             Word::Known(kind) => kind.name(),
             Word::Unknown(text) => text,
         };
+        let Self { seq, prev, hash, at_ms, subject, body, .. } = self;
+        RecordRef { seq: *seq, prev: *prev, hash: *hash, at_ms: *at_ms, kind, subject, body }.expected_hash()
+    }
+}
+
+/// What is hashed of a record, where it lies: nothing of it is copied.
+#[derive(Clone, Copy, Debug)]
+pub struct RecordRef<'a> {
+    /// 1, 2, 3, ... without gaps.
+    pub seq: u64,
+    /// Hash of the record before.
+    pub prev: Digest,
+    /// The hash it bears; not hashed.
+    pub hash: Digest,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// The word of its kind, also one of another build.
+    pub kind: &'a str,
+    /// What it is about.
+    pub subject: &'a str,
+    /// Its content, JSON text.
+    pub body: &'a str,
+}
+
+impl RecordRef<'_> {
+    /// The hash that its fields must have.
+    #[must_use]
+    pub fn expected_hash(&self) -> Digest {
         Digest::of_parts(
             DOMAIN,
             &[
                 self.prev.bytes(),
                 &self.seq.to_le_bytes(),
                 &self.at_ms.to_le_bytes(),
-                kind.as_bytes(),
+                self.kind.as_bytes(),
                 self.subject.as_bytes(),
                 self.body.as_bytes(),
             ],

@@ -101,8 +101,17 @@ impl Manager {
                     }
                 }
             }
-            let status = snapshots.borrow_and_update().as_deref().map(status);
-            let Some(status) = status else { continue };
+            let newest = snapshots.borrow_and_update().clone();
+            let Some(newest) = newest else { continue };
+            let status = status(&newest);
+            if newest.reading.is_some() {
+                // The engine is not up yet: nothing is carried out. Its signals are the door's.
+                if told != status {
+                    self.say(&format!("STATUS={status}"));
+                    told = status;
+                }
+                continue;
+            }
             if !ready {
                 // The engine takes signals by now: none is lost by hearing them here as well.
                 endings = Endings::new();
@@ -149,6 +158,9 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
 
 /// How things stand, in one line.
 fn status(snapshot: &Snapshot) -> String {
+    if let Some(reading) = &snapshot.reading {
+        return format!("the record is being verified; {reading}");
+    }
     if let Some(why) = &snapshot.holding {
         return format!("holds after a fault: {}", Untrusted::new(why).line());
     }

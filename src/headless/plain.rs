@@ -7,13 +7,14 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::outcome::{Followed, outcome_of, worst};
 use super::printer::Printer;
 use super::runs::{cell, start_error};
 use crate::error::{CliError, Exit};
-use holdpoint_engine::door::Signals;
+use holdpoint_engine::anteroom::{Anteroom, LOOK_PATIENCE};
+use holdpoint_engine::door::{Door, Signals};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
@@ -66,17 +67,23 @@ const PACED_PAUSE: Duration = Duration::from_millis(15);
 /// # Errors
 /// [`CliError`] with exit code 2 for what is wrong with the input, 70 for what is wrong inside.
 pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let engine = Engine::start(Config {
-        data: run.data,
-        profile: run.profile,
-        seed: run.seed,
-        jobs: run.jobs,
-        scripted: false,
-        cell: cell(run.robot)?,
-        cache: EpisodeCache::InStore,
-    })
+    let anteroom = Anteroom::open(
+        Config {
+            data: run.data,
+            profile: run.profile,
+            seed: run.seed,
+            jobs: run.jobs,
+            scripted: false,
+            cell: cell(run.robot)?,
+            cache: EpisodeCache::InStore,
+        },
+        Signals::Taken,
+        Box::new(|_| ()),
+    )
     .map_err(start_error)?;
-    let mut pump = Pump::new(engine, run.sinks);
+    let mut printer = Printer::new(out, run.json);
+    let Some((engine, door)) = entered(anteroom, &mut printer)? else { return Ok(Exit::NothingJudged) };
+    let mut pump = Pump::with_door(engine, door, run.sinks);
     match (run.pace, pump.pictures()) {
         // Nobody looks at the pictures.
         (Some(pace), None) => pump.pace_live_world(Some(pace), Arc::new(|_| ())),
@@ -84,13 +91,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         (None, Some(pictures)) => pump.draw_live_world(pictures),
         (None, None) => {}
     }
-    pump.open_door(Signals::Taken).map_err(CliError::usage)?;
-    let mut stream = PlainStream {
-        pump,
-        printer: Printer::new(out, run.json),
-        versions: BTreeSet::new(),
-        paced: run.pace.is_some(),
-    };
+    let mut stream = PlainStream { pump, printer, versions: BTreeSet::new(), paced: run.pace.is_some() };
     let events = stream.pump.tell();
     stream.print(&events)?;
     match run.work {
@@ -98,6 +99,27 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         PlainWork::Demonstration => stream.submit_demonstration()?,
     }
     stream.work()
+}
+
+/// The engine, once its record was read; `None` if it was told to end before. A reading that takes long is told.
+fn entered(
+    mut anteroom: Anteroom<'_>,
+    printer: &mut Printer<'_>,
+) -> Result<Option<(Engine, Door)>, CliError> {
+    let begun = Instant::now();
+    let mut told = false;
+    while !anteroom.turn() {
+        if !told && begun.elapsed() >= LOOK_PATIENCE {
+            told = true;
+            let reading = anteroom.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
+            printer.note(&format!("the record is being verified; {reading}"))?;
+        }
+    }
+    if anteroom.has_ended() {
+        printer.note("ended before the engine was up; nothing was carried out")?;
+        return Ok(None);
+    }
+    anteroom.enter().map(Some).map_err(start_error)
 }
 
 /// An engine whose events are printed, and the versions that are followed.

@@ -43,6 +43,10 @@ pub struct Snapshot {
     pub policy: Digest,
     /// Hash of the agent's identity; upgrades do not change it.
     pub agent: Digest,
+    /// How far the record was read; absent once every row was held against all of it. Before that nothing shown here is
+    /// verified, and nothing is carried out but a stop.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reading: Option<ReadingView>,
     /// Why the engine holds after a fault of its own; absent if it does not.
     pub holding: Option<String>,
     /// Who stopped the cell, and since when; absent while it works.
@@ -71,6 +75,21 @@ pub struct Snapshot {
     /// What this engine has counted of the metrics since it came up; `holdpoint metrics` reads the whole store.
     #[serde(default)]
     pub observed: ObservedCounts,
+}
+
+/// How far an engine that comes up has read its record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ReadingView {
+    /// Records that were read and held against their hashes.
+    pub read: u64,
+    /// Records there are, by the store's own word.
+    pub of: u64,
+}
+
+impl std::fmt::Display for ReadingView {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "not verified yet: {} of {} records read", self.read, self.of)
+    }
 }
 
 /// A cell that a person stopped.

@@ -10,7 +10,7 @@ use super::checkpoint::{Kept, read_all};
 use super::compare::{check_approvals, compare};
 use super::copies::ChainAt;
 use super::error::StoreError;
-use super::fold::{ChainFault, Fold, FoldError};
+use super::fold::{ChainFault, Fold, FoldError, Watch};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
@@ -20,6 +20,7 @@ use super::rows::ChainedTable;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::snapshot;
+use super::structure;
 use super::witness::{self, Problems};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
@@ -35,12 +36,13 @@ pub(crate) fn check_existing(
     layout: &Layout,
     key: &VerifyingKey,
     problems: &Problems,
+    watch: Watch<'_>,
 ) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
     let store_id = store_id(&connection, &database)?;
     let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
-    let fold = checked_chain(&connection, &database, known)?;
+    let fold = checked_chain(&connection, &database, known, watch)?;
     let kept = kept_checkpoints(layout)?;
     check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
     check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
@@ -76,7 +78,7 @@ pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok();
     let key = key.map(|(key, _)| key);
     let known = key.and_then(|key| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
-    let fold = checked_chain(&connection, database, known)?;
+    let fold = checked_chain(&connection, database, known, &mut |_| ())?;
     // An engine may be writing checkpoints: which there have to be is for its start and for `verify`.
     if layout.store_public_key().is_file() {
         let kept = kept_checkpoints(&layout)?;
@@ -89,9 +91,14 @@ pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
 }
 
 /// The chain, whole or from a snapshot on, and its end.
-fn checked_chain(connection: &Connection, database: &Path, known: Option<Fold>) -> Result<Fold, StoreError> {
+fn checked_chain(
+    connection: &Connection,
+    database: &Path,
+    known: Option<Fold>,
+    watch: Watch<'_>,
+) -> Result<Fold, StoreError> {
     let mut fold = known.unwrap_or_else(Fold::empty);
-    fold.read_records(connection).map_err(refused_chain(connection, database))?;
+    fold.read_records(connection, watch).map_err(refused_chain(connection, database))?;
     fold.check_end(connection).map_err(refused_chain(connection, database))?;
     Ok(fold)
 }
@@ -99,7 +106,7 @@ fn checked_chain(connection: &Connection, database: &Path, known: Option<Fold>) 
 /// The records of the chain, each following from the one before.
 pub(crate) fn checked_records(connection: &Connection, database: &Path) -> Result<Fold, StoreError> {
     let mut fold = Fold::empty();
-    fold.read_records(connection).map_err(refused_chain(connection, database))?;
+    fold.read_records(connection, &mut |_| ()).map_err(refused_chain(connection, database))?;
     Ok(fold)
 }
 
@@ -138,7 +145,8 @@ pub(crate) fn check_tables(
     if let Some(problem) = first_difference(connection, &STORE).map_err(unreadable)? {
         return Err(not_the_chain(database, &problem));
     }
-    quick_check(connection).map_err(|problem| not_the_chain(database, &problem))?;
+    structure::check_at_start(connection, fold)
+        .map_err(|problem| not_the_chain(database, &format!("it is damaged: {problem}")))?;
     let broken = check_registry(connection).map_err(unreadable)?;
     broken.first().map_or(Ok(()), |violation| Err(damaged(database, &violation.to_string())))
 }

@@ -2,19 +2,22 @@
 //!
 //! Checks the links while it reads. Whether the tables are like it is for [`compare`](super::compare).
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use rusqlite::Connection;
+use rusqlite::{Connection, Row};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
-use super::audit::{Head, for_each, head};
+use super::audit::{self, Head, head};
 use super::merkle::Frontier;
 use super::names::is_own;
 use super::rows::{ChainedTable, RowName};
 use super::seals::TelemetryAccount;
+use super::structure::IndexSums;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::{RecordKind, RecordRef};
 
 /// The key of the one row that says where the chain ends.
 pub(crate) const HEAD_ROW: i64 = 1;
@@ -96,6 +99,8 @@ pub(crate) struct Fold {
     order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
+    /// Of the records that were read.
+    indexes: IndexSums,
     /// The tree over all records, those before `since` included; it follows once records were read.
     tree: Frontier,
     /// Folders that get every checkpoint.
@@ -108,12 +113,23 @@ pub(crate) struct Fold {
     telemetry: TelemetryAccount,
 }
 
-/// The parts of a store record that the fold reads.
+/// Records between two reports of how far the reading is.
+const REPORT_EVERY: u64 = 1024;
+
+/// Is told how many records were read, some thousand at a time.
+pub(crate) type Watch<'a> = &'a mut dyn FnMut(u64);
+
+/// The parts of a store record that the fold reads; of most kinds only which rows it set.
 #[derive(Deserialize)]
-struct RecordBody {
-    change: serde_json::Value,
-    rows: Vec<(String, String, Digest)>,
+struct RecordBody<'a, C = IgnoredAny> {
+    change: C,
+    #[serde(borrow)]
+    rows: Vec<RowSet<'a>>,
 }
+
+/// A row as a record left it: table, key, digest.
+#[derive(Deserialize)]
+struct RowSet<'a>(#[serde(borrow)] Cow<'a, str>, #[serde(borrow)] Cow<'a, str>, Digest);
 
 #[derive(Deserialize)]
 struct StateSet {
@@ -157,7 +173,7 @@ struct TelemetryMissed {
 
 impl Fold {
     /// The fold of no records.
-    pub(crate) const fn empty() -> Self {
+    pub(crate) fn empty() -> Self {
         Self {
             end: START,
             since: START,
@@ -170,6 +186,7 @@ impl Fold {
             witnesses: BTreeSet::new(),
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
+            indexes: IndexSums::default(),
             batches: Vec::new(),
             telemetry: TelemetryAccount::none(),
         }
@@ -191,19 +208,34 @@ impl Fold {
 
     /// Reads the records that came since, up to the end that the store keeps.
     pub(crate) fn go_on(&mut self, connection: &Connection) -> Result<(), FoldError> {
-        self.read_records(connection)?;
+        self.read_records(connection, &mut |_| ())?;
         self.check_end(connection)
     }
 
     /// Reads the records that came since, wherever the store says that they end.
-    pub(crate) fn read_records(&mut self, connection: &Connection) -> Result<(), FoldError> {
-        let read =
-            for_each(connection, self.end.seq + 1, |record| self.push(&record).map_err(FoldError::Fault));
+    pub(crate) fn read_records(
+        &mut self,
+        connection: &Connection,
+        watch: Watch<'_>,
+    ) -> Result<(), FoldError> {
+        let first = self.end.seq + 1;
+        let unreadable = |source| FoldError::Read { seq: first, source };
+        let sql = format!("SELECT {} FROM audit WHERE seq >= ?1 ORDER BY seq", audit::COLUMNS);
+        let mut select = connection.prepare_cached(&sql).map_err(unreadable)?;
+        let mut rows = select.query([first]).map_err(unreadable)?;
+        let mut read = || -> Result<(), FoldError> {
+            while let Some(row) = rows.next().map_err(unreadable)? {
+                self.push(&borrowed(row).map_err(unreadable)?).map_err(FoldError::Fault)?;
+                if self.end.seq.is_multiple_of(REPORT_EVERY) {
+                    watch(self.end.seq);
+                }
+            }
+            watch(self.end.seq);
+            Ok(())
+        };
+        let ended = read();
         self.grow_tree();
-        read.map_err(|error| match error {
-            FoldError::Read { source, .. } => FoldError::Read { seq: self.end.seq + 1, source },
-            fault @ FoldError::Fault(_) => fault,
-        })
+        ended
     }
 
     /// Takes the records that were read into the tree.
@@ -311,6 +343,7 @@ impl Fold {
             witnesses,
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
+            indexes: IndexSums::default(),
             batches: Vec::new(),
             telemetry,
         }
@@ -328,6 +361,11 @@ impl Fold {
         }
         let index = seq.checked_sub(self.since.seq)?.checked_sub(1)?;
         usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
+    }
+
+    /// What the indexes of the chain hold of the records that were read.
+    pub(crate) const fn indexes(&self) -> &IndexSums {
+        &self.indexes
     }
 
     /// Every row, by table and key.
@@ -351,7 +389,7 @@ impl Fold {
     }
 
     /// Adds a record.
-    pub(crate) fn push(&mut self, record: &AuditRecord) -> Result<(), ChainFault> {
+    pub(crate) fn push(&mut self, record: &RecordRef<'_>) -> Result<(), ChainFault> {
         let fault = |problem: String| ChainFault::Record { seq: self.end.seq + 1, problem };
         if record.seq != self.end.seq + 1 {
             return Err(fault(format!("it is missing; the next one is {}", record.seq)));
@@ -365,30 +403,28 @@ impl Fold {
         if record.at_ms < self.end.at_ms {
             return Err(fault("it is older than the record before".to_owned()));
         }
-        if let Some(kind) = record.kind.known().copied().filter(|kind| is_own(*kind)) {
-            let body: RecordBody =
-                serde_json::from_str(&record.body).map_err(|e| fault(format!("its body: {e}")))?;
-            self.fold_body(record.seq, kind, body)?;
+        if let Some(kind) = record.kind.parse().ok().filter(|kind| is_own(*kind)) {
+            self.fold_body(record.seq, kind, record.body)?;
         }
         self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };
         self.hashes.push(record.hash);
+        self.indexes.add(record);
         Ok(())
     }
 
-    fn fold_body(&mut self, seq: u64, kind: RecordKind, body: RecordBody) -> Result<(), ChainFault> {
+    fn fold_body(&mut self, seq: u64, kind: RecordKind, text: &str) -> Result<(), ChainFault> {
         let fault = |problem: String| ChainFault::Record { seq, problem };
-        let unreadable =
-            |error: serde_json::Error| ChainFault::Record { seq, problem: format!("its body: {error}") };
-        match kind {
+        let rows = match kind {
             RecordKind::VersionRegistered => {
-                let new: RegisteredRow = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<RegisteredRow> { change: new, rows } = body(seq, text)?;
                 if self.states.insert(new.id.clone(), (State::Registered, 1)).is_some() {
                     return Err(fault(format!("{} was registered before", new.id)));
                 }
                 self.order.push(new.id);
+                rows
             }
             RecordKind::StateSet => {
-                let set: StateSet = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<StateSet> { change: set, rows } = body(seq, text)?;
                 let found = self.states.get(&set.version).copied();
                 if found != Some((set.from, set.expected_row_version)) {
                     return Err(fault(format!("{} was not {} then", set.version, set.from)));
@@ -396,42 +432,68 @@ impl Fold {
                 let row_version = set.expected_row_version + 1;
                 self.sets.insert(seq, (set.version.clone(), row_version));
                 self.states.insert(set.version, (set.to, row_version));
+                rows
             }
             RecordKind::WitnessSet => {
-                let set: WitnessSet = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<WitnessSet> { change: set, rows } = body(seq, text)?;
                 if set.present {
                     self.witnesses.insert(set.folder);
                 } else {
                     self.witnesses.remove(&set.folder);
                 }
+                rows
             }
             RecordKind::TelemetrySealed => {
-                let sealed: TelemetrySealed = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<TelemetrySealed> { change: sealed, rows } = body(seq, text)?;
                 self.batches.push(SealedBatch { seq, batch: sealed.batch, digest: sealed.digest });
                 self.telemetry.seal_singly(sealed.batch);
+                rows
             }
             RecordKind::TelemetryBlockSealed => {
-                let block: TelemetryBlock = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<TelemetryBlock> { change: block, rows } = body(seq, text)?;
                 for sealed in block.batches {
                     self.batches.push(SealedBatch { seq, batch: sealed.batch, digest: sealed.digest });
                     self.telemetry.seal(sealed.batch);
                 }
+                rows
             }
             RecordKind::TelemetryPruned => {
-                let pruned: TelemetryPruned = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<TelemetryPruned> { change: pruned, rows } = body(seq, text)?;
                 self.telemetry.prune(pruned.through);
+                rows
             }
             RecordKind::TelemetryMissed => {
-                let missed: TelemetryMissed = serde_json::from_value(body.change).map_err(unreadable)?;
+                let RecordBody::<TelemetryMissed> { change: missed, rows } = body(seq, text)?;
                 self.telemetry.miss(&missed.gaps);
+                rows
             }
-            _ => {}
-        }
-        for (name, key, digest) in body.rows {
+            _ => body::<IgnoredAny>(seq, text)?.rows,
+        };
+        for RowSet(name, key, digest) in rows {
             let table = ChainedTable::named(&name)
                 .ok_or_else(|| fault(format!("it speaks of a table {name:?}, which there is not")))?;
-            self.rows.insert((table, key), Vouched { digest, seq });
+            self.rows.insert((table, key.into_owned()), Vouched { digest, seq });
         }
         Ok(())
     }
+}
+
+/// A row of [`audit::COLUMNS`], where it lies.
+fn borrowed<'a>(row: &'a Row<'_>) -> rusqlite::Result<RecordRef<'a>> {
+    // Of no record is this hashed; it is a number all the same.
+    row.get::<_, i64>(7)?;
+    Ok(RecordRef {
+        seq: row.get(0)?,
+        prev: Digest::from_bytes(row.get(1)?),
+        hash: Digest::from_bytes(row.get(2)?),
+        at_ms: row.get(3)?,
+        kind: row.get_ref(4)?.as_str()?,
+        subject: row.get_ref(5)?.as_str()?,
+        body: row.get_ref(6)?.as_str()?,
+    })
+}
+
+fn body<'a, C: Deserialize<'a>>(seq: u64, text: &'a str) -> Result<RecordBody<'a, C>, ChainFault> {
+    serde_json::from_str(text)
+        .map_err(|error| ChainFault::Record { seq, problem: format!("its body: {error}") })
 }

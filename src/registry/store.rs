@@ -17,10 +17,10 @@ use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{Change, Receipt, Transaction};
 use super::check::{check_existing, kept_checkpoints, store_id};
-use super::checkpoint::{self, Checkpoint, EVERY_RECORDS, Link};
+use super::checkpoint::{Checkpoint, EVERY_RECORDS, Link};
 use super::compare::compare;
 use super::error::StoreError;
-use super::fold::Fold;
+use super::fold::{Fold, Watch};
 use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
@@ -30,10 +30,10 @@ use super::seals::{FoundTelemetry, Settled};
 use super::shape::first_difference;
 use super::signed;
 use super::snapshot;
+use super::taken::UnreadStore;
 use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use super::witness::{Problems, Senders};
-use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
@@ -92,18 +92,18 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn open_with(folder: impl AsRef<Path>, limits: TelemetryLimits) -> Result<Self, StoreError> {
-        let layout = Layout::new(folder.as_ref());
-        layout.create()?;
-        let lock = EngineLock::take(&layout)?;
-        let created = std::fs::symlink_metadata(layout.database()).is_err();
-        if created && !checkpoint::names(&layout.checkpoints())?.is_empty() {
-            let problem = "the database is missing although there are checkpoints of it";
-            return Err(damaged(&layout.database(), problem));
-        }
-        let key = store_key(&layout, created)?;
+        UnreadStore::take_with(folder.as_ref(), limits)?.read(&mut |_| ())
+    }
+
+    /// Reads the whole record of a store that was taken, and opens it.
+    pub(crate) fn on(taken: UnreadStore, watch: Watch<'_>) -> Result<Self, StoreError> {
+        let UnreadStore { layout, lock, key, created, limits, .. } = taken;
         let problems = Problems::default();
-        let fold =
-            if created { Fold::empty() } else { check_existing(&layout, &key.verifying_key(), &problems)? };
+        let fold = if created {
+            Fold::empty()
+        } else {
+            check_existing(&layout, &key.verifying_key(), &problems, watch)?
+        };
         let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
         let store_id = store_id(&connection, &layout.database())?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
@@ -511,18 +511,4 @@ fn sign_on(
         None | Some(_) => {}
     }
     Ok(link)
-}
-
-/// The store's signing key; a new one only for a new store.
-fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
-    let (secret, public) = (layout.store_key(), layout.store_public_key());
-    let wrong = |source| StoreError::Key { path: secret.clone(), source };
-    if created && std::fs::symlink_metadata(&secret).is_err() {
-        keyfile::write_secret(&secret, &keyfile::generate().map_err(wrong)?).map_err(wrong)?;
-    }
-    let key = keyfile::read_secret(&secret).map_err(wrong)?;
-    if std::fs::symlink_metadata(&public).is_err() {
-        keyfile::write_public(&public, &key.verifying_key(), "").map_err(wrong)?;
-    }
-    Ok(key)
 }

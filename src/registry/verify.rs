@@ -22,6 +22,7 @@ use super::open::open_reader;
 use super::seals::{BatchState, absent};
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
+use super::structure;
 use super::telemetry::check_batch;
 use super::witness::folder_of;
 use holdpoint_governance::ids::Digest;
@@ -207,11 +208,7 @@ pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyRepo
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
     })?;
-    let check: String =
-        connection.query_row("PRAGMA integrity_check(1)", [], |row| row.get(0)).map_err(unreadable)?;
-    if check != "ok" {
-        return Err(VerifyError::Damaged(check));
-    }
+    structure::check_all(&connection, &fold).map_err(VerifyError::Damaged)?;
     let store_id: String = connection
         .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
         .map_err(unreadable)?;

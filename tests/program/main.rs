@@ -14,6 +14,7 @@ mod bad_input;
 mod bench;
 mod cli;
 mod door;
+mod early;
 mod explain;
 mod host;
 mod kept;

@@ -381,6 +381,7 @@ pub fn snapshot() -> Snapshot {
         seed: 42,
         policy: digest("policy"),
         agent: digest("agent"),
+        reading: None,
         holding: None,
         stopped: None,
         families: families(),

@@ -10,22 +10,32 @@ use serde::Serialize;
 use super::StatusSubject;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
+use holdpoint_engine::door::DoorError;
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
-use holdpoint_governance::record::VersionSummary;
-use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, Snapshot, StoppedView};
+use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
 use holdpoint_protocol::words::clock_time;
-use holdpoint_registry::{ApprovalRequest, VersionFilter, Views};
+use holdpoint_registry::{ApprovalRequest, AuditFilter, VersionFilter, Views};
 use holdpoint_text::Untrusted;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
     /// Whether an engine runs on the store and answers.
     pub(super) engine_running: bool,
+    /// Why the engine that is there said nothing, if so: what is shown is what the store holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) silent: Option<String>,
+    /// The last record, where the engine said nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) last_record: Option<AuditRecord>,
+    /// How far the engine has read its record, while it comes up: nothing shown is verified.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) reading: Option<ReadingView>,
     /// Why it holds, if it does.
     pub(super) holding: Option<String>,
     /// Who stopped the cell, while it is stopped.
@@ -121,6 +131,7 @@ impl StatusReport {
     pub(super) fn new(
         views: &Views,
         engine: Option<&Snapshot>,
+        silent: Option<&DoorError>,
         subject: Option<&StatusSubject>,
     ) -> Result<Self, CliError> {
         let wanted = |version: &CapabilityId| match subject {
@@ -176,6 +187,9 @@ impl StatusReport {
         let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
             engine_running: engine.is_some(),
+            silent: silent.map(ToString::to_string),
+            last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
+            reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
             // Without an engine the store tells; a stop outlives the engine.
             stopped: match engine {
@@ -209,10 +223,20 @@ impl StatusReport {
         let profile =
             self.profile.map_or_else(|| "none".to_owned(), |profile| titled(profile, self.site.as_ref()));
         lines.push(match (self.engine_running, &self.holding) {
+            _ if self.silent.is_some() => {
+                format!("engine   SILENT, last profile {profile}: what follows is what the store holds")
+            }
+            (true, _) if self.reading.is_some() => {
+                let reading = self.reading.map_or_else(String::new, |reading| reading.to_string());
+                format!(
+                    "engine   coming up, profile {profile}; {reading}: nothing is carried out yet but `stop`"
+                )
+            }
             (true, None) => format!("engine   running, profile {profile}"),
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
             (false, _) => format!("engine   not running, last profile {profile}"),
         });
+        lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(stopped_line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
@@ -224,6 +248,22 @@ impl StatusReport {
         lines.extend(self.alarms.iter().map(AlarmRow::line));
         lines
     }
+}
+
+fn last_record(views: &Views) -> Result<Option<AuditRecord>, CliError> {
+    let newest = AuditFilter { limit: 1, newest_first: true, ..AuditFilter::default() };
+    Ok(views.audit(&newest).map_err(CliError::usage)?.pop())
+}
+
+fn last_record_line(record: &AuditRecord) -> String {
+    let subject = Untrusted::new(record.subject.as_str());
+    format!(
+        "record   the last is number {}, {} {}, at {}",
+        record.seq,
+        record.kind,
+        subject.line(),
+        clock_time(record.at_ms)
+    )
 }
 
 fn stopped_line(stopped: &StoppedView) -> String {

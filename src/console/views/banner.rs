@@ -62,6 +62,9 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         EngineState::Ended(Ok(())) => say(ThemeRole::Problem, "ENGINE ENDED"),
         EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE ENDED {why}")),
     }
+    if let Some(reading) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {
+        say(ThemeRole::Stale, &format!("NOT VERIFIED YET {} of {} records", reading.read, reading.of));
+    }
     if let Some(age_ms) = model.stale_ms() {
         say(ThemeRole::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }

@@ -44,6 +44,14 @@ impl Client {
     /// # Errors
     /// [`DoorError`] if something answers that is not one's own engine of this version.
     pub fn connect(layout: &Layout) -> Result<Option<Self>, DoorError> {
+        Self::connect_within(layout, Duration::from_secs(HELLO_SECS))
+    }
+
+    /// As [`Client::connect`], with so much patience.
+    ///
+    /// # Errors
+    /// As [`Client::connect`]; [`DoorError::Silent`] if the engine is there and says nothing.
+    pub fn connect_within(layout: &Layout, patience: Duration) -> Result<Option<Self>, DoorError> {
         let path = socket_path(layout);
         // No engine can listen at a path that is too long.
         if socket::check_length(&path).is_err() {
@@ -66,8 +74,10 @@ impl Client {
         if peer.uid != rustix::process::geteuid() {
             return Err(DoorError::Foreign { path, uid: peer.uid.as_raw() });
         }
-        let mut lines = Lines { path, reader: BufReader::new(stream), line: Vec::new() };
-        match lines.expect(HELLO_SECS)? {
+        let mut lines =
+            Lines { path, process: peer.pid.as_raw_pid(), reader: BufReader::new(stream), line: Vec::new() };
+        let Some(hello) = lines.next(patience)? else { return Err(lines.silent()) };
+        match hello {
             Answer::Hello { protocol: PROTOCOL, .. } => Ok(Some(Self { lines })),
             Answer::Hello { protocol, version, .. } => {
                 Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
@@ -97,6 +107,24 @@ impl Client {
                 self.call(&call)
             }
             other => other,
+        }
+    }
+
+    /// How things stand, if the engine says so within `patience`. A connection that got no answer is of no more use.
+    ///
+    /// # Errors
+    /// [`DoorError::Silent`] if it says nothing; else as [`Client::ask`].
+    pub fn look(&mut self, patience: Duration) -> Result<Reply, DoorError> {
+        let id = Nonce::random()?.as_str().to_owned();
+        let request = Box::new(Request { id, command: Command::Snapshot });
+        self.lines.send(&Call::Ask { request })?;
+        match self.lines.next(patience)? {
+            Some(Answer::Reply { reply }) => Ok(*reply),
+            Some(Answer::Closed { text }) => Err(self.lines.closed(text)),
+            Some(
+                Answer::Hello { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. },
+            ) => Err(self.lines.protocol("that is no reply".to_owned())),
+            None => Err(self.lines.silent()),
         }
     }
 
@@ -149,6 +177,8 @@ impl Subscription {
 #[derive(Debug)]
 struct Lines {
     path: PathBuf,
+    /// Who serves the socket.
+    process: i32,
     reader: BufReader<UnixStream>,
     /// What was read of a line that is not complete.
     line: Vec<u8>,
@@ -208,6 +238,14 @@ impl Lines {
         }
     }
 
+    fn silent(&self) -> DoorError {
+        DoorError::Silent {
+            path: self.path.clone(),
+            process: self.process,
+            stopped: is_stopped(self.process),
+        }
+    }
+
     fn closed(&self, text: String) -> DoorError {
         DoorError::Closed { path: self.path.clone(), text }
     }
@@ -215,6 +253,12 @@ impl Lines {
     fn protocol(&self, problem: String) -> DoorError {
         DoorError::Protocol { path: self.path.clone(), problem }
     }
+}
+
+/// Whether a signal stopped a process (its state is T), as far as the system tells.
+fn is_stopped(process: i32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    stat.rsplit_once(')').is_some_and(|(_, rest)| rest.trim_start().starts_with('T'))
 }
 
 /// A connection that broke is an engine that ended, as far as a client can know.

@@ -114,6 +114,19 @@ impl Publisher {
         }
     }
 
+    /// Shows how things stand before there is an engine.
+    pub(super) fn show(&mut self, taken: impl FnOnce() -> Snapshot) {
+        if self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY) {
+            self.snapshot.send_replace(Some(Arc::new(taken())));
+            self.published = Some(Instant::now());
+        }
+    }
+
+    /// What was shown does not hold.
+    pub(super) fn withdraw(&self) {
+        self.snapshot.send_replace(None);
+    }
+
     /// Nobody looks any more.
     pub(super) fn is_lost(&self) -> bool {
         self.updates.is_closed()

@@ -2,6 +2,7 @@
 //!
 //! A panic in any of it makes the engine hold; the loop itself goes on.
 
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
@@ -23,14 +24,16 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 pub(super) struct Serving<'a> {
     pump: Pump,
     asked: &'a Receiver<Request>,
+    /// Requests that came before the engine was up.
+    first: VecDeque<Request>,
     /// Requests whose answer comes after the sequence that runs.
     waiting: Vec<String>,
     trial: Trial,
 }
 
 impl<'a> Serving<'a> {
-    pub(super) fn new(pump: Pump, asked: &'a Receiver<Request>) -> Self {
-        Self { pump, asked, waiting: Vec::new(), trial: Trial::new() }
+    pub(super) fn new(pump: Pump, asked: &'a Receiver<Request>, first: VecDeque<Request>) -> Self {
+        Self { pump, asked, first, waiting: Vec::new(), trial: Trial::new() }
     }
 
     /// Until the engine has ended.
@@ -99,7 +102,7 @@ impl<'a> Serving<'a> {
     fn requests(&mut self, first: Option<Request>, publisher: &mut Publisher) -> bool {
         let mut next = first;
         for _ in 0..OUTSTANDING_MAX {
-            let request = match next.take() {
+            let request = match self.first.pop_front().or_else(|| next.take()) {
                 Some(request) => request,
                 None => match self.asked.try_recv() {
                     Ok(request) => request,

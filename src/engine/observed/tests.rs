@@ -13,6 +13,7 @@ use crate::ledger::Ledger;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::world::switch::Controls;
 use holdpoint_body::rehearsal::{DriftKind, Magnitude};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::Proportion;
@@ -58,6 +59,7 @@ fn worked_under(
         own,
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
+        controls: Controls::default(),
     };
     let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
     let baselines = crate::embedded::baselines().unwrap();

@@ -12,6 +12,7 @@ use crate::people::approvals::Approvals;
 use crate::people::emergencies;
 use crate::record::Record;
 use crate::world::{self, LiveWorld};
+use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
@@ -82,6 +83,7 @@ impl SnapshotView<'_> {
             seed: self.seed,
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
+            reading: None,
             holding: self.record.holding().map(ToOwned::to_owned),
             stopped: self.world.halted.clone(),
             families,
@@ -139,28 +141,7 @@ impl SnapshotView<'_> {
 
     fn alarm_views(&self) -> Vec<AlarmView> {
         let now_ms = self.record.now_ms();
-        self.record
-            .alarms()
-            .open()
-            .into_iter()
-            .map(|alarm| AlarmView {
-                alarm: alarm.key.to_string(),
-                subject: alarm.group.to_string(),
-                state: alarm.state(),
-                priority: alarm.priority,
-                text: alarm.text.raw().to_owned(),
-                since_ms: alarm.first_ms,
-                state_below: alarm.state_below(),
-                latching: alarm.latching,
-                acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
-                shelf: alarm
-                    .shelf
-                    .as_ref()
-                    .map(|shelf| (shelf.by.clone(), shelf.reason.raw().to_owned(), shelf.until_ms)),
-                raises: alarm.raises,
-                chattering: alarm.is_chattering(now_ms),
-            })
-            .collect()
+        self.record.alarms().open().into_iter().map(|alarm| alarm_view(alarm, now_ms)).collect()
     }
 
     fn live_view(&self) -> LiveView {
@@ -181,5 +162,26 @@ impl SnapshotView<'_> {
             outcomes: recent,
             monitors: self.monitors.views(needed),
         }
+    }
+}
+
+/// An alarm as it is shown.
+pub(crate) fn alarm_view(alarm: &Alarm, now_ms: u64) -> AlarmView {
+    AlarmView {
+        alarm: alarm.key.to_string(),
+        subject: alarm.group.to_string(),
+        state: alarm.state(),
+        priority: alarm.priority,
+        text: alarm.text.raw().to_owned(),
+        since_ms: alarm.first_ms,
+        state_below: alarm.state_below(),
+        latching: alarm.latching,
+        acknowledged_by: alarm.acknowledged_by.clone().filter(|by| !by.is_empty()),
+        shelf: alarm
+            .shelf
+            .as_ref()
+            .map(|shelf| (shelf.by.clone(), shelf.reason.raw().to_owned(), shelf.until_ms)),
+        raises: alarm.raises,
+        chattering: alarm.is_chattering(now_ms),
     }
 }

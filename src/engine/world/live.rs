@@ -128,7 +128,11 @@ impl LiveCell {
     /// # Errors
     /// If the world cannot be built.
     pub fn new(cell: Cell) -> Result<Self, SimError> {
-        let switch = Arc::new(Switch::default());
+        Self::with(cell, Arc::default())
+    }
+
+    /// As [`Self::new`], stopped by this switch.
+    pub(crate) fn with(cell: Cell, switch: Arc<Switch>) -> Result<Self, SimError> {
         let arm = Arm::new(InstrumentedWorld::new(cell.world()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
         let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };

@@ -5,8 +5,8 @@
 //! lasts, and only `Switch::release` ends it. Decides nothing, and waits for nobody.
 
 use std::collections::VecDeque;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use holdpoint_protocol::command::Caller;
 
@@ -54,6 +54,15 @@ pub struct Switch {
     stood_after: AtomicU64,
     /// What was asked.
     asked: Mutex<StopsAsked>,
+}
+
+/// What reaches into an engine from other threads; it may be there before the engine is.
+#[derive(Clone, Debug, Default)]
+pub struct Controls {
+    /// Stops the arm.
+    pub switch: Arc<Switch>,
+    /// Set to interrupt running evaluations between episodes.
+    pub cancel: Arc<AtomicBool>,
 }
 
 impl Default for Switch {
@@ -134,6 +143,12 @@ impl Switch {
     /// A stop that was asked for and is to be put on record.
     pub(crate) fn take_asked(&self) -> Option<AskedStop> {
         self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front()
+    }
+
+    /// The first stop that is not on record yet, while the cell is stopped by it.
+    pub(crate) fn first_asked(&self) -> Option<AskedStop> {
+        let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        slot.waiting.front().cloned()
     }
 
     /// The body has stepped; `stands` tells since how many ticks every joint stands, while the cell is stopped.

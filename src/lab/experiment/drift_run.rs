@@ -21,6 +21,7 @@ use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pipeline::rehearsal::Rehearsal;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::world::switch::Controls;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -91,6 +92,7 @@ impl DriftSetting {
             own: None,
             cell: self.cell.clone(),
             cache: EpisodeCache::InStore,
+            controls: Controls::default(),
         };
         let baselines = baselines().map_err(StartError::from)?;
         Ok(Pipeline::new(settings, ledger, clock, baselines)?)

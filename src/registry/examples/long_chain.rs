@@ -1,5 +1,6 @@
-//! Prints what a long chain costs at a start, in the verifier, and in a rebuild, for stores of 10^4, 10^5 and 10^6
-//! records of about 1 KB, or of as many as it is given.
+//! Prints what a long chain costs at a start, in the verifier, in a rebuild and for who appends, for stores of 10^4,
+//! 10^5 and 10^6 records of about 1 KB, or of as many as it is given. Each is done by a process of its own: wall and
+//! processor time, and the most memory it had.
 //! `cargo run --release --example long_chain -- 10000 100000 1000000`
 #![allow(
     clippy::unwrap_used,
@@ -15,13 +16,15 @@ mod store;
 
 use std::fs;
 use std::path::Path;
-use std::time::Instant;
+use std::process::Command;
+use std::time::{Duration, Instant};
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{AuditBody, Change, Store, StoreError, Transaction, Views, rebuild, verify};
 use rusqlite::Connection;
+use rustix::time::{ClockId, clock_gettime};
 use store::{bootstrap, evidence, shadowed};
 
 /// Records of a transaction: one in four is the store's own.
@@ -62,18 +65,136 @@ fn fill(store: &Store, records: u64) -> Result<(), StoreError> {
     Ok(())
 }
 
+/// Appends that are timed, each a transaction of its own that is on disk when it is answered.
+const APPENDS: u64 = 10_000;
+
+/// What is measured, each in a process of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    View,
+    Start,
+    StartWhole,
+    Shown,
+    Verify,
+    Append,
+    Rebuild,
+    StartAfter,
+}
+
+impl Phase {
+    const ALL: [Self; 8] = [
+        Self::View,
+        Self::Start,
+        Self::StartWhole,
+        Self::Shown,
+        Self::Verify,
+        Self::Append,
+        Self::Rebuild,
+        Self::StartAfter,
+    ];
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::View => "view before the record is read",
+            Self::Start => "start from a snapshot",
+            Self::StartWhole => "start, the whole chain",
+            Self::Shown => "shown without an engine",
+            Self::Verify => "verify",
+            Self::Append => "append",
+            Self::Rebuild => "rebuild",
+            Self::StartAfter => "start after it",
+        }
+    }
+
+    /// What is done to the store before.
+    fn prepare(self, folder: &Path) {
+        match self {
+            Self::StartWhole => remove_snapshots(folder),
+            Self::Rebuild => {
+                let database = Connection::open(folder.join("holdpoint.db")).unwrap();
+                database.execute_batch("UPDATE family SET reason = 'edited'").unwrap();
+            }
+            Self::View | Self::Start | Self::Shown | Self::Verify | Self::Append | Self::StartAfter => {}
+        }
+    }
+
+    fn work(self, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+        let database = folder.join("holdpoint.db");
+        match self {
+            Self::View => drop(Views::open(&database)?.families()?),
+            Self::Start | Self::StartWhole | Self::StartAfter => drop(Store::open(folder)?),
+            Self::Shown => drop(Views::open_checked(&database)?),
+            Self::Verify => {
+                let (key, _) = holdpoint_approvals::keyfile::read_public(&folder.join("keys/store.pub"))?;
+                verify(&database, Some(&key))?;
+            }
+            Self::Append => append(&Store::open(folder)?)?,
+            Self::Rebuild => drop(rebuild(folder, "{}", 0)?.ok_or("nothing was rebuilt")?),
+        }
+        Ok(())
+    }
+}
+
+/// Commits one record after the other.
+fn append(store: &Store) -> Result<(), StoreError> {
+    let begin = store.opening().head;
+    let mut took: Vec<Duration> = Vec::new();
+    for number in 0..APPENDS {
+        let one = AuditBody {
+            kind: RecordKind::Monitor,
+            subject: "grasp@1.1.0".into(),
+            body: format!("{{\"text\":\"{}\"}}", "x".repeat(800)),
+        };
+        let transaction = Transaction {
+            command_id: format!("append {} {number}", begin.seq),
+            at_ms: begin.at_ms,
+            wall_ms: 0,
+            changes: Vec::new(),
+            audit: vec![one],
+        };
+        let from = Instant::now();
+        store.commit(transaction)?;
+        took.push(from.elapsed());
+    }
+    took.sort();
+    let at = |share: f64| {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            clippy::cast_precision_loss,
+            reason = "a place in a list"
+        )]
+        let place = ((took.len() - 1) as f64 * share) as usize;
+        took[place]
+    };
+    println!("  append: p50 {:?}, p99 {:?}, max {:?}, n {APPENDS}", at(0.5), at(0.99), at(1.0));
+    Ok(())
+}
+
 /// CPU time of this process so far, s.
 fn cpu_s() -> f64 {
-    let stat = fs::read_to_string("/proc/self/stat").unwrap();
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
-    let ticks: f64 = fields[11..13].iter().map(|field| field.parse::<f64>().unwrap()).sum();
-    ticks / 100.0
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    #[allow(clippy::cast_precision_loss, reason = "seconds with some digits")]
+    let secs = now.tv_sec as f64 + now.tv_nsec as f64 / 1e9;
+    secs
+}
+
+/// The most memory this process had, MB.
+fn memory_mb() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.split_whitespace().next().unwrap().parse::<u64>().unwrap() / 1024
 }
 
 fn timed<T>(what: &str, work: impl FnOnce() -> T) -> T {
     let (wall, cpu) = (Instant::now(), cpu_s());
     let done = work();
-    println!("  {what}: {:.2} s, {:.2} s of CPU", wall.elapsed().as_secs_f64(), cpu_s() - cpu);
+    println!(
+        "  {what}: {:.3} s, {:.3} s of CPU, {} MB",
+        wall.elapsed().as_secs_f64(),
+        cpu_s() - cpu,
+        memory_mb()
+    );
     done
 }
 
@@ -87,7 +208,14 @@ fn remove_snapshots(folder: &Path) {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let asked: Vec<u64> = std::env::args().skip(1).map(|text| text.parse()).collect::<Result<_, _>>()?;
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let [flag, phase, folder] = arguments.as_slice()
+        && flag == "--phase"
+    {
+        let phase = Phase::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
+        return timed(phase.name(), || phase.work(Path::new(folder)));
+    }
+    let asked: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
     let asked = if asked.is_empty() { vec![10_000, 100_000, 1_000_000] } else { asked };
     for records in asked {
         let folder = tempfile::tempdir()?;
@@ -95,17 +223,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let database = made.layout().database();
         println!("{records} records");
         timed("made", || fill(&made, records))?;
-        let key = *made.public_key();
         drop(made);
         println!("  {} MB", fs::metadata(&database)?.len() / 1_000_000);
-        timed("start", || Store::open(folder.path()).map(drop))?;
-        timed("shown without an engine", || Views::open_checked(&database).map(drop))?;
-        remove_snapshots(folder.path());
-        timed("start without a snapshot", || Store::open(folder.path()).map(drop))?;
-        timed("verify", || verify(&database, Some(&key)))?;
-        Connection::open(&database)?.execute_batch("UPDATE family SET reason = 'edited'")?;
-        timed("rebuild", || rebuild(folder.path(), "{}", 0))?.ok_or("nothing was rebuilt")?;
-        timed("start after it", || Store::open(folder.path()).map(drop))?;
+        for phase in Phase::ALL {
+            phase.prepare(folder.path());
+            let done = Command::new(std::env::current_exe()?)
+                .args(["--phase", phase.name()])
+                .arg(folder.path())
+                .status()?;
+            if !done.success() {
+                return Err(format!("{} failed", phase.name()).into());
+            }
+        }
+        if std::env::var_os("LONG_CHAIN_KEEP").is_some() {
+            println!("  kept in {}", folder.keep().display());
+        }
     }
     Ok(())
 }

@@ -18,6 +18,7 @@ use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::live::LiveFault;
+use crate::world::switch::Controls;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::Digest;
@@ -96,6 +97,7 @@ impl Bench {
             own,
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
+            controls: Controls::default(),
         };
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);

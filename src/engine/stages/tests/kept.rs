@@ -23,6 +23,7 @@ use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::stages::activation::tests::package;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::world::switch::Controls;
 
 const PAIRS: u32 = 60;
 const DRILLS: u32 = 10;
@@ -46,6 +47,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         own: None,
         cell: Cell::builtin().unwrap(),
         cache,
+        controls: Controls::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()

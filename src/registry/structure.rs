@@ -1,0 +1,148 @@
+//! SQLite's own look at the structure of the store's file, as far as nothing else has looked.
+//!
+//! What is not left to SQLite is what the fold has read anyway: that the content of a record is what it was is told by
+//! its hash, and the two indexes of the chain are held against the records by one pass over each.
+
+use std::hash::{BuildHasher, RandomState};
+
+use rusqlite::Connection;
+
+use super::fold::Fold;
+use holdpoint_governance::record::RecordRef;
+
+/// The table of the chain: nearly all of a store's file.
+const CHAIN: &str = "audit";
+
+/// The structure of what a start reads and writes. Where the fold goes on from a snapshot the records before it were
+/// not read, and are not looked at here either; `verify` does.
+///
+/// # Errors
+/// What is wrong, in SQLite's words.
+pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(), String> {
+    // Pages that are free are looked at with the whole file alone.
+    if fold.since() == 0 || has_free_pages(connection).map_err(unreadable)? {
+        return whole_file(connection);
+    }
+    for table in tables(connection).map_err(unreadable)? {
+        if table != CHAIN {
+            of_table(connection, "quick_check", &table)?;
+        }
+    }
+    Ok(())
+}
+
+/// The structure of all of it, and every index against its table. `fold` is of the whole chain.
+///
+/// # Errors
+/// What is wrong.
+pub(crate) fn check_all(connection: &Connection, fold: &Fold) -> Result<(), String> {
+    whole_file(connection)?;
+    for table in tables(connection).map_err(unreadable)? {
+        if table != CHAIN {
+            of_table(connection, "integrity_check", &table)?;
+        }
+    }
+    let differing = fold.indexes().differing(connection, fold.end().seq).map_err(unreadable)?;
+    differing.map_or(Ok(()), |index| Err(format!("the index {index:?} is not what its table holds")))
+}
+
+/// Every page, and every row but for the conditions on records: their content is what it was by their hashes.
+fn whole_file(connection: &Connection) -> Result<(), String> {
+    let ignore = |on: &str| {
+        connection.execute_batch(&format!("PRAGMA ignore_check_constraints = {on}")).map_err(unreadable)
+    };
+    ignore("1")?;
+    let checked = pragma(connection, "quick_check(1)");
+    ignore("0")?;
+    checked?;
+    for table in tables(connection).map_err(unreadable)? {
+        if table != CHAIN {
+            of_table(connection, "quick_check", &table)?;
+        }
+    }
+    Ok(())
+}
+
+fn unreadable(error: rusqlite::Error) -> String {
+    error.to_string()
+}
+
+fn has_free_pages(connection: &Connection) -> rusqlite::Result<bool> {
+    connection.query_row("PRAGMA freelist_count", [], |row| row.get::<_, i64>(0)).map(|count| count > 0)
+}
+
+fn tables(connection: &Connection) -> rusqlite::Result<Vec<String>> {
+    let mut select = connection.prepare(
+        "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%' ORDER BY name",
+    )?;
+    select.query_map([], |row| row.get(0))?.collect()
+}
+
+fn of_table(connection: &Connection, check: &str, table: &str) -> Result<(), String> {
+    pragma(connection, &format!("{check}(\"{}\")", table.replace('"', "\"\"")))
+}
+
+fn pragma(connection: &Connection, check: &str) -> Result<(), String> {
+    let answer: String =
+        connection.query_row(&format!("PRAGMA {check}"), [], |row| row.get(0)).map_err(unreadable)?;
+    if answer == "ok" { Ok(()) } else { Err(answer) }
+}
+
+/// Kind and subject of every record, as the indexes of the chain hold them: the sum of their hashes under a key that
+/// nobody knows before, so that no other entries can be made up that come to the same.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct IndexSums {
+    key: RandomState,
+    subjects: u64,
+    kinds: u64,
+}
+
+impl IndexSums {
+    pub(crate) fn add(&mut self, record: &RecordRef<'_>) {
+        self.subjects = self.subjects.wrapping_add(self.hash(record.subject, record.seq));
+        self.kinds = self.kinds.wrapping_add(self.hash(record.kind, record.seq));
+    }
+
+    fn hash(&self, text: &str, seq: u64) -> u64 {
+        self.key.hash_one((text, seq))
+    }
+
+    /// The index that has not an entry for each of so many records, in its order, and no other; `None` if both have.
+    fn differing(&self, connection: &Connection, records: u64) -> rusqlite::Result<Option<&'static str>> {
+        for (index, column, sum) in
+            [("audit_subject", "subject", self.subjects), ("audit_kind", "kind", self.kinds)]
+        {
+            if self.of_index(connection, index, column)? != Some((records, sum)) {
+                return Ok(Some(index));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Entries of an index and their sum; `None` if they are not in order.
+    fn of_index(
+        &self,
+        connection: &Connection,
+        index: &str,
+        column: &str,
+    ) -> rusqlite::Result<Option<(u64, u64)>> {
+        let mut select =
+            connection.prepare(&format!("SELECT {column}, seq FROM audit INDEXED BY {index}"))?;
+        let mut rows = select.query([])?;
+        let (mut count, mut sum) = (0, 0_u64);
+        let mut last = (String::new(), 0);
+        while let Some(row) = rows.next()? {
+            let (text, seq) = (row.get_ref(0)?.as_str()?, row.get::<_, u64>(1)?);
+            if count > 0 && (last.0.as_str(), last.1) >= (text, seq) {
+                return Ok(None);
+            }
+            if last.0 != text {
+                text.clone_into(&mut last.0);
+            }
+            last.1 = seq;
+            count += 1;
+            sum = sum.wrapping_add(self.hash(text, seq));
+        }
+        Ok(Some((count, sum)))
+    }
+}

@@ -1,0 +1,196 @@
+//! Before the engine is up: what is shown while the record is read, what is refused, a stop that holds, and a record
+//! that turns out not to be what it must be.
+
+use std::path::Path;
+use std::process::Command as Process;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::anteroom::ReadWatch;
+use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::engine::host::{Host, HostConfig, Update};
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request};
+use holdpoint::protocol::snapshot::Snapshot;
+use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, Transaction, Views};
+use holdpoint::runtime::capability;
+use rusqlite::Connection;
+
+use crate::host::{Front, PATIENCE};
+
+/// Records that are added to a store, 256 a transaction.
+const TRANSACTIONS: u64 = 40;
+
+/// A store that an engine made, with a chain of more than ten thousand records. Tells how many.
+fn long_store(folder: &Path) -> u64 {
+    Front::start(folder, None).host.stop(PATIENCE).unwrap();
+    let store = Store::open(folder).unwrap();
+    let at_ms = store.opening().head.at_ms;
+    let one = AuditBody {
+        kind: RecordKind::Monitor,
+        subject: "grasp@1.0.0".to_owned(),
+        body: format!("{{\"text\":\"{}\"}}", "x".repeat(200)),
+    };
+    for number in 0..TRANSACTIONS {
+        let audit = vec![one.clone(); 256];
+        let command_id = format!("many {number}");
+        store.commit(Transaction { command_id, at_ms, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
+    }
+    store.views().unwrap().head().unwrap().seq
+}
+
+/// Looks on while the record is read, and has the reading wait at its first report until it is let go.
+fn gate() -> (ReadWatch, Receiver<u64>, SyncSender<()>) {
+    let (reached, at) = sync_channel(1);
+    let (go, wait) = sync_channel(1);
+    let mut waits = true;
+    let watch = Box::new(move |read| {
+        if std::mem::take(&mut waits) {
+            reached.send(read).unwrap();
+            wait.recv().unwrap();
+        }
+    });
+    (watch, at, go)
+}
+
+fn start(folder: &Path, watch: ReadWatch) -> Host {
+    let config = HostConfig {
+        data: folder.to_owned(),
+        profile: ProfileName::Sim.into(),
+        seed: 1,
+        jobs: 1,
+        robot: None,
+        pace: Some(1.0),
+        sinks: Vec::new(),
+    };
+    Host::start_watched(config, watch)
+}
+
+fn next(host: &mut Host) -> Update {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        if let Ok(update) = host.updates.try_recv() {
+            return update;
+        }
+        assert!(Instant::now() < until, "nothing is told");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn look(client: &mut Client) -> Snapshot {
+    match client.ask(Command::Snapshot).unwrap() {
+        Reply::Snapshot { snapshot } => *snapshot,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn stops_on_record(layout: &Layout) -> Vec<String> {
+    let filter = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
+    let views = Views::open(&layout.database()).unwrap();
+    views.audit(&filter).unwrap().into_iter().map(|record| record.body).collect()
+}
+
+fn register() -> Command {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
+    Command::Register { package: capability::read(&path).unwrap(), name: "align-improved".to_owned() }
+}
+
+fn verb(folder: &Path, verb: &[&str]) -> (Option<i32>, String) {
+    let output =
+        Process::new(env!("CARGO_BIN_EXE_holdpoint")).args(verb).arg("--data").arg(folder).output().unwrap();
+    let said = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8(said).unwrap())
+}
+
+#[test]
+fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = Layout::new(folder.path());
+    let records = long_store(folder.path());
+    assert!(records > 10_000);
+    let (watch, at, go) = gate();
+    let mut host = start(folder.path(), watch);
+    let read = at.recv_timeout(PATIENCE).unwrap();
+    assert!((1..records).contains(&read), "{read}");
+
+    let mut client = Client::connect(&layout).unwrap().unwrap();
+    let shown = look(&mut client);
+    let reading = shown.reading.unwrap();
+    assert_eq!((reading.read, reading.of), (read, records));
+    assert!(shown.families.iter().any(|family| family.active.is_some()), "{:?}", shown.families);
+    let (code, said) = verb(folder.path(), &["status"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains(&format!("not verified yet: {read} of {records} records read")), "{said}");
+
+    // Nothing is carried out: from the socket, from a verb that decides, from the front end itself.
+    let refused = |reply: &Reply| match reply {
+        Reply::Refused { code: Refusal::NotNow, text, .. } => text.contains("the record is being verified"),
+        _ => false,
+    };
+    let reply = client.ask(register()).unwrap();
+    assert!(refused(&reply), "{reply:?}");
+    let (code, said) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
+    assert_ne!(code, Some(0), "{said}");
+    host.ask(Request { id: "own".to_owned(), command: register() }).unwrap();
+    let Update::Answer { id, reply } = next(&mut host) else { panic!("an answer is told") };
+    assert!(id == "own" && refused(&reply), "{reply:?}");
+
+    let by = || ("ana".to_owned(), "somebody is in the cell".to_owned());
+    let (who, reason) = by();
+    let reply = client.ask(Command::Stop { by: who, reason }).unwrap();
+    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("stopped")), "{reply:?}");
+    assert_eq!(look(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
+    assert_eq!(
+        stops_on_record(&layout),
+        Vec::<String>::new(),
+        "nothing is written before the end of the reading"
+    );
+
+    go.send(()).unwrap();
+    while !matches!(next(&mut host), Update::Started) {}
+    let shown = look(&mut client);
+    assert_eq!(shown.reading, None);
+    let stopped = shown.stopped.unwrap();
+    let Caller::Process { process, .. } = &stopped.caller else { panic!("{:?}", stopped.caller) };
+    assert_eq!((stopped.by.clone(), *process), (by().0, Some(std::process::id())));
+    let on_record = stops_on_record(&layout);
+    assert!(on_record.len() == 1 && on_record[0].contains("somebody is in the cell"), "{on_record:?}");
+    assert_eq!(shown.live.sequences, 0, "it came up stopped");
+    assert_eq!(shown.candidates, Vec::new(), "what was refused was not done later");
+    host.stop(PATIENCE).unwrap();
+}
+
+#[test]
+fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = Layout::new(folder.path());
+    let records = long_store(folder.path());
+    let edit = "UPDATE version SET author = 'eve' WHERE name LIKE 'grasp@%'";
+    Connection::open(layout.database()).unwrap().execute_batch(edit).unwrap();
+    let (watch, at, go) = gate();
+    let mut host = start(folder.path(), watch);
+    at.recv_timeout(PATIENCE).unwrap();
+    let mut client = Client::connect(&layout).unwrap().unwrap();
+    assert!(look(&mut client).reading.is_some());
+    go.send(()).unwrap();
+    let Update::Ended(Err(why)) = next(&mut host) else { panic!("it came up") };
+    assert!(why.contains("the version \"grasp@") && why.contains("author"), "{why}");
+    assert_eq!(host.snapshots.borrow().as_ref(), None, "what was shown is withdrawn");
+    assert!(!socket_path(&layout).exists() && Client::connect(&layout).unwrap().is_none());
+    drop(host);
+    assert_eq!(Views::open(&layout.database()).unwrap().head().unwrap().seq, records);
+}
+
+#[test]
+fn an_engine_that_is_told_to_end_while_it_reads_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    long_store(folder.path());
+    let (watch, at, go) = gate();
+    let mut host = start(folder.path(), watch);
+    at.recv_timeout(PATIENCE).unwrap();
+    let mut client = Client::connect(&Layout::new(folder.path())).unwrap().unwrap();
+    assert!(matches!(client.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert!(matches!(next(&mut host), Update::Ended(Ok(()))));
+    go.send(()).unwrap();
+}
