@@ -136,6 +136,7 @@ impl Pipeline {
         let context = Context::new(profile, table, own, cell)?;
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
+        ledger.begin_persons()?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
         ledger.bind_robot(&BoundRobot::of(&context.cell));
         let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;

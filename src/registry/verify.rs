@@ -19,6 +19,7 @@ use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
+use super::people;
 use super::seals::{BatchState, absent};
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
@@ -59,6 +60,8 @@ pub struct VerifyReport {
     pub key_given: bool,
     /// Approvals whose signature matches.
     pub approvals: u64,
+    /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
+    pub persons: u64,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
     /// Sealed batches that were removed for age.
@@ -123,6 +126,9 @@ pub enum VerifyError {
     Unsigned(String),
     #[error("the approval {nonce} is bad: {problem}")]
     Approval { nonce: String, problem: String },
+    /// An act that enrolled or revoked somebody.
+    #[error("the person {name:?} is bad: {problem}")]
+    Person { name: String, problem: String },
     /// A sealed batch of telemetry.
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
     Telemetry {
@@ -147,7 +153,8 @@ impl VerifyError {
             | Self::Copy { .. }
             | Self::Line { .. }
             | Self::Unsigned(_)
-            | Self::Approval { .. } => None,
+            | Self::Approval { .. }
+            | Self::Person { .. } => None,
         }
     }
 }
@@ -165,6 +172,7 @@ impl Hint for VerifyError {
             | Self::Line { .. }
             | Self::Unsigned(_)
             | Self::Approval { .. }
+            | Self::Person { .. }
             | Self::Telemetry { .. } => None,
         }
     }
@@ -252,6 +260,9 @@ pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyRepo
     let approvals = check_approvals(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(nonce, problem)| VerifyError::Approval { nonce, problem })?;
+    let persons = people::read(&connection, &store_id)
+        .map_err(unreadable)?
+        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
@@ -265,6 +276,7 @@ pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyRepo
         witnesses_silent,
         key_given: public_key.is_some(),
         approvals,
+        persons: persons.all().count() as u64,
         batches: 0,
         batches_pruned: 0,
         batches_missed: 0,

@@ -51,10 +51,7 @@ fn work(folder: &Path) {
     if store.views().unwrap().context().unwrap().is_none() {
         bootstrap(&store, "grasp");
     }
-    let ada = match Identity::load(&store.layout().identities(), "ada").ok() {
-        Some(ada) => ada,
-        None => person(&store, "ada"),
-    };
+    let ada = person(&store, "ada");
     for step in 0u64.. {
         match one_step(&store, &ada, start, step) {
             Ok(receipt) => println!("ACK {}", receipt.last_seq),

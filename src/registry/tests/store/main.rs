@@ -23,6 +23,7 @@ mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
+mod persons;
 mod power;
 mod proofs;
 mod rebuild;

@@ -8,7 +8,6 @@
 use std::path::Path;
 use std::process::Command;
 
-use holdpoint_approvals::Identity;
 use holdpoint_registry::{Batch, Store, StoreError, check_invariants, rebuild, verify};
 use rusqlite::Connection;
 
@@ -32,10 +31,7 @@ fn life(folder: &Path) {
             bootstrap(&store, "grasp");
         }
         println!("ACK {}", store.views().unwrap().head().unwrap().seq);
-        let ada = match Identity::load(&store.layout().identities(), "ada") {
-            Ok(ada) => ada,
-            Err(_) => person(&store, "ada"),
-        };
+        let ada = person(&store, "ada");
         for step in 0..6 {
             let receipt = one_step(&store, &ada, start, step).unwrap();
             println!("ACK {}", receipt.last_seq);
