@@ -23,6 +23,7 @@ mod long;
 mod mutate;
 mod opening;
 mod power;
+mod races;
 mod rebuild;
 mod registry;
 mod released;
