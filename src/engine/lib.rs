@@ -445,4 +445,6 @@ fn refused(text: &str) -> Reply {
 pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");
 
 #[cfg(test)]
+mod machine;
+#[cfg(test)]
 mod tests;

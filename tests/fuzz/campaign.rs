@@ -16,6 +16,9 @@ pub enum Outcome {
 
 /// Inputs beyond those given that are built upon: each was refused in a way of its own, or was accepted.
 const KEPT_MAX: usize = 256;
+/// So many inputs are written for keeping, and only such as are smaller.
+const WRITTEN_MAX: usize = 24;
+const WRITTEN_BYTES_MAX: usize = 2_500;
 /// No input may take longer, on however busy a machine.
 const TIME_MAX: Duration = Duration::from_secs(20);
 /// The longest message: the widest line the sanitiser makes, a hint, and what stands before them.
@@ -49,8 +52,16 @@ pub fn campaign(
             Err(problem) => panic!("{name}: input {index}: {problem}"),
         }
     }
+    let kept = kept(name);
+    for (file, input) in &kept {
+        if let Err(problem) = tried(named, input, &mut check) {
+            panic!("{name}: {file:?}: {problem}");
+        }
+    }
     let given = corpus.len();
     let mut from = corpus;
+    let keep = std::env::var_os("HOLDPOINT_FUZZ_KEEP").map(|folder| PathBuf::from(folder).join(name));
+    let mut written = 0;
     let mut shapes = BTreeSet::new();
     let (mut accepted, mut refused, mut done) = (0_u64, 0_u64, 0_u64);
     for run in 0..runs {
@@ -59,15 +70,7 @@ pub fn campaign(
         }
         let mut random = Random::of_run(seed, run);
         let input = mutant(&mut random, &from, given);
-        let begun = Instant::now();
-        let outcome = catch_unwind(AssertUnwindSafe(|| check(&input)));
-        let outcome = outcome.unwrap_or_else(|_| Err("it panicked".to_owned()));
-        let outcome = outcome.and_then(|outcome| match &outcome {
-            Outcome::Refused(text) => check_message(text, named).map(|()| outcome),
-            Outcome::Accepted => Ok(outcome),
-        });
-        let slow = begun.elapsed() > TIME_MAX;
-        let outcome = if slow { Err(format!("it took {:?}", begun.elapsed())) } else { outcome };
+        let outcome = tried(named, &input, &mut check);
         done += 1;
         let shape = match outcome {
             Ok(Outcome::Accepted) => {
@@ -85,6 +88,14 @@ pub fn campaign(
             }
         };
         if shapes.len() < 100_000 && shapes.insert(shape) {
+            if let Some(folder) = &keep
+                && written < WRITTEN_MAX
+                && input.len() < WRITTEN_BYTES_MAX
+            {
+                std::fs::create_dir_all(folder).unwrap();
+                std::fs::write(folder.join(format!("{seed}-{run}")), &input).unwrap();
+                written += 1;
+            }
             if from.len() < given + KEPT_MAX {
                 from.push(input);
             } else {
@@ -99,10 +110,41 @@ pub fn campaign(
         }
     }
     println!(
-        "{name}: seed {seed}, {done} runs, {accepted} accepted, {refused} refused in {} ways, {} s",
+        "{name}: seed {seed}, {} kept, {done} runs, {accepted} accepted, {refused} refused in {} ways, {} s",
+        kept.len(),
         shapes.len(),
         started.elapsed().as_secs()
     );
+}
+
+/// What becomes of one input: neither a panic, nor a hang, nor a message that cannot be printed.
+fn tried(
+    named: Option<&str>,
+    input: &[u8],
+    check: &mut impl FnMut(&[u8]) -> Result<Outcome, String>,
+) -> Result<Outcome, String> {
+    let begun = Instant::now();
+    let outcome = catch_unwind(AssertUnwindSafe(|| check(input)));
+    let outcome = outcome.unwrap_or_else(|_| Err("it panicked".to_owned()));
+    let outcome = outcome.and_then(|outcome| match &outcome {
+        Outcome::Refused(text) => check_message(text, named).map(|()| outcome),
+        Outcome::Accepted => Ok(outcome),
+    });
+    let took = begun.elapsed();
+    if took > TIME_MAX { Err(format!("it took {took:?}")) } else { outcome }
+}
+
+/// The inputs that are kept for a parser, in the order of their names.
+fn kept(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
+    let crate_folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let workspace = if crate_folder.join("tests/fuzz").is_dir() { "." } else { "../.." };
+    let Ok(entries) = std::fs::read_dir(crate_folder.join(workspace).join("tests/fuzz/corpus").join(name))
+    else {
+        return Vec::new();
+    };
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files.into_iter().map(|file| (file.clone(), std::fs::read(file).unwrap())).collect()
 }
 
 /// What is printed is one line and perhaps a hint, of bounded length, and no terminal acts on it.

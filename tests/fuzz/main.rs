@@ -7,6 +7,9 @@
 //! HOLDPOINT_FUZZ_RUNS=1000000 HOLDPOINT_FUZZ_SEED=7 cargo test --test fuzz -- --nocapture manifest
 //! ```
 //!
+//! What once broke a parser, or was refused in a way of its own, lies in `corpus/NAME` and is tried first, each time;
+//! `HOLDPOINT_FUZZ_KEEP=DIR` writes such inputs, where they are small.
+//!
 //! The database has its own, beside the store's other tests (`--test store -- --nocapture databases`).
 #![allow(
     clippy::unwrap_used,
@@ -244,31 +247,43 @@ fn call() {
     });
 }
 
-/// A robot's two files, in turns: what is accepted has numbers throughout, and moves.
+/// A robot's two files: what is accepted has numbers throughout, and moves.
+fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
+    match RobotModel::from_texts(FILE, &text(urdf), FILE, &text(toml)) {
+        Err(error) => refused(error.to_string()),
+        Ok(robot) => {
+            let chain = &robot.geometry.chain;
+            let numbers = chain.joints.iter().flat_map(|joint| [joint.lower_rad, joint.upper_rad]);
+            if numbers.into_iter().chain(robot.home.iter().copied()).any(|number| !number.is_finite()) {
+                return Err("a limit is no number".to_owned());
+            }
+            let tool = chain.tool(&robot.home);
+            if tool.translation.vector.iter().any(|number| !number.is_finite()) {
+                return Err("the tool is nowhere".to_owned());
+            }
+            Ok(Outcome::Accepted)
+        }
+    }
+}
+
+/// The description and the numbers of an arm that is shipped.
+fn arm(name: &str) -> [Vec<u8>; 2] {
+    ["urdf", "toml"].map(|ending| fs::read(root(&format!("sim/assets/{name}.{ending}"))).unwrap())
+}
+
 #[test]
 fn urdf() {
-    for arm in ["arm6", "arm7"] {
-        let read = |ending: &str| fs::read(root(&format!("sim/assets/{arm}.{ending}"))).unwrap();
-        let (urdf, toml) = (read("urdf"), read("toml"));
-        let moves =
-            |urdf: &[u8], toml: &[u8]| match RobotModel::from_texts(FILE, &text(urdf), FILE, &text(toml)) {
-                Err(error) => refused(error.to_string()),
-                Ok(robot) => {
-                    let chain = &robot.geometry.chain;
-                    let numbers = chain.joints.iter().flat_map(|joint| [joint.lower_rad, joint.upper_rad]);
-                    if numbers.into_iter().chain(robot.home.iter().copied()).any(|number| !number.is_finite())
-                    {
-                        return Err("a limit is no number".to_owned());
-                    }
-                    let tool = chain.tool(&robot.home);
-                    if tool.translation.vector.iter().any(|number| !number.is_finite()) {
-                        return Err("the tool is nowhere".to_owned());
-                    }
-                    Ok(Outcome::Accepted)
-                }
-            };
-        campaign(&format!("urdf-{arm}"), Some(FILE), 150, vec![urdf.clone()], |input| moves(input, &toml));
-        campaign(&format!("robot-{arm}"), Some(FILE), 150, vec![toml.clone()], |input| moves(&urdf, input));
+    for name in ["arm6", "arm7"] {
+        let [urdf, toml] = arm(name);
+        campaign(&format!("urdf-{name}"), Some(FILE), 150, vec![urdf], |input| moves(input, &toml));
+    }
+}
+
+#[test]
+fn robot() {
+    for name in ["arm6", "arm7"] {
+        let [urdf, toml] = arm(name);
+        campaign(&format!("robot-{name}"), Some(FILE), 150, vec![toml], |input| moves(&urdf, input));
     }
 }
 
@@ -345,11 +360,16 @@ fn sanitiser() {
 #[test]
 fn recording() {
     let whole = root("tests/fixtures/store-4831bf5/store/recordings/align-1.1.0-08189f45.rrd");
-    let whole = fs::read(whole).unwrap();
     let folder = tempfile::tempdir().unwrap();
+    // The beginnings of one have all that it is made of, and cost a tenth.
+    let beginnings = [500, 2_000].map(|until_ms| {
+        let beginning = folder.path().join("beginning.rrd");
+        holdpoint::scene::until(&whole, until_ms, &beginning).unwrap();
+        fs::read(beginning).unwrap()
+    });
     let (file, copy) = (folder.path().join("input.file"), folder.path().join("copy.rrd"));
     let mut run = 0_u64;
-    campaign("recording", Some("input.file"), 30, vec![whole], |input| {
+    campaign("recording", Some("input.file"), 30, beginnings.to_vec(), |input| {
         fs::write(&file, input).unwrap();
         run += 1;
         if run.is_multiple_of(8) {

@@ -34,7 +34,11 @@ mod second_arm;
 mod serve;
 mod stages;
 mod stop;
+mod storm;
 
+#[path = "../fuzz/mutate.rs"]
+#[allow(dead_code, reason = "the parsers' own tests use the rest")]
+mod mutate;
 #[cfg(feature = "rerun")]
 #[path = "../support/shift.rs"]
 #[allow(dead_code, reason = "the screens use the rest")]

@@ -542,8 +542,7 @@ impl<R: Rules> ApplyStep<R> {
         if !self.family.safe_stopped {
             return Err(Refusal::Condition { why: "the family is not stopped" });
         }
-        let from = [State::Superseded, State::Shadowed, State::Demoted];
-        let state = self.ready(version, "re-arming", &from)?.state;
+        let state = self.ready(version, "re-arming", &[State::Superseded, State::Demoted])?.state;
         if state == State::Demoted {
             self.promotable()?;
             let other = self.family.versions.iter().any(|version| version.state == State::Superseded);
@@ -553,13 +552,9 @@ impl<R: Rules> ApplyStep<R> {
                 return Err(Refusal::Condition { why });
             }
         }
-        if state == State::Shadowed {
-            self.promotable()?;
-            self.standing(version)?;
-        }
         let before = self.family.restorable_predecessor(version);
         self.enter(version, before)?;
-        self.version(version)?.flags.provisional = state == State::Shadowed;
+        self.version(version)?.flags.provisional = false;
         self.family.safe_stopped = false;
         Ok(())
     }

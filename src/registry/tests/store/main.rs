@@ -26,6 +26,7 @@ mod opening;
 mod persons;
 mod power;
 mod proofs;
+mod races;
 mod rebuild;
 mod registry;
 mod released;
