@@ -97,12 +97,8 @@ fn register() -> Command {
 }
 
 fn verb(folder: &Path, verb: &[&str]) -> (Option<i32>, String) {
-    let output = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
-        .args(verb)
-        .arg("--data")
-        .arg(folder)
-        .output()
-        .unwrap();
+    let output =
+        Process::new(env!("CARGO_BIN_EXE_holdpoint")).args(verb).arg("--data").arg(folder).output().unwrap();
     let said = [output.stdout, output.stderr].concat();
     (output.status.code(), String::from_utf8(said).unwrap())
 }
@@ -145,7 +141,11 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     let reply = client.ask(Command::Stop { by: who, reason }).unwrap();
     assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("stopped")), "{reply:?}");
     assert_eq!(look(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
-    assert_eq!(stops_on_record(&layout), Vec::<String>::new(), "nothing is written before the end of the reading");
+    assert_eq!(
+        stops_on_record(&layout),
+        Vec::<String>::new(),
+        "nothing is written before the end of the reading"
+    );
 
     go.send(()).unwrap();
     while !matches!(next(&mut host), Update::Started) {}
@@ -193,4 +193,40 @@ fn an_engine_that_is_told_to_end_while_it_reads_ends() {
     assert!(matches!(client.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     assert!(matches!(next(&mut host), Update::Ended(Ok(()))));
     go.send(()).unwrap();
+}
+
+#[test]
+fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let mut engine = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["serve", "--quiet", "--data"])
+        .arg(&data)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let until = Instant::now() + PATIENCE;
+    while !verb(&data, &["status"]).1.contains("engine   running") {
+        assert!(Instant::now() < until, "the engine does not come up");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let signal = |name: &str| {
+        assert!(Process::new("kill").args([name, &engine.id().to_string()]).status().unwrap().success());
+    };
+    signal("-STOP");
+    let begun = Instant::now();
+    let (code, said) = verb(&data, &["status"]);
+    let took = begun.elapsed();
+    signal("-CONT");
+    assert_eq!(code, Some(3), "{said}");
+    let named = format!("process {}, does not answer: a signal stopped it", engine.id());
+    for part in
+        [named.as_str(), "kill -CONT", "engine   SILENT", "record   the last is number", "family   grasp"]
+    {
+        assert!(said.contains(part), "{part:?} is not in {said}");
+    }
+    // It waits for less than two seconds by itself; the rest is for a machine at work.
+    assert!(took < Duration::from_secs(6), "{took:?}");
+    signal("-TERM");
+    assert_eq!(engine.wait().unwrap().code(), Some(0));
 }
