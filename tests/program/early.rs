@@ -68,14 +68,7 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
 }
 
 fn next(host: &mut Host) -> Update {
-    let until = Instant::now() + PATIENCE;
-    loop {
-        if let Ok(update) = host.updates.try_recv() {
-            return update;
-        }
-        assert!(Instant::now() < until, "nothing is told");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    host.updates.blocking_recv().expect("the engine tells")
 }
 
 fn look(client: &mut Client) -> Snapshot {
@@ -208,7 +201,6 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
     let until = Instant::now() + PATIENCE;
     while !verb(&data, &["status"]).1.contains("engine   running") {
         assert!(Instant::now() < until, "the engine does not come up");
-        std::thread::sleep(Duration::from_millis(50));
     }
     let signal = |name: &str| {
         assert!(Process::new("kill").args([name, &engine.id().to_string()]).status().unwrap().success());
