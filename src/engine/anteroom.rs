@@ -126,6 +126,12 @@ impl<'a> Anteroom<'a> {
         shown
     }
 
+    /// Whether there are rows to show.
+    #[must_use]
+    pub fn has_records(&self) -> bool {
+        has_records(&self.shown)
+    }
+
     /// Whether it was told to end before the record was read.
     #[must_use]
     pub const fn has_ended(&self) -> bool {
@@ -152,6 +158,10 @@ fn now(shown: &Snapshot, read: &AtomicU64) -> Snapshot {
     shown
 }
 
+fn has_records(shown: &Snapshot) -> bool {
+    shown.reading.is_some_and(|reading| reading.of > 0)
+}
+
 fn show_stop(shown: &mut Snapshot, controls: &Controls) {
     if shown.stopped.is_none()
         && let Some(AskedStop { by, reason, caller, .. }) = controls.switch.first_asked()
@@ -169,6 +179,8 @@ fn answer(
     ended: &mut bool,
 ) -> Option<Reply> {
     let reading = shown.reading.map_or_else(String::new, |reading| reading.to_string());
+    // A store that is made just now is there in a moment; there is nothing to show of it.
+    let is_new = !has_records(shown);
     match &request.command {
         Command::Stop { by, reason } => {
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
@@ -183,13 +195,13 @@ fn answer(
             let text = "the engine ends before it was up; nothing was carried out".to_owned();
             Some(Reply::Accepted { text, version: None })
         }
-        Command::Snapshot if waited < LOOK_PATIENCE => None,
+        Command::Snapshot if is_new || waited < LOOK_PATIENCE => None,
         Command::Snapshot => {
             let mut shown = shown.clone();
             show_stop(&mut shown, controls);
             Some(Reply::Snapshot { snapshot: Box::new(shown) })
         }
-        _ if waited < CHANGE_PATIENCE => None,
+        _ if is_new || waited < CHANGE_PATIENCE => None,
         _ => Some(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("the record is being verified; nothing is carried out before that ({reading})"),

@@ -297,7 +297,7 @@ fn start(
         if early.requests(&mut anteroom) || anteroom.has_ended() {
             return Ok(None);
         }
-        if begun.elapsed() >= LOOK_PATIENCE {
+        if anteroom.has_records() && begun.elapsed() >= LOOK_PATIENCE {
             early.publisher.show(|| anteroom.snapshot());
         }
     }

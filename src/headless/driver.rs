@@ -15,11 +15,11 @@ use holdpoint_engine::pump::Pump;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::submission::Package;
 use holdpoint_lab::approver;
-use holdpoint_protocol::command::{Command, Operation, Reply, Request};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::standing::{Decider, Stands};
@@ -225,15 +225,7 @@ impl<'a> Driver<'a> {
     }
 
     fn accept(&mut self, command: Command) -> Result<StepEnd, CliError> {
-        match self.submit(command)? {
-            Reply::Accepted { .. }
-            | Reply::Snapshot { .. }
-            | Reply::Detail { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Verified { .. } => Ok(StepEnd::Done),
-            Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
-        }
+        accepted(self.submit(command)?)
     }
 
     pub(super) fn register(&mut self, folder: &str) -> Result<StepEnd, CliError> {
@@ -244,7 +236,29 @@ impl<'a> Driver<'a> {
         self.candidate = Some(candidate.id());
         self.given.clear();
         self.confirmed = false;
-        self.accept(command)
+        match self.submit(command)? {
+            Reply::Refused { code: Refusal::Exists, text, .. } => self.go_on_with(&candidate.digest(), text),
+            reply => accepted(reply),
+        }
+    }
+
+    /// A run that was interrupted is repeated on its store: the version goes on from where it stands. One that has
+    /// come to its end is not judged again.
+    fn go_on_with(&mut self, digest: &Digest, refusal: String) -> Result<StepEnd, CliError> {
+        let open = self.view().filter(|view| {
+            view.digest == *digest && !view.state.is_terminal() && !view.flags.provisional && !view.confirmed
+        });
+        let Some(view) = open else {
+            let hint = "a scenario begins with versions that its store does not know: leave out --data, and it has a \
+                        fresh store, or name an empty folder with --data DIR";
+            return Err(CliError::usage(refusal).with_hint(hint));
+        };
+        let text = format!(
+            "{} is registered already, by a run that did not end; it goes on from {}",
+            view.version, view.state
+        );
+        self.note(&text)?;
+        Ok(StepEnd::Done)
     }
 
     pub(super) fn view(&self) -> Option<CandidateView> {
@@ -430,5 +444,17 @@ impl<'a> Driver<'a> {
         let events = self.pump.finish();
         self.tell(&events)?;
         self.note(said)
+    }
+}
+
+fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
+    match reply {
+        Reply::Accepted { .. }
+        | Reply::Snapshot { .. }
+        | Reply::Detail { .. }
+        | Reply::Registry { .. }
+        | Reply::Audit { .. }
+        | Reply::Verified { .. } => Ok(StepEnd::Done),
+        Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
     }
 }

@@ -109,7 +109,7 @@ fn entered(
     let begun = Instant::now();
     let mut told = false;
     while !anteroom.turn() {
-        if !told && begun.elapsed() >= LOOK_PATIENCE {
+        if !told && anteroom.has_records() && begun.elapsed() >= LOOK_PATIENCE {
             told = true;
             let reading = anteroom.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
             printer.note(&format!("the record is being verified; {reading}"))?;

@@ -12,6 +12,8 @@ use holdpoint_governance::record::RecordRef;
 
 /// The table of the chain: nearly all of a store's file.
 const CHAIN: &str = "audit";
+/// Its indexes, and what each is by.
+const CHAIN_INDEXES: [(&str, &str); 2] = [("audit_subject", "subject"), ("audit_kind", "kind")];
 
 /// The structure of what a start reads and writes. Where the fold goes on from a snapshot the records before it were
 /// not read, and are not looked at here either; `verify` does.
@@ -26,6 +28,14 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
     for table in tables(connection).map_err(unreadable)? {
         if table != CHAIN {
             of_table(connection, "quick_check", &table)?;
+        }
+    }
+    // An entry that is not there hides a record from who asks by kind or subject, a stop for one.
+    for (index, column) in CHAIN_INDEXES {
+        let sql = format!("SELECT count({column}) FROM audit INDEXED BY {index}");
+        let entries: u64 = connection.query_row(&sql, [], |row| row.get(0)).map_err(unreadable)?;
+        if entries != fold.end().seq {
+            return Err(format!("wrong # of entries in index {index}"));
         }
     }
     Ok(())
@@ -109,9 +119,7 @@ impl IndexSums {
 
     /// The index that has not an entry for each of so many records, in its order, and no other; `None` if both have.
     fn differing(&self, connection: &Connection, records: u64) -> rusqlite::Result<Option<&'static str>> {
-        for (index, column, sum) in
-            [("audit_subject", "subject", self.subjects), ("audit_kind", "kind", self.kinds)]
-        {
+        for ((index, column), sum) in CHAIN_INDEXES.into_iter().zip([self.subjects, self.kinds]) {
             if self.of_index(connection, index, column)? != Some((records, sum)) {
                 return Ok(Some(index));
             }

@@ -68,14 +68,7 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
 }
 
 fn next(host: &mut Host) -> Update {
-    let until = Instant::now() + PATIENCE;
-    loop {
-        if let Ok(update) = host.updates.try_recv() {
-            return update;
-        }
-        assert!(Instant::now() < until, "nothing is told");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    host.updates.blocking_recv().expect("the engine tells")
 }
 
 fn look(client: &mut Client) -> Snapshot {
@@ -193,4 +186,39 @@ fn an_engine_that_is_told_to_end_while_it_reads_ends() {
     assert!(matches!(client.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     assert!(matches!(next(&mut host), Update::Ended(Ok(()))));
     go.send(()).unwrap();
+}
+
+#[test]
+fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let mut engine = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["serve", "--quiet", "--data"])
+        .arg(&data)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let until = Instant::now() + PATIENCE;
+    while !verb(&data, &["status"]).1.contains("engine   running") {
+        assert!(Instant::now() < until, "the engine does not come up");
+    }
+    let signal = |name: &str| {
+        assert!(Process::new("kill").args([name, &engine.id().to_string()]).status().unwrap().success());
+    };
+    signal("-STOP");
+    let begun = Instant::now();
+    let (code, said) = verb(&data, &["status"]);
+    let took = begun.elapsed();
+    signal("-CONT");
+    assert_eq!(code, Some(3), "{said}");
+    let named = format!("process {}, does not answer: a signal stopped it", engine.id());
+    for part in
+        [named.as_str(), "kill -CONT", "engine   SILENT", "record   the last is number", "family   grasp"]
+    {
+        assert!(said.contains(part), "{part:?} is not in {said}");
+    }
+    // It waits for less than two seconds by itself; the rest is for a machine at work.
+    assert!(took < Duration::from_secs(6), "{took:?}");
+    signal("-TERM");
+    assert_eq!(engine.wait().unwrap().code(), Some(0));
 }

@@ -29,6 +29,7 @@ mod recorded;
 #[cfg(feature = "rerun")]
 mod recordings;
 mod refine;
+mod repeated;
 mod scenarios;
 mod second_arm;
 mod serve;

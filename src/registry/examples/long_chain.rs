@@ -22,7 +22,9 @@ use std::time::{Duration, Instant};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditBody, Change, Store, StoreError, Transaction, Views, rebuild, verify};
+use holdpoint_registry::{
+    AuditBody, Change, Store, StoreError, Transaction, UnreadStore, Views, rebuild, verify,
+};
 use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
 use store::{bootstrap, evidence, shadowed};
@@ -121,7 +123,13 @@ impl Phase {
     fn work(self, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
         let database = folder.join("holdpoint.db");
         match self {
-            Self::View => drop(Views::open(&database)?.families()?),
+            Self::View => {
+                let taken = UnreadStore::take(folder)?;
+                let views = taken.views()?.ok_or("there is no store")?;
+                views.families()?;
+                views.alarms()?;
+                views.head()?;
+            }
             Self::Start | Self::StartWhole | Self::StartAfter => drop(Store::open(folder)?),
             Self::Shown => drop(Views::open_checked(&database)?),
             Self::Verify => {

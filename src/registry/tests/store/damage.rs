@@ -127,6 +127,58 @@ fn every_tampering_is_found() {
     }
 }
 
+/// Takes the entries of some kind out of the index of kinds: whoever asks for such records is told of none.
+pub(crate) fn hide(database: &Path, kind: &str) {
+    index_otherwise(database, kind, |whole| format!("{whole} WHERE kind <> '{kind}'"));
+}
+
+/// Has the index of kinds made as for another definition. Who asks for records of the kind is told of none then.
+fn index_otherwise(database: &Path, kind: &str, definition: impl Fn(&str) -> String) {
+    let connection = Connection::open(database).unwrap();
+    let whole: String = connection
+        .query_row("SELECT sql FROM sqlite_schema WHERE name = 'audit_kind'", [], |row| row.get(0))
+        .unwrap();
+    let set = |sql: &str| {
+        let connection = Connection::open(database).unwrap();
+        connection.execute_batch("PRAGMA writable_schema = ON").unwrap();
+        connection.execute("UPDATE sqlite_schema SET sql = ?1 WHERE name = 'audit_kind'", [sql]).unwrap();
+    };
+    drop(connection);
+    set(&definition(&whole));
+    Connection::open(database).unwrap().execute_batch("REINDEX audit_kind").unwrap();
+    set(&whole);
+    let found: i64 = Connection::open(database)
+        .unwrap()
+        .query_row("SELECT count(*) FROM audit WHERE kind = ?1 AND seq > 0", [kind], |row| row.get(0))
+        .unwrap();
+    assert_eq!(found, 0, "it is hidden");
+}
+
+#[test]
+fn a_record_that_an_index_hides_is_missed() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    hide(&database, "decision");
+    let error = verify(&database, Some(&key)).unwrap_err();
+    assert!(matches!(&error, VerifyError::Damaged(text) if text.contains("audit_kind")), "{error}");
+    let error = Store::open(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("wrong # of entries in index audit_kind"), "{error}");
+
+    // As many entries, of which some say something else.
+    let folder = tempfile::tempdir().unwrap();
+    let key = made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    index_otherwise(&database, "decision", |whole| {
+        whole.replace("(kind,", "(CASE kind WHEN 'decision' THEN 'drift' ELSE kind END,")
+    });
+    let error = verify(&database, Some(&key)).unwrap_err();
+    assert!(
+        matches!(&error, VerifyError::Damaged(text) if text.contains("the index \"audit_kind\"")),
+        "{error}"
+    );
+}
+
 fn state(error: &VerifyError) -> bool {
     matches!(error, VerifyError::State { .. })
 }
