@@ -19,7 +19,7 @@ words! {
         Enrolled = "enrolled",
         Revoked = "revoked",
         /// There is a key, and nobody enrolled it: it decides nothing.
-        NotEnrolled = "not enrolled",
+        NotEnrolled = "not-enrolled",
     }
 }
 

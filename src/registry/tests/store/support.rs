@@ -183,6 +183,15 @@ pub fn enrol(store: &Store, who: &Identity) {
     }
 }
 
+/// Revokes somebody by the store's first administrator.
+pub fn revoke(store: &Store, name: &str) {
+    let persons = store.persons().unwrap();
+    let act = persons.revocation(persons.named(name).unwrap(), &administrator(store), "a test").unwrap();
+    let command = format!("revoke {}", act.act().nonce);
+    let at_ms = store.views().unwrap().head().unwrap().at_ms;
+    store.commit(transaction(&command, at_ms, vec![Change::RevokePerson(Box::new(act))])).unwrap();
+}
+
 /// The store's first administrator, with the key.
 pub fn administrator(store: &Store) -> Identity {
     store.persons().unwrap().unasked(&store.layout().identities()).unwrap()
