@@ -40,6 +40,9 @@ pub mod limits {}
 #[doc = include_str!("guide/attacks.md")]
 pub mod attacks {}
 
+#[doc = include_str!("guide/records.md")]
+pub mod records {}
+
 #[doc = include_str!("guide/metrics.md")]
 pub mod metrics {}
 

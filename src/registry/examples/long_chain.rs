@@ -23,7 +23,8 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
-    AuditBody, Change, Store, StoreError, Transaction, UnreadStore, Views, rebuild, verify,
+    AuditBody, BackupParts, Change, Store, StoreError, Transaction, UnreadStore, Views, backup, export_store,
+    prove_record, rebuild, verify,
 };
 use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
@@ -231,8 +232,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let database = made.layout().database();
         println!("{records} records");
         timed("made", || fill(&made, records))?;
+        let key = *made.public_key();
         drop(made);
         println!("  {} MB", fs::metadata(&database)?.len() / 1_000_000);
+        let proof = timed("proof of a record", || prove_record(&database, records / 2))?;
+        println!("  which has {} bytes", proof.text()?.len());
+        timed("proof checked", || proof.check(&key))?;
+        timed("exported", || export_store(&database, Some(&key), &mut std::io::sink()))?;
+        timed("backup", || backup(folder.path(), &folder.path().join("copy"), BackupParts::default()))?;
         for phase in Phase::ALL {
             phase.prepare(folder.path());
             let done = Command::new(std::env::current_exe()?)
