@@ -8,6 +8,7 @@ use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
 
 use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
 use super::passphrase::Passphrase;
+use super::person::{PersonAct, SignedPersonAct};
 use super::signed::{Approval, SignedApproval};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::is_name;
@@ -280,6 +281,13 @@ impl Identity {
         approval.role = self.info.role;
         let signature = self.secret.sign(&approval.bytes());
         SignedApproval::new(approval, self.info.public_key, signature)
+    }
+
+    /// Signs an act about a person.
+    pub(super) fn sign_act(&self, act: PersonAct) -> SignedPersonAct {
+        let signature = self.secret.sign(act.digest().bytes());
+        let public_key = keyfile::hex(self.info.public_key.as_bytes());
+        SignedPersonAct::new(act, public_key, keyfile::hex(&signature.to_bytes()))
     }
 }
 

@@ -15,7 +15,15 @@ use holdpoint_text::Hint;
 /// Separates these bytes from everything else that is ever signed.
 const DOMAIN: &str = "holdpoint/approval/v1";
 /// The longest reason, bytes.
-const REASON_BYTES_MAX: usize = 4096;
+pub(super) const REASON_BYTES_MAX: usize = 4096;
+
+/// Whether a signature is by this key over these bytes, both in hexadecimal digits (strict ed25519: no malleable
+/// signature, no weak key).
+pub(super) fn holds(public_key: &str, signature: &str, bytes: &[u8]) -> bool {
+    let key = parse_public(public_key);
+    let signature = unhex::<64>(signature).map(|bytes| Signature::from_bytes(&bytes));
+    key.zip(signature).is_some_and(|(key, signature)| key.verify_strict(bytes, &signature).is_ok())
+}
 
 /// A number used once: 16 bytes, written as 32 hexadecimal digits.
 #[derive(
@@ -232,10 +240,11 @@ impl SignedApproval {
         if self.approval.reason.len() > REASON_BYTES_MAX {
             return Err(ApprovalError::ReasonTooLong(self.approval.reason.len()));
         }
-        let bad = || ApprovalError::Signature(self.approval.who.clone());
-        let key = parse_public(&self.public_key).ok_or_else(bad)?;
-        let signature = Signature::from_bytes(&unhex::<64>(&self.signature).ok_or_else(bad)?);
-        key.verify_strict(&self.approval.bytes(), &signature).map_err(|_| bad())
+        if holds(&self.public_key, &self.signature, &self.approval.bytes()) {
+            Ok(())
+        } else {
+            Err(ApprovalError::Signature(self.approval.who.clone()))
+        }
     }
 
     /// Checks that this identity made the decision, in its role.

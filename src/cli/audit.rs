@@ -189,6 +189,7 @@ fn check(database: &Path, key: Option<&Path>, out: &mut Output<'_>) -> Result<Ex
             | VerifyError::Checkpoint { .. }
             | VerifyError::Unsigned(_)
             | VerifyError::Approval { .. }
+            | VerifyError::Person { .. }
             | VerifyError::Telemetry { .. }),
         ) => {
             let problem = error.to_string();

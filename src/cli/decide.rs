@@ -168,7 +168,7 @@ pub(super) fn parse_identity(text: &str) -> Result<String, String> {
     }
 }
 
-fn parse_reason(text: &str) -> Result<Untrusted, String> {
+pub(super) fn parse_reason(text: &str) -> Result<Untrusted, String> {
     if !is_visible(text) {
         return Err("a reason is needed, of characters that can be seen".to_owned());
     }
@@ -249,9 +249,10 @@ fn approve(
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
     let command = prompt.answer(&who, Answer::Approve, args.signature.reason.raw(), Some(shown));
     side.carry_out(command.map_err(CliError::internal)?, out)?;
-    // An approval that is not enough, or does not count, leaves the version held.
-    let open = open_prompt(&side.snapshot()?, &args.version).is_some();
-    Ok(if open { Exit::Held } else { Exit::Confirmed })
+    // An approval that is not enough, or does not count, leaves the version held. One that is waits for a sequence at
+    // most.
+    let waits = open_prompt(&side.snapshot()?, &args.version).is_some_and(|prompt| !prompt.granted);
+    Ok(if waits { Exit::Held } else { Exit::Confirmed })
 }
 
 /// The approval is bound to the evidence that was read, if it was named; a profile with people nearby asks for it.
@@ -284,13 +285,18 @@ fn reject(
     let signature = &args.signature;
     let who = passphrase::kept(context, &signature.identity).ok();
     if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
-        // Stopping must never be harder than going on: whose passphrase cannot be asked for rejects by name.
+        // Stopping must never be harder than going on: whose passphrase cannot be asked for, or whose key nobody
+        // enrolled, rejects by name.
         let can_ask = who.protection() != Protection::Passphrase
             || passphrase::can_ask(signature.passphrase_file.as_deref());
         if can_ask {
-            let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
-            let command = prompt.answer(&who, Answer::Reject, signature.reason.raw(), None);
-            return side.carry_out(command.map_err(CliError::internal)?, out);
+            let enrolled = views.persons().map_err(CliError::usage)?;
+            let signs = enrolled.enrolled().any(|person| person.info() == *who.info());
+            if signs {
+                let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
+                let command = prompt.answer(&who, Answer::Reject, signature.reason.raw(), None);
+                return side.carry_out(command.map_err(CliError::internal)?, out);
+            }
         }
     }
     side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)

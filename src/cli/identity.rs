@@ -1,18 +1,23 @@
-//! `holdpoint identity new | list | passphrase`.
+//! `holdpoint identity new | enrol | revoke | list | passphrase`.
+//!
+//! A key is somebody's by an administrator's signed act, which the running engine takes, or the store itself
+//! (`identity/acts.rs`). A key that nobody enrolled decides nothing.
+
+mod acts;
+mod listed;
 
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use serde::Serialize;
 
-use super::output::Table;
+use self::listed::Row;
 use super::passphrase;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile::{Keep, Protection};
-use holdpoint_approvals::{Cost, Identity, IdentityError, IdentityInfo, Passphrase, People, keyfile};
+use holdpoint_approvals::{Cost, Identity, IdentityError, Passphrase};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::Layout;
 
@@ -21,6 +26,8 @@ use holdpoint_registry::Layout;
 #[command(after_help = "\
 Examples:
   holdpoint identity new mara --role operator
+  holdpoint identity enrol mara --by admin --reason 'joins the night shift'
+  holdpoint identity revoke mara --by admin --reason 'lost her laptop'
   holdpoint identity passphrase mara
   holdpoint identity list")]
 pub struct IdentityArgs {
@@ -32,10 +39,13 @@ pub struct IdentityArgs {
 /// What can be done with identities.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum IdentityVerb {
-    /// Makes an identity with a fresh key; keys are never replaced.
+    /// Makes an identity with a fresh key and has it enrolled; keys are never replaced.
     #[command(after_help = "\
 The passphrase of the key is asked for twice at the terminal. Nobody can
 recover it. The profile `human` takes no approval of a key without one.
+An administrator enrols the key: --by names one. Without it the store's
+first administrator does, as long as that key has no passphrase and the
+store was not last used under `human`; else the key is not enrolled yet.
 
 Examples:
   holdpoint identity new mara --role safety
@@ -54,6 +64,44 @@ Examples:
         /// Makes a key without a passphrase: who can read its file can sign.
         #[arg(long, conflicts_with = "passphrase_file")]
         unprotected: bool,
+        /// The administrator who enrols it.
+        #[arg(long, value_name = "ADMIN", value_parser = super::decide::parse_identity)]
+        by: Option<String>,
+        /// Takes the passphrase of the administrator's key from this file.
+        #[arg(long, value_name = "FILE", requires = "by")]
+        by_passphrase_file: Option<PathBuf>,
+    },
+    /// Has a person's key enrolled by an administrator: from then on what it signs may count.
+    #[command(after_help = "\
+The key is the one of that name in keys/identities, or a public key from
+elsewhere. A name and a key are enrolled once, also after a revocation.
+
+Examples:
+  holdpoint identity enrol mara --by admin --reason 'joins the night shift'
+  holdpoint identity enrol mara --public-key mara.pub --role safety --by admin --reason 'her own machine'")]
+    Enrol {
+        /// The person's name, as decisions are signed with it.
+        #[arg(value_parser = super::decide::parse_identity)]
+        name: String,
+        /// A public key from elsewhere: its file, or 64 hexadecimal digits.
+        #[arg(long, value_name = "FILE|HEX")]
+        public_key: Option<String>,
+        /// What this person does; as the identity was made if absent.
+        #[arg(long, value_parser = roles())]
+        role: Option<Role>,
+        #[command(flatten)]
+        act: acts::ActArgs,
+    },
+    /// Has a person's key revoked by an administrator, for good: nothing that it signed or will sign counts.
+    #[command(after_help = "\
+Example:
+  holdpoint identity revoke mara --by admin --reason 'lost her laptop'")]
+    Revoke {
+        /// The person's name.
+        #[arg(value_parser = super::decide::parse_identity)]
+        name: String,
+        #[command(flatten)]
+        act: acts::ActArgs,
     },
     /// Sets, changes or removes the passphrase of a key; the key stays the same.
     #[command(after_help = "\
@@ -79,31 +127,11 @@ Examples:
         #[arg(long, conflicts_with = "new_passphrase_file")]
         remove: bool,
     },
-    /// Lists the identities of the store.
+    /// Lists the persons of the store, enrolled and revoked, and the keys that nobody enrolled.
     #[command(after_help = "\
 Example:
   holdpoint identity list --json")]
     List,
-}
-
-#[derive(Serialize)]
-struct IdentityRow<'a> {
-    name: &'a str,
-    role: Role,
-    public_key: String,
-    /// Absent if the key file cannot be read.
-    protection: Option<Protection>,
-}
-
-impl<'a> IdentityRow<'a> {
-    fn of(info: &'a IdentityInfo, protection: Option<Protection>) -> Self {
-        let public_key = keyfile::hex(info.public_key.as_bytes());
-        Self { name: &info.name, role: info.role, public_key, protection }
-    }
-
-    fn protection(&self) -> &'static str {
-        self.protection.map_or("unreadable", Protection::name)
-    }
 }
 
 /// Does what was asked for.
@@ -114,7 +142,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
     let layout = Layout::new(&context.data);
     let folder = layout.identities();
     match &args.verb {
-        IdentityVerb::New { name, role, passphrase_file, unprotected } => {
+        IdentityVerb::New { name, role, passphrase_file, unprotected, by, by_passphrase_file } => {
             if Identity::find(&folder, name).is_ok() {
                 return Err(CliError::usage(IdentityError::Exists(name.clone())));
             }
@@ -122,7 +150,9 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             let keep = passphrase.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
             layout.create().map_err(CliError::usage)?;
             let identity = Identity::create_kept(&folder, name, *role, keep).map_err(CliError::usage)?;
-            let shown = IdentityRow::of(identity.info(), Identity::protection(&folder, name).ok());
+            let enrolled = acts::enrol_new(context, &identity, by.as_deref(), by_passphrase_file.as_deref())?;
+            let protection = Identity::protection(&folder, name).ok();
+            let shown = Row::made(identity.info(), protection, enrolled.standing());
             out.answer(&shown, |out| {
                 out.line(&format!(
                     "made the identity {} ({}, {}), public key {}",
@@ -130,7 +160,8 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
                     shown.role,
                     shown.protection(),
                     shown.public_key
-                ))
+                ))?;
+                out.line(&enrolled.sentence(name))
             })?;
         }
         IdentityVerb::Passphrase { name, passphrase_file, new_passphrase_file, remove } => {
@@ -140,7 +171,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             let words = if *remove { None } else { Some(asked_for_anew(new_passphrase_file.as_deref())?) };
             let keep = words.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
             identity.keep(&folder, keep).map_err(CliError::usage)?;
-            let shown = IdentityRow::of(identity.info(), Identity::protection(&folder, name).ok());
+            let shown = Row::of(identity.info(), Identity::protection(&folder, name).ok());
             out.answer(&shown, |out| {
                 out.line(&match (before, *remove) {
                     (Protection::Passphrase, false) => {
@@ -155,39 +186,11 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
                 })
             })?;
         }
-        IdentityVerb::List => {
-            let people = if folder.is_dir() {
-                Identity::list(&folder).map_err(CliError::usage)?
-            } else {
-                People::default()
-            };
-            for error in &people.without_role {
-                CliError::usage(error).print(&mut std::io::stderr().lock());
-            }
-            let mut shown: Vec<IdentityRow<'_>> = Vec::new();
-            for info in &people.known {
-                let protection = Identity::protection(&folder, &info.name);
-                if let Err(error) = &protection {
-                    CliError::usage(error).print(&mut std::io::stderr().lock());
-                }
-                shown.push(IdentityRow::of(info, protection.ok()));
-            }
-            out.answer(&shown, |out| {
-                if shown.is_empty() {
-                    return out.line(&format!("no identities in {}", folder.display()));
-                }
-                let mut table = Table::new(&["name", "role", "protection", "public key"]);
-                for identity in &shown {
-                    table.row([
-                        identity.name,
-                        identity.role.name(),
-                        identity.protection(),
-                        &identity.public_key,
-                    ]);
-                }
-                out.table(&table)
-            })?;
+        IdentityVerb::Enrol { name, public_key, role, act } => {
+            acts::enrol(context, (name, public_key.as_deref(), *role), act, out)?;
         }
+        IdentityVerb::Revoke { name, act } => acts::revoke(context, name, act, out)?,
+        IdentityVerb::List => listed::list(context, out)?,
     }
     Ok(Exit::Confirmed)
 }

@@ -2,7 +2,7 @@
 //!
 //! Derives from profile, conditions and identities; decides nothing.
 
-use holdpoint_approvals::{Identity, keyfile};
+use holdpoint_approvals::{Persons, keyfile};
 use holdpoint_governance::composition;
 use holdpoint_governance::condition::people_needed;
 use holdpoint_governance::decision::MadeUnder;
@@ -122,12 +122,12 @@ pub fn made_under(
     }
 }
 
-/// Digest of the identities that may decide.
+/// Digest of the persons who may decide.
 fn authority_digest(ledger: &Ledger) -> Digest {
-    let folder = ledger.store().layout().identities();
-    let known = Identity::list(&folder).map_or_else(|_| Vec::new(), |people| people.known);
-    let lines: Vec<String> = known
+    let persons = ledger.store().persons().ok();
+    let lines: Vec<String> = persons
         .iter()
+        .flat_map(Persons::enrolled)
         .map(|who| format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes())))
         .collect();
     let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();

@@ -78,6 +78,8 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::FamilyVoided
             | RecordKind::StandingSet
             | RecordKind::ApprovalConsumed
+            | RecordKind::PersonEnrolled
+            | RecordKind::PersonRevoked
             | RecordKind::ContextSet
             | RecordKind::ProfileLoaded
             | RecordKind::TelemetrySealed

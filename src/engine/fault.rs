@@ -47,7 +47,7 @@ impl Fault {
             Self::Store(error) | Self::Ledger(LedgerError::Store(error)) => match error {
                 StoreError::Invalid { .. } => Some(Refusal::BadInput),
                 StoreError::DiskFull { .. } => Some(Refusal::Store),
-                StoreError::Approval { .. } => Some(Refusal::NotAllowed),
+                StoreError::Approval { .. } | StoreError::Person { .. } => Some(Refusal::NotAllowed),
                 _ => None,
             },
             Self::Ledger(_) | Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,

@@ -180,6 +180,15 @@ impl Ledger {
         Ok(Self { store, families, commands: 0, first_command, wall_clock, robot: None })
     }
 
+    /// Makes the store's first administrator, if nobody was ever enrolled.
+    ///
+    /// # Errors
+    /// If the store cannot write it.
+    pub(crate) fn begin_persons(&self) -> Result<(), StoreError> {
+        let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
+        self.store.first_administrator(wall_ms).map(drop)
+    }
+
     /// From now on active pointers are set with this robot.
     pub(crate) fn bind_robot(&mut self, robot: &BoundRobot) {
         self.robot = Some(robot.digest.clone());

@@ -2,5 +2,6 @@
 
 pub mod approvals;
 pub(crate) mod emergencies;
+pub(crate) mod persons;
 pub mod questions;
 pub(crate) mod signers;

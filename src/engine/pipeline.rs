@@ -133,6 +133,7 @@ impl Pipeline {
         let PipelineSettings { seed, jobs, profile, table, own, cell, cache } = settings;
         let context = Context::new(profile, table, own, cell)?;
         let world = LiveWorld::new(context.cell.clone())?;
+        ledger.begin_persons()?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
         ledger.bind_robot(&BoundRobot::of(&context.cell));
         let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use holdpoint_approvals::{Approval, Identity, Nonce};
+use holdpoint_approvals::keyfile::Keep;
+use holdpoint_approvals::{Approval, Nonce};
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::composition::Kappas;
@@ -30,6 +31,7 @@ use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;
 use crate::ledger::{Ledger, Note};
+use crate::people::persons::enrolled;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::stages::activation::Activation;
 use crate::trial::cache::EpisodeCache;
@@ -266,8 +268,7 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
     let folder = tempfile::tempdir().unwrap();
     let mut locked = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut locked);
-    let identities = locked.record().ledger().store().layout().identities();
-    let ana = Identity::create(&identities, "ana", Role::Safety).unwrap();
+    let ana = enrolled(locked.live().record, "ana", Role::Safety, Keep::Plain);
     let digest = locked.record().capability(&id).unwrap().digest();
     let approval = Approval {
         who: String::new(),
@@ -431,8 +432,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     // A review takes two people.
     asked(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
-    let identities = first.record().ledger().store().layout().identities();
-    let ana = Identity::create(&identities, "ana", Role::Engineer).unwrap();
+    let ana = enrolled(first.live().record, "ana", Role::Engineer, Keep::Plain);
     let answer = before[0].answer(&ana, Answer::Approve, "evidence read", None).unwrap();
     accepted(&first.command(answer));
     before[0].approved_by = vec!["ana".to_owned()];

@@ -38,6 +38,8 @@ crate::words! {
         Engineer = "engineer",
         /// Answers for people's safety: every tier.
         Safety = "safety",
+        /// Answers for who may decide: enrols people's keys and revokes them, and approves no version.
+        Admin = "admin",
     }
 }
 
@@ -48,7 +50,8 @@ impl Role {
         match (self, risk) {
             (Self::Operator, Risk::Low)
             | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
-            (Self::Operator, Risk::Medium | Risk::High) => false,
+            (Self::Operator, Risk::Medium | Risk::High)
+            | (Self::Admin, Risk::Low | Risk::Medium | Risk::High) => false,
         }
     }
 }

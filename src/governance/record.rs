@@ -42,6 +42,10 @@ crate::words! {
         ApprovalPut = "approval-put",
         /// An approval was used by an activation and cannot be used again.
         ApprovalConsumed = "approval-consumed",
+        /// An administrator enrolled a person's key: from then on what it signs may count.
+        PersonEnrolled = "person-enrolled",
+        /// An administrator revoked a person's key: from then on nothing that it signed counts.
+        PersonRevoked = "person-revoked",
         /// Profile, policy or thresholds changed.
         ContextSet = "context-set",
         /// A profile that does not come with the program came into force: its texts.

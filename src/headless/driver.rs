@@ -2,6 +2,7 @@
 //!
 //! Owns when a step has ended and what became of the candidate; must not judge it.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::outcome::{Followed, outcome_of};
@@ -152,6 +153,19 @@ impl<'a> Driver<'a> {
     /// What became of the candidate before it is evaluated again does not count any more.
     const fn ended_before(&mut self) {
         self.confirmed = false;
+    }
+
+    /// Has everybody enrolled whom the steps need, by the store's administrator.
+    pub(super) fn enrol(&mut self, steps: &[Step]) -> Result<(), CliError> {
+        let said = |step: &Step| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
+        let names: BTreeSet<String> = steps.iter().flat_map(said).flatten().map(|say: Say| say.who).collect();
+        for who in names {
+            let command = approver::enrolment(self.pump.engine(), &who).map_err(CliError::usage)?;
+            if let Some(command) = command {
+                self.accept(command)?;
+            }
+        }
+        Ok(())
     }
 
     /// Signs an emergency approval of what is held back, as a named person whose key is in the store's folder.

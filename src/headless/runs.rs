@@ -87,6 +87,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     }
     let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;
+    driver.enrol(&script.steps)?;
     for (index, step) in script.steps.iter().enumerate() {
         if driver.step(step, index)? == StepEnd::TimedOut {
             driver.note(&format!("step {} timed out", index + 1))?;

@@ -1,4 +1,4 @@
-//! People who answer without a screen: a named identity of the store signs over an open question.
+//! People who answer without a screen: a named person of the store signs over an open question.
 
 use std::borrow::Cow;
 
@@ -7,6 +7,7 @@ use holdpoint_engine::Engine;
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::PromptView;
+use holdpoint_registry::{StoreError, Views};
 use holdpoint_text::Hint;
 
 /// Why nobody could answer.
@@ -18,6 +19,12 @@ pub enum ApproverError {
     /// No random number can be had.
     #[error(transparent)]
     Random(#[from] ApprovalError),
+    /// Who is enrolled cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// There is nobody whose key signs without a passphrase.
+    #[error("{0} is not enrolled in this store, and the keys of its administrators have passphrases")]
+    NobodyEnrols(String),
 }
 
 impl Hint for ApproverError {
@@ -25,11 +32,35 @@ impl Hint for ApproverError {
         match self {
             Self::Identity(error) => error.hint(),
             Self::Random(error) => error.hint(),
+            Self::Store(error) => error.hint(),
+            Self::NobodyEnrols(name) => {
+                Some(format!("`holdpoint identity enrol {name} --by ADMIN --reason TEXT` enrols them").into())
+            }
         }
     }
 }
 
-/// The command by which `who` decides on `prompt`. An identity that the store does not know is made.
+/// The command by which the store's administrator enrols `who`, whose key is made if there is none; `None` if the store
+/// knows the person already, enrolled or revoked.
+///
+/// # Errors
+/// [`ApproverError`].
+pub fn enrolment(engine: &Engine, who: &str) -> Result<Option<Command>, ApproverError> {
+    let (layout, folder) = (engine.layout(), engine.layout().identities());
+    let persons = Views::open(&layout.database())?.persons()?;
+    if persons.named(who).is_some() {
+        return Ok(None);
+    }
+    let identity = match Identity::load(&folder, who) {
+        Err(IdentityError::Unknown { .. }) => Identity::create(&folder, who, Role::Engineer)?,
+        known => known?,
+    };
+    let admin = persons.unasked(&folder).ok_or_else(|| ApproverError::NobodyEnrols(who.to_owned()))?;
+    let signed = persons.enrolment(identity.info(), true, &admin, "a script needs them")?;
+    Ok(Some(Command::Person { signed: Box::new(signed) }))
+}
+
+/// The command by which `who` decides on `prompt`.
 ///
 /// # Errors
 /// [`ApproverError`].
@@ -43,7 +74,7 @@ pub fn answer(
     Ok(prompt.answer(&identity(engine, who)?, answer, reason, None)?)
 }
 
-/// The command by which `who` lets in alone what `door` is about. An identity that the store does not know is made.
+/// The command by which `who` lets in alone what `door` is about.
 ///
 /// # Errors
 /// [`ApproverError`].
@@ -57,9 +88,5 @@ pub fn break_glass(
 }
 
 fn identity(engine: &Engine, who: &str) -> Result<Identity, IdentityError> {
-    let folder = engine.layout().identities();
-    match Identity::load(&folder, who) {
-        Err(IdentityError::Unknown { .. }) => Identity::create(&folder, who, Role::Engineer),
-        known => known,
-    }
+    Identity::load(&engine.layout().identities(), who)
 }

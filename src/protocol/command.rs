@@ -6,7 +6,7 @@ use std::borrow::Cow;
 
 use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
-use holdpoint_approvals::SignedApproval;
+use holdpoint_approvals::{SignedApproval, SignedPersonAct};
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
@@ -37,6 +37,11 @@ pub enum Command {
         signed: Box<SignedApproval>,
         /// What was on the screen, kept with the decision; absent if there was no screen.
         shown: Option<String>,
+    },
+    /// An administrator's signed act: a person's key is enrolled, or revoked.
+    Person {
+        /// The act with its signature; checked by the engine and again by the store.
+        signed: Box<SignedPersonAct>,
     },
     /// Refuse a candidate for good; an active version is rolled back instead.
     Reject(Operation),
@@ -316,6 +321,7 @@ impl Command {
             | Self::Snapshot => true,
             Self::Register { .. }
             | Self::Decide { .. }
+            | Self::Person { .. }
             | Self::Reject(_)
             | Self::Rollback(_)
             | Self::Vacate(_)
@@ -393,6 +399,7 @@ impl Command {
             Self::Detail { version } => Some(&version.family),
             Self::Register { .. }
             | Self::Decide { .. }
+            | Self::Person { .. }
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::AcknowledgeAlarm { .. }
@@ -457,8 +464,15 @@ mod tests {
             json!({ "command": "snapshot" }),
             json!({ "command": "shutdown" }),
             decision(),
+            person(),
         ]);
         all
+    }
+
+    fn person() -> Value {
+        let act = json!({ "act": "enrol", "name": "ben", "role": "engineer", "key": "", "unprotected": false,
+            "by": "ana", "reason": "r", "store_id": "s", "follows": "a".repeat(64), "nonce": "b".repeat(32) });
+        json!({ "command": "person", "signed": { "act": act, "public_key": "", "signature": "" } })
     }
 
     fn decision() -> Value {

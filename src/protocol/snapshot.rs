@@ -287,6 +287,9 @@ pub struct PromptView {
     pub site: Option<SiteName>,
     /// Distinct people who have to approve.
     pub needed: u32,
+    /// Whether enough people approved: it takes over when the sequence that runs is over.
+    #[serde(default)]
+    pub granted: bool,
     /// Identities that have approved so far.
     pub approved_by: Vec<String>,
     /// Virtual time at which the unanswered question becomes a hold, ms.

@@ -2,7 +2,6 @@
 //! throws it away on any error.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Serialize;
@@ -18,6 +17,7 @@ use super::fold::{ChainFault, Fold};
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
 use super::rows::{RowName, row_digest, rows_of};
+use holdpoint_approvals::PersonActKind;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -39,14 +39,12 @@ const COMMAND_ID_BYTES_MAX: usize = 128;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ApprovalBasis<'a> {
     pub(crate) store_id: &'a str,
-    /// The folder of people's keys.
-    pub(crate) identities: &'a Path,
 }
 
 impl ApprovalBasis<'_> {
     /// For what takes in no approval.
-    pub(crate) fn none() -> Self {
-        Self { store_id: "", identities: Path::new("") }
+    pub(crate) const fn none() -> Self {
+        Self { store_id: "" }
     }
 }
 
@@ -381,6 +379,8 @@ impl Applier<'_> {
                 self.put_evidence(version, *kind, json, *digest)
             }
             Change::PutApprovalRequest(request) => self.put_request(request),
+            Change::EnrolPerson(signed) => self.person_act(signed, PersonActKind::Enrol),
+            Change::RevokePerson(signed) => self.person_act(signed, PersonActKind::Revoke),
             Change::PutApproval(signed) => self.put_approval(signed),
             Change::ConsumeApproval { nonce, evidence_digest } => {
                 self.consume_approval(nonce, *evidence_digest)

@@ -5,7 +5,7 @@ use rusqlite::params;
 use super::apply::{Applier, Touched, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use holdpoint_approvals::{Identity, SignedApproval};
+use holdpoint_approvals::{Person, PersonState, SignedApproval};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::RecordKind;
@@ -63,9 +63,10 @@ impl Applier<'_> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
         let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        let who = Identity::find(self.place.identities, &approval.who)
-            .map_err(|error| refuse(error.to_string()))?;
-        signed.verify(&who).map_err(|error| refuse(error.to_string()))?;
+        let persons = self.persons()?;
+        let who = persons.named(&approval.who).filter(|who| who.state == PersonState::Enrolled);
+        let who = who.ok_or_else(|| refuse(format!("{:?} is not enrolled in this store", approval.who)))?;
+        signed.verify(&who.info()).map_err(|error| refuse(error.to_string()))?;
         if approval.store_id != self.place.store_id {
             return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
         }
@@ -166,7 +167,11 @@ impl Applier<'_> {
         if let Some(problem) = problem {
             return Err(refuse(problem));
         }
-        signed.verify_signature().map_err(|error| refuse(&error.to_string()))?;
+        let persons = self.persons()?;
+        let signer = persons.enrolled().map(Person::info).find(|who| signed.verify(who).is_ok());
+        if signer.is_none() {
+            return Err(refuse("who signed it is not enrolled any more"));
+        }
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
         let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version);

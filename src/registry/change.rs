@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::names::{EvidenceKind, RequestState};
-use holdpoint_approvals::SignedApproval;
+use holdpoint_approvals::{SignedApproval, SignedPersonAct};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
@@ -204,7 +204,12 @@ pub enum Change {
     },
     /// Asks people for approval, or changes how a request stands.
     PutApprovalRequest(Box<ApprovalRequest>),
-    /// Keeps a signed decision. Checked: that this store knows who made it, in that role, with that key, for this store.
+    /// A person's key may decide from now on. Checked: that an administrator who is enrolled signed the act, for this
+    /// store as it stands; the first act of a store is its first administrator's own.
+    EnrolPerson(Box<SignedPersonAct>),
+    /// Nothing that a person's key signed counts any more. Checked likewise; one administrator always stays.
+    RevokePerson(Box<SignedPersonAct>),
+    /// Keeps a signed decision. Checked: that who made it is enrolled here, in that role, with that key, for this store.
     PutApproval(Box<SignedApproval>),
     /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
     ConsumeApproval {
@@ -246,6 +251,7 @@ impl Change {
     pub(crate) const fn lets_in(&self) -> bool {
         match self {
             Self::RegisterVersion(_)
+            | Self::EnrolPerson(_)
             | Self::PutApproval(_)
             | Self::ConsumeApproval { .. }
             | Self::SetContext { .. } => true,
@@ -259,7 +265,8 @@ impl Change {
                 ActiveCause::Bootstrap | ActiveCause::Gate { .. } | ActiveCause::Rearm => true,
                 ActiveCause::Restore | ActiveCause::Vacate => false,
             },
-            Self::SetFlags { .. }
+            Self::RevokePerson(_)
+            | Self::SetFlags { .. }
             | Self::SetScores { .. }
             | Self::SetFamily { .. }
             | Self::SetStanding { .. }

@@ -14,6 +14,7 @@ use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
 use super::open::{damaged, not_the_chain, open_reader, quick_check, unsigned};
+use super::people;
 use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
@@ -113,6 +114,9 @@ pub(crate) fn check_tables(
     }
     if let Err((nonce, problem)) = check_approvals(connection, store_id).map_err(unreadable)? {
         return Err(not_the_chain(database, &format!("the approval {nonce} is bad: {problem}")));
+    }
+    if let Err((name, problem)) = people::read(connection, store_id).map_err(unreadable)? {
+        return Err(not_the_chain(database, &format!("the person {name} is bad: {problem}")));
     }
     if let Some(problem) = first_difference(connection, &STORE).map_err(unreadable)? {
         return Err(not_the_chain(database, &problem));

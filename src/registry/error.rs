@@ -57,6 +57,9 @@ pub enum StoreError {
     /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
     Approval { nonce: String, problem: String },
+    /// An act about a person that does not hold.
+    #[error("{name:?} is neither enrolled nor revoked: {problem}")]
+    Person { name: String, problem: String },
     /// A family's active pointer was set with another robot.
     #[error("{family} was made active with the robot {recorded}, not with {given}")]
     OtherRobot {
@@ -126,6 +129,7 @@ impl Hint for StoreError {
             | Self::NotFound { .. }
             | Self::Exists { .. }
             | Self::Approval { .. }
+            | Self::Person { .. }
             | Self::CommandReused(_)
             | Self::Invariant(_)
             | Self::Invalid { .. }

@@ -15,7 +15,11 @@ pub(crate) struct Schema {
 /// The store, `holdpoint.db`: "HPT1".
 pub(crate) const STORE: Schema = Schema {
     application_id: 0x4850_5431,
-    steps: &[include_str!("schema/store-1.sql"), include_str!("schema/store-2.sql")],
+    steps: &[
+        include_str!("schema/store-1.sql"),
+        include_str!("schema/store-2.sql"),
+        include_str!("schema/store-3.sql"),
+    ],
 };
 
 /// The telemetry, `telemetry.db`: "HPT2".

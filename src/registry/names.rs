@@ -18,6 +18,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ApprovalRequested
         | RecordKind::ApprovalPut
         | RecordKind::ApprovalConsumed
+        | RecordKind::PersonEnrolled
+        | RecordKind::PersonRevoked
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed
         | RecordKind::AlarmChanged

@@ -87,6 +87,7 @@ impl Applier<'_> {
                 self.write_active(family, (active.as_ref(), pinned.as_ref()), cause, robot.as_deref())
             }
             Change::ConsumeApproval { nonce, .. } => return self.write_consumed(nonce),
+            Change::EnrolPerson(signed) | Change::RevokePerson(signed) => self.write_person_act(signed),
             Change::RegisterVersion(_)
             | Change::SetFlags { .. }
             | Change::SetScores { .. }

@@ -23,10 +23,11 @@ pub(crate) enum ChainedTable {
     ApprovalRequest,
     Approval,
     Alarm,
+    Person,
 }
 
 impl ChainedTable {
-    pub(crate) const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::Context,
         Self::Version,
         Self::Family,
@@ -35,6 +36,7 @@ impl ChainedTable {
         Self::ApprovalRequest,
         Self::Approval,
         Self::Alarm,
+        Self::Person,
     ];
 
     /// Name in the schema and in the chain.
@@ -48,6 +50,7 @@ impl ChainedTable {
             Self::ApprovalRequest => "approval_request",
             Self::Approval => "approval",
             Self::Alarm => "alarm",
+            Self::Person => "person",
         }
     }
 
@@ -60,7 +63,7 @@ impl ChainedTable {
     const fn key(self) -> &'static str {
         match self {
             Self::Context | Self::ApprovalRequest | Self::Alarm => "id",
-            Self::Version | Self::Family => "name",
+            Self::Version | Self::Family | Self::Person => "name",
             Self::Activation | Self::Evidence => "seq",
             Self::Approval => "nonce",
         }
@@ -87,6 +90,10 @@ impl ChainedTable {
                 "nonce, seq, version, who, decision, row_version, not_after_ms, claim, consumed_seq, at_ms"
             }
             Self::Alarm => "id, subject, state, priority, json, changed_ms",
+            Self::Person => {
+                "name, seq, role, public_key, state, unprotected, enrolled_by, enrolled, revoked_seq, revoked_by, \
+                 revoked, changed_ms"
+            }
         }
     }
 
@@ -99,7 +106,23 @@ impl ChainedTable {
             | Self::Evidence
             | Self::ApprovalRequest
             | Self::Approval
-            | Self::Alarm => &[],
+            | Self::Alarm
+            | Self::Person => &[],
+        }
+    }
+
+    /// The schema that brought the table.
+    pub(crate) const fn since(self) -> usize {
+        match self {
+            Self::Person => 3,
+            Self::Context
+            | Self::Version
+            | Self::Family
+            | Self::Activation
+            | Self::Evidence
+            | Self::ApprovalRequest
+            | Self::Approval
+            | Self::Alarm => 1,
         }
     }
 
@@ -129,6 +152,9 @@ pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
         | Change::VoidFamily { family, .. } => vec![(T::Family, family.to_string())],
         Change::PutEvidence { .. } => vec![(T::Evidence, seq.to_string())],
         Change::PutApprovalRequest(request) => vec![(T::ApprovalRequest, request.id.clone())],
+        Change::EnrolPerson(signed) | Change::RevokePerson(signed) => {
+            vec![(T::Person, signed.act().name.clone())]
+        }
         Change::PutApproval(signed) => vec![(T::Approval, signed.approval().nonce.to_string())],
         Change::ConsumeApproval { nonce, .. } => vec![(T::Approval, nonce.clone())],
         Change::SetContext { .. } => vec![(T::Context, "1".to_owned())],
@@ -194,7 +220,11 @@ pub(crate) fn differing_columns(
     let names: Vec<&str> =
         table.columns().split(", ").chain(table.later_columns().iter().map(|column| column.name)).collect();
     let values = |connection: &Connection| -> rusqlite::Result<Option<Vec<Value>>> {
-        let selected = table.selected(version(connection)?);
+        let schema = version(connection)?;
+        if schema < table.since() {
+            return Ok(None);
+        }
+        let selected = table.selected(schema);
         let sql = format!("SELECT {selected} FROM {} WHERE {} = ?1", table.name(), table.key());
         let read = |row: &Row<'_>| (0..names.len()).map(|index| row.get(index)).collect();
         connection.prepare(&sql)?.query_row([key], read).optional()
@@ -210,7 +240,11 @@ pub(crate) fn all_rows(
     table: ChainedTable,
     mut visit: impl FnMut(String, Digest),
 ) -> rusqlite::Result<()> {
-    let selected = table.selected(version(connection)?);
+    let schema = version(connection)?;
+    if schema < table.since() {
+        return Ok(());
+    }
+    let selected = table.selected(schema);
     let sql = format!("SELECT CAST({} AS TEXT), {selected} FROM {}", table.key(), table.name());
     let mut select = connection.prepare(&sql)?;
     let mut rows = select.query([])?;

@@ -112,7 +112,6 @@ impl Store {
             store_id: store_id.clone(),
             key,
             checkpoints: layout.checkpoints(),
-            identities: layout.identities(),
             snapshot_seq: fold.since(),
             fold,
             compared: None,
@@ -274,7 +273,6 @@ struct StoreWriter {
     store_id: String,
     key: SigningKey,
     checkpoints: PathBuf,
-    identities: PathBuf,
     /// What the chain says, this writer's records included.
     fold: Fold,
     /// SQLite's count of what others wrote to the database, when the tables were last held against the chain.
@@ -330,7 +328,7 @@ impl StoreWriter {
                 None
             }
         };
-        let place = ApprovalBasis { store_id: &self.store_id, identities: &self.identities };
+        let place = ApprovalBasis { store_id: &self.store_id };
         let answer = apply(&tx, transaction, place, &self.fold)?;
         if answer.1.seq > self.fold.end().seq {
             let end = Checkpoint::sign(&self.store_id, answer.1, self.link.clone(), None, &self.key);

@@ -17,6 +17,7 @@ use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
+use super::people;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::telemetry::{BatchState, check_batch};
@@ -37,6 +38,8 @@ pub struct VerifyReport {
     pub key_given: bool,
     /// Approvals whose signature matches.
     pub approvals: u64,
+    /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
+    pub persons: u64,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
     /// Sealed batches that were removed for age.
@@ -93,6 +96,9 @@ pub enum VerifyError {
     Unsigned(String),
     #[error("the approval {nonce} is bad: {problem}")]
     Approval { nonce: String, problem: String },
+    /// An act that enrolled or revoked somebody.
+    #[error("the person {name:?} is bad: {problem}")]
+    Person { name: String, problem: String },
     /// A sealed batch of telemetry.
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
     Telemetry {
@@ -114,6 +120,7 @@ impl Hint for VerifyError {
             | Self::Checkpoint { .. }
             | Self::Unsigned(_)
             | Self::Approval { .. }
+            | Self::Person { .. }
             | Self::Telemetry { .. } => None,
         }
     }
@@ -184,6 +191,9 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     let approvals = check_approvals(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(nonce, problem)| VerifyError::Approval { nonce, problem })?;
+    let persons = people::read(&connection, &store_id)
+        .map_err(unreadable)?
+        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
@@ -194,6 +204,7 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         checkpoints,
         key_given: public_key.is_some(),
         approvals,
+        persons: persons.all().count() as u64,
         batches: 0,
         batches_pruned: 0,
         batches_unseen: 0,

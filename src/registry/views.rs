@@ -21,6 +21,8 @@ use super::error::StoreError;
 use super::migrate::{STORE, version};
 use super::names::EvidenceKind;
 use super::open::open_reader;
+use super::people;
+use holdpoint_approvals::Persons;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
@@ -265,6 +267,20 @@ impl Views {
             let signed = serde_json::from_str(&text).map_err(|error| conversion(0, error))?;
             Ok(ApprovalEntry { signed, consumed_seq: row.get(1)?, at_ms: row.get(2)? })
         })
+    }
+
+    /// Whose keys may decide, and might once: each act is checked again.
+    ///
+    /// # Errors
+    /// If the store cannot be read, or an act does not hold.
+    pub fn persons(&self) -> Result<Persons, StoreError> {
+        let reading = "read who may decide";
+        let id = "SELECT value FROM meta WHERE key = 'store_id'";
+        let store_id: String =
+            self.connection.query_row(id, [], |row| row.get(0)).map_err(StoreError::sql(reading))?;
+        people::read(&self.connection, &store_id)
+            .map_err(StoreError::sql(reading))?
+            .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
 
     /// Open requests for approval, the most urgent first.

@@ -141,6 +141,8 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     let candidate = snapshot.candidates.first().unwrap();
     let folder = bench.engine.layout().identities();
     let identity = Identity::create(&folder, "ada", Role::Engineer).unwrap();
+    let enrolment = holdpoint::lab::approver::enrolment(&bench.engine, "ada").unwrap().unwrap();
+    assert!(matches!(bench.ask(enrolment), Reply::Accepted { .. }));
     let mut decide = |bytes: usize| {
         let signed = identity.sign(Approval {
             who: String::new(),

@@ -58,7 +58,11 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     assert!(kept.starts_with(head), "{kept}");
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
     let kinds: Vec<_> = list.iter().map(|one| (one["name"].as_str(), one["protection"].as_str())).collect();
-    assert_eq!(kinds, [(Some("mara"), Some("passphrase")), (Some("rig"), Some("unprotected"))]);
+    assert_eq!(
+        kinds,
+        [("admin", "unprotected"), ("mara", "passphrase"), ("rig", "unprotected")]
+            .map(|(name, kind)| (Some(name), Some(kind)))
+    );
     ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
 
     // A verb that signs.
@@ -86,7 +90,7 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 2, &["has no passphrase"]);
     ends(&change(&["--new-passphrase-file", oak_text]), 0, &["has a passphrase now"]);
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
-    assert_eq!(list[0]["protection"], "passphrase");
+    assert_eq!((&list[1]["name"], &list[1]["protection"]), (&"mara".into(), &"passphrase".into()));
 
     // A file that is damaged is said to be so, with the field and what is allowed.
     fs::write(&key, kept.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();

@@ -21,6 +21,7 @@ mod keys;
 mod mended;
 mod metrics;
 mod old_stores;
+mod people;
 mod pool;
 mod profiles;
 #[cfg(feature = "rerun")]

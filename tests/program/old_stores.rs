@@ -18,7 +18,7 @@ pub const OPEN_ROLES: &str = "store-4831bf5";
 
 /// What is said about somebody whose role does not exist.
 const NO_ROLE: &str = "error: the identity \"mara\" cannot decide anything: \"safety-officer\" is not a role; \
-    allowed: operator, engineer, safety\nHint: make another identity with one of these\n";
+    allowed: operator, engineer, safety, admin\nHint: make another identity with one of these\n";
 
 /// When its one recording was written: 2026-11-22 07:36 UTC.
 const WRITTEN_SECS: u64 = 1_795_332_990;
@@ -89,13 +89,18 @@ fn without_mara(then: Ended) -> Ended {
             let end = start + then.printed[start..].find("},").unwrap() + 2;
             then.printed[..start].to_owned() + &then.printed[end..]
         }
-        // In the table hers was the longest role: the column is six narrower. What protects a key is a column since.
+        // In the table hers was the longest role: the column is six narrower. How somebody stands, what protects a key
+        // and who enrolled it are columns since.
         None => {
             let rows = then.printed.lines().filter(|row| !row.starts_with("mara"));
             let row = |row: String| {
                 let (person, key) = row.split_at(16);
-                let word = if person.starts_with("NAME") { "PROTECTION" } else { "unprotected" };
-                format!("{person}{word:13}{key}\n")
+                let [state, word, by] = if person.starts_with("NAME") {
+                    ["STATE", "PROTECTION", "ENROLLED BY"]
+                } else {
+                    ["not-enrolled", "unprotected", "-"]
+                };
+                format!("{person}{state:14}{word:13}{by:13}{key}\n")
             };
             rows.map(|text| row(text.replacen("      ", "", 1))).collect()
         }
@@ -205,7 +210,7 @@ fn an_engine_carries_it_on_and_every_old_record_stays() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-policy.toml");
     let run = holdpoint(&folder, &["run", "--headless", "--script", script, "--seed", "1"]);
     assert_eq!(run.status.code(), Some(1), "{}{}", text(&run.stdout), text(&run.stderr));
-    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 345 records"));
+    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 346 records"));
     let records = printed(&folder, &["audit", "export"]);
     let old = fs::read_to_string(fixture(OPEN_ROLES).join("expected/audit-export.jsonl")).unwrap();
     assert!(records.starts_with(&old) && records.len() > old.len());
@@ -229,10 +234,10 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     assert_eq!((refused.status.code(), text(&refused.stderr).as_str()), (Some(2), NO_ROLE));
     let resumed = resume("omar");
     assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
-    // The operation's two and whose process asked for it, and what another build means for a store: its context, and two
+    // The first administrator, the operation's two and whose process asked for it, and what another build means for a store: its context, and two
     // for each of four families.
     let verified = printed(&folder, &["audit", "verify"]);
-    assert!(verified.starts_with("sound: 334 records"), "{verified}");
+    assert!(verified.starts_with("sound: 335 records"), "{verified}");
     let voided = printed(&folder, &["audit", "list", "--kind", "family-voided"]);
     assert!(["align", "grasp", "park", "place"].iter().all(|family| voided.contains(family)), "{voided}");
     let made = holdpoint(&folder, &["identity", "new", "eve", "--role", "safety-officer"]);
@@ -245,5 +250,5 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     let people: Vec<Value> =
         serde_json::from_str(&printed(&folder, &["identity", "list", "--json"])).unwrap();
     let names: Vec<_> = people.iter().map(|one| one["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["eve", "ines", "omar", "sana"]);
+    assert_eq!(names, ["admin", "eve", "ines", "omar", "sana"]);
 }

@@ -204,6 +204,7 @@ pub fn question(tier: u8) -> PromptView {
         policy: digest("policy"),
         profile: ProfileName::Human,
         site: None,
+        granted: false,
         needed: if tier == 2 { 2 } else { 1 },
         approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
         deadline_ms: NOW_MS + 1_742_000,

@@ -261,6 +261,8 @@ impl History {
             | RecordKind::ApprovalRequested
             | RecordKind::ApprovalPut
             | RecordKind::ApprovalConsumed
+            | RecordKind::PersonEnrolled
+            | RecordKind::PersonRevoked
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
             | RecordKind::Resumed

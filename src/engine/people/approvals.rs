@@ -38,7 +38,7 @@ pub(super) use question::NewQuestion;
 pub use question::PendingQuestion;
 
 pub use super::signers::SHOWN_BYTES_MAX;
-use super::signers::{not_alone, shown_record, signer};
+use super::signers::{shown_record, signer};
 
 #[derive(Default)]
 pub struct Approvals {
@@ -70,6 +70,27 @@ impl Approvals {
         self.granted.pop_first()
     }
 
+    /// Puts every answer aside that a key gave to an open question; what was granted with it waits again. Tells how
+    /// many there were.
+    pub(crate) fn put_aside(&mut self, context: &Context, record: &Record, key: &str) -> usize {
+        let mut count = 0;
+        for (id, prompt) in &mut self.prompts {
+            let before = prompt.votes.len();
+            prompt.votes.retain(|vote| vote.key != key);
+            prompt.signed.retain(|signed| signed.public_key() != key);
+            count += before - prompt.votes.len();
+            match prompt.result(context, record.now_s()).outcome {
+                ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {}
+                ApprovalOutcome::Pending { .. }
+                | ApprovalOutcome::TimedOut
+                | ApprovalOutcome::Refused { .. } => {
+                    self.granted.remove(id);
+                }
+            }
+        }
+        count
+    }
+
     /// Questions whose time is over.
     #[must_use]
     pub fn due(&self, now_ms: u64) -> Vec<CapabilityId> {
@@ -99,7 +120,11 @@ impl Approvals {
     /// What waits for people.
     #[must_use]
     pub fn views(&self, context: &Context, record: &Record, dossiers: &Dossiers) -> Vec<PromptView> {
-        self.prompts.iter().map(|(id, prompt)| view(context, record, dossiers, id, prompt)).collect()
+        let shown = |(id, prompt)| PromptView {
+            granted: self.granted.contains(id),
+            ..view(context, record, dossiers, id, prompt)
+        };
+        self.prompts.iter().map(shown).collect()
     }
 
     /// Asks people to let a candidate in; from here on only they or the deadline move it.
@@ -268,12 +293,6 @@ impl Approvals {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
         }
-        let identities = record.ledger().store().layout().identities();
-        if said.decision == Answer::Approve
-            && let Err(refused) = not_alone(&identities, &identity, &prompt.request)
-        {
-            return Ok(Err(refused));
-        }
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
         let expires_s = said.not_after_ms as f64 / 1000.0;
         let mut records = Vec::new();
@@ -391,6 +410,7 @@ pub(super) fn view(
         profile: context.profile.name,
         site: context.profile.site.clone(),
         needed: u32::from(quorum),
+        granted: false,
         approved_by: approved.map(|vote| vote.person.clone()).collect(),
         deadline_ms: prompt.deadline_ms,
         valid_until_ms: record.now_ms().saturating_add(valid_ms),

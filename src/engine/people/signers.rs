@@ -1,10 +1,8 @@
 //! Who signed a decision, and what was on the screen then.
 
-use std::path::Path;
-
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, IdentityInfo, SignedApproval};
-use holdpoint_governance::approval::{Answer, Request};
+use holdpoint_approvals::{Identity, IdentityInfo, PersonState, Persons, SignedApproval};
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
@@ -37,12 +35,9 @@ pub(crate) fn signer(
         return refuse(Refusal::BadInput, text, None);
     }
     let folder = record.ledger().store().layout().identities();
-    let identity = match Identity::find(&folder, &signed.approval().who) {
-        Ok(identity) => identity,
-        Err(error) => {
-            let hint = error.hint().unwrap_or("make an identity with `holdpoint identity new`".into());
-            return refuse(Refusal::NotAllowed, error.to_string(), Some(hint.into_owned()));
-        }
+    let identity = match record.ledger().store().persons() {
+        Ok(persons) => person(&persons, &signed.approval().who)?,
+        Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
     };
     if let Err(error) = signed.verify(&identity) {
         return refuse(Refusal::NotAllowed, error.to_string(), None);
@@ -74,18 +69,27 @@ pub(crate) fn signer(
     Ok(identity)
 }
 
-/// That who approves is not requester or author under another name: one key is one person. Under the same name it is the
-/// rules' to say so.
-pub(crate) fn not_alone(folder: &Path, who: &IdentityInfo, request: &Request) -> Result<(), Reply> {
-    let refuse = |text: String| Reply::Refused { code: Refusal::NotAllowed, text, hint: None };
-    let names = Identity::names_of(folder, &who.public_key).map_err(|error| refuse(error.to_string()))?;
-    let other = names
-        .into_iter()
-        .find(|name| *name != who.name && (*name == request.author || *name == request.requester));
-    other.map_or(Ok(()), |other| {
-        let name = &who.name;
-        Err(refuse(format!("{name} has the key of {other}, who asks or writes and cannot approve")))
-    })
+/// Somebody who may decide, by name; an answer of anybody else counts for nothing.
+fn person(persons: &Persons, name: &str) -> Result<IdentityInfo, Reply> {
+    let refuse = |text: String, hint: String| {
+        Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
+    };
+    match persons.named(name) {
+        Some(person) if person.state == PersonState::Enrolled => Ok(person.info()),
+        Some(person) => {
+            let by = person.revoked_by.as_deref().unwrap_or_default();
+            let text = format!("the key of {name} was revoked by {by}, and nothing that it signs counts");
+            refuse(text, "somebody who is enrolled has to decide; see `holdpoint identity list`".to_owned())
+        }
+        None => {
+            let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
+            let text = format!("{name} is not enrolled in this store, and nothing that they sign counts");
+            refuse(
+                text,
+                format!("`holdpoint identity enrol {name} --by {admin} --reason TEXT` enrols their key"),
+            )
+        }
+    }
 }
 
 /// The version that takes over if this active one leaves.

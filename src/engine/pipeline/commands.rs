@@ -7,7 +7,7 @@ use crate::goal;
 use crate::halt;
 use crate::operations::{self, LastVersion, accepted, checked};
 use crate::people::approvals::PendingQuestion;
-use crate::people::questions;
+use crate::people::{persons, questions};
 use crate::stages::closing::rejected;
 use crate::stages::{emergency, monitoring, release};
 use crate::view::lookup;
@@ -105,6 +105,7 @@ impl Pipeline {
         match command {
             Command::Register { package, name } => operations::register(context, record, &name, package),
             Command::Decide { signed, shown } => self.decide(*signed, shown.as_deref()),
+            Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
             Command::Reject(operation) => self.operator_reject(&operation),
             Command::Rollback(operation) => {
                 operations::roll_back(&mut self.live(), &operation, Leave::RolledBack, LastVersion::Ask)

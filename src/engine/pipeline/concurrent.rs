@@ -69,6 +69,7 @@ impl Pipeline {
             | Command::Shutdown
             | Command::Continue(_)
             | Command::Register { .. }
+            | Command::Person { .. }
             | Command::Demote { .. }
             | Command::Reject(_)
             | Command::Pause(_)

@@ -185,6 +185,12 @@ impl Drive<'_> {
                 let Some(who) = who else {
                     return Err(self.unsettled("more people are asked than there are"));
                 };
+                let failed =
+                    |error: approver::ApproverError| ExperimentError::candidate(self.name, error.sentence());
+                let enrolment = approver::enrolment(self.pump.engine(), who).map_err(failed)?;
+                if let Some(command) = enrolment {
+                    self.submit(command)?;
+                }
                 let decision = Answer::Approve;
                 let command =
                     approver::answer(self.pump.engine(), &prompt, who, decision, "agrees to everything")

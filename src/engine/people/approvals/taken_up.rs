@@ -1,14 +1,13 @@
 //! A question that was open when the engine ended, taken up as it was.
 
-use holdpoint_approvals::Identity;
-use holdpoint_governance::approval::{Answer, ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_approvals::PersonState;
+use holdpoint_governance::approval::{ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::ids::CapabilityId;
 
 use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
-use crate::people::signers::not_alone;
 use crate::record::Record;
 
 impl Approvals {
@@ -61,7 +60,7 @@ impl Approvals {
             },
         )?;
         let subject = prompt.request.subject;
-        let identities = record.ledger().store().layout().identities();
+        let persons = record.ledger().store().persons()?;
         for entry in views.approvals(id)? {
             let said = entry.signed.approval().clone();
             let same = said.candidate_digest == subject.candidate
@@ -71,14 +70,9 @@ impl Approvals {
                 && said.profile == context.profile.name
                 && entry.at_ms >= asked_ms;
             // Who may no longer decide has not decided.
-            let Some(who) = Identity::find(&identities, &said.who).ok().filter(|_| same) else { continue };
+            let who = persons.named(&said.who).filter(|who| same && who.state == PersonState::Enrolled);
+            let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
             if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() {
-                continue;
-            }
-            // Earlier versions took it under another name.
-            let own_work =
-                said.decision == Answer::Approve && not_alone(&identities, &who, &prompt.request).is_err();
-            if own_work {
                 continue;
             }
             prompt.votes.push(Vote {

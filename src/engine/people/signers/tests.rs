@@ -1,16 +1,17 @@
 //! Whose answers count, at the door of the engine: whoever sends them, console, verb or another program.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use holdpoint_approvals::keyfile::Keep;
-use holdpoint_approvals::{Cost, Passphrase};
+use holdpoint_approvals::keyfile::{self, Keep};
+use holdpoint_approvals::{Cost, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 
 use super::*;
+use crate::people::persons::enrolled;
 use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
 
@@ -30,8 +31,33 @@ fn words() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
-fn protected(folder: &Path, name: &str) -> Identity {
-    Identity::create_kept(folder, name, Role::Safety, Keep::Sealed(&words(), Cost::LEAST)).unwrap()
+fn protected(bench: &mut Bench, name: &str) -> Identity {
+    enrolled(bench.pipeline.live().record, name, Role::Safety, Keep::Sealed(&words(), Cost::LEAST))
+}
+
+fn plain(bench: &mut Bench, name: &str) -> Identity {
+    enrolled(bench.pipeline.live().record, name, Role::Safety, Keep::Plain)
+}
+
+/// The store's first administrator.
+fn administrator(bench: &Bench, folder: &Path) -> Identity {
+    bench.pipeline.record().ledger().store().persons().unwrap().unasked(folder).unwrap()
+}
+
+fn act(bench: &mut Bench, act: impl FnOnce(&Persons) -> SignedPersonAct) -> Reply {
+    let signed = act(&bench.pipeline.record().ledger().store().persons().unwrap());
+    bench.pipeline.command(Command::Person { signed: Box::new(signed) })
+}
+
+fn revoke(bench: &mut Bench, folder: &Path, name: &str) -> Reply {
+    let admin = administrator(bench, folder);
+    act(bench, |persons| {
+        persons.revocation(persons.named(name).unwrap(), &admin, "the key was copied").unwrap()
+    })
+}
+
+fn done(reply: &Reply) {
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
 fn say(bench: &mut Bench, who: &Identity, answer: Answer, shown: Option<&str>) -> Reply {
@@ -57,7 +83,7 @@ fn refused(reply: &Reply, said: &[&str]) {
 #[test]
 fn an_unprotected_key_approves_nothing_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
-    let ann = Identity::create(&folder, "ann", Role::Safety).unwrap();
+    let ann = plain(&mut bench, "ann");
     let reply = approve(&mut bench, &ann, Some("all of it"));
     refused(&reply, &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
@@ -71,7 +97,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
 fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
     use std::os::unix::fs::PermissionsExt;
     let (mut bench, folder) = waiting(ProfileName::Human, false);
-    let ann = protected(&folder, "ann");
+    let ann = protected(&mut bench, "ann");
     let file = folder.join("ann.key");
     fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
     refused(&approve(&mut bench, &ann, Some("all of it")), &["mode 0640", "chmod 600"]);
@@ -86,8 +112,8 @@ fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
 
 #[test]
 fn an_approval_takes_what_was_shown_where_people_decide() {
-    let (mut bench, folder) = waiting(ProfileName::Human, false);
-    let ann = protected(&folder, "ann");
+    let (mut bench, _) = waiting(ProfileName::Human, false);
+    let ann = protected(&mut bench, "ann");
     for shown in [None, Some(""), Some(" \u{200b}\n")] {
         refused(&approve(&mut bench, &ann, shown), &["takes what was shown"]);
     }
@@ -98,8 +124,8 @@ fn an_approval_takes_what_was_shown_where_people_decide() {
 #[test]
 fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
     for scripted in [true, false] {
-        let (mut bench, folder) = waiting(ProfileName::Human, scripted);
-        let ann = protected(&folder, "ann");
+        let (mut bench, _) = waiting(ProfileName::Human, scripted);
+        let ann = protected(&mut bench, "ann");
         for (answer, reason) in
             [(Answer::Approve, ""), (Answer::Approve, " \u{200b}"), (Answer::Reject, "\n")]
         {
@@ -113,14 +139,22 @@ fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
 /// What a script says was settled when it was written, and stopping is never made harder.
 #[test]
 fn scripts_refusals_and_other_profiles_need_no_passphrase() {
-    let (mut bench, folder) = waiting(ProfileName::Human, true);
-    let ann = Identity::create(&folder, "ann", Role::Safety).unwrap();
+    let (mut bench, _) = waiting(ProfileName::Human, true);
+    let ann = plain(&mut bench, "ann");
     let reply = approve(&mut bench, &ann, None);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    let (mut bench, folder) = waiting(ProfileName::Human, false);
-    let ann = Identity::create(&folder, "ann", Role::Safety).unwrap();
+    let (mut bench, _) = waiting(ProfileName::Human, false);
+    let ann = plain(&mut bench, "ann");
     let reply = say(&mut bench, &ann, Answer::Reject, None);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+/// A copy of somebody's key files under another name, as earlier versions took it for another person.
+fn copied(folder: &Path, from: &str, to: &str) -> Identity {
+    for ending in ["key", "pub"] {
+        fs::copy(folder.join(format!("{from}.{ending}")), folder.join(format!("{to}.{ending}"))).unwrap();
+    }
+    Identity::open(folder, to).unwrap().unlock(Some(&words())).unwrap()
 }
 
 /// An author's alias approved his own work.
@@ -129,47 +163,143 @@ fn the_authors_key_under_another_name_approves_nothing() {
     for scripted in [true, false] {
         let (mut bench, folder) = waiting(ProfileName::Human, scripted);
         let author = bench.pipeline.snapshot().prompts[0].author.clone();
-        protected(&folder, &author);
-        for ending in ["key", "pub"] {
-            fs::copy(folder.join(format!("{author}.{ending}")), folder.join(format!("alias.{ending}")))
-                .unwrap();
+        let themselves = protected(&mut bench, &author);
+        let alias = copied(&folder, &author, "alias");
+        refused(
+            &approve(&mut bench, &alias, Some("all of it")),
+            &["alias is not enrolled", "identity enrol alias"],
+        );
+        // Nor does an administrator make two persons of one key.
+        let admin = administrator(&bench, &folder);
+        if !scripted {
+            admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
         }
-        let alias = Identity::open(&folder, "alias").unwrap().unlock(Some(&words())).unwrap();
-        let reply = approve(&mut bench, &alias, Some("all of it"));
-        refused(&reply, &["alias has the key of", &author, "cannot approve"]);
-        assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-        // Refusing it is anybody's right.
-        let reply = say(&mut bench, &alias, Answer::Reject, None);
-        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        let reply =
+            act(&mut bench, |persons| persons.enrolment(alias.info(), false, &admin, "a test").unwrap());
+        refused(&reply, &["one key is one person", &author]);
+        // Under the own name it is put down, and does not count.
+        done(&approve(&mut bench, &themselves, Some("all of it")));
+        assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for somebody else");
     }
+}
+
+/// Medium risk: two people have to approve.
+fn waiting_for_two() -> (Bench, PathBuf) {
+    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut submitted = package("align-improved", &[]);
+    let (from, to) = ("estimated_risk = \"low\"", "estimated_risk = \"medium\"");
+    assert!(submitted.submission.contains(from), "{}", submitted.submission);
+    submitted.submission = submitted.submission.replace(from, to);
+    asked(&mut bench.pipeline, submitted);
+    let folder = bench.pipeline.record().ledger().store().layout().identities();
+    assert_eq!(bench.pipeline.snapshot().prompts[0].needed, 2);
+    (bench, folder)
 }
 
 /// One key under two names satisfied a quorum of two.
 #[test]
 fn two_names_with_one_key_count_once() {
-    let risky = [("estimated_risk = \"low\"", "estimated_risk = \"medium\"")];
-    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
-    let mut submitted = package("align-improved", &[]);
-    for (from, to) in risky {
-        assert!(submitted.submission.contains(from), "{}", submitted.submission);
-        submitted.submission = submitted.submission.replace(from, to);
-    }
-    asked(&mut bench.pipeline, submitted);
-    let folder = bench.pipeline.record().ledger().store().layout().identities();
-    let ann = protected(&folder, "ann");
-    for ending in ["key", "pub"] {
-        fs::copy(folder.join(format!("ann.{ending}")), folder.join(format!("zoe.{ending}"))).unwrap();
-    }
-    let zoe = Identity::open(&folder, "zoe").unwrap().unlock(Some(&words())).unwrap();
-    assert_eq!(bench.pipeline.snapshot().prompts[0].needed, 2);
-    for who in [&ann, &zoe] {
-        let reply = approve(&mut bench, who, None);
-        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    }
+    let (mut bench, folder) = waiting_for_two();
+    let ann = protected(&mut bench, "ann");
+    let zoe = copied(&folder, "ann", "zoe");
+    done(&approve(&mut bench, &ann, None));
+    refused(&approve(&mut bench, &zoe, None), &["zoe is not enrolled"]);
+    done(&approve(&mut bench, &ann, None));
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it still waits for a second person");
-    let ben = protected(&folder, "ben");
-    let prompt = bench.pipeline.snapshot().prompts.remove(0);
-    let command: Command = prompt.answer(&ben, Answer::Approve, "evidence read", None).unwrap();
-    let _ = bench.pipeline.command(command);
+    let ben = protected(&mut bench, "ben");
+    done(&approve(&mut bench, &ben, None));
     assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
+}
+
+/// An approval that is given and not used yet counts no more when its key is revoked, and a later one is refused.
+#[test]
+fn what_a_revoked_key_signed_does_not_count() {
+    let (mut bench, folder) = waiting_for_two();
+    let (ann, ben, cleo) =
+        (protected(&mut bench, "ann"), protected(&mut bench, "ben"), protected(&mut bench, "cleo"));
+    let early = bench.pipeline.snapshot().prompts[0].answer(&ann, Answer::Approve, "read", None).unwrap();
+    done(&approve(&mut bench, &ann, None));
+    let reply = revoke(&mut bench, &folder, "ann");
+    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("count no more: 1")), "{reply:?}");
+    assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
+    refused(&approve(&mut bench, &ann, None), &["the key of ann was revoked by admin"]);
+    // Also what was signed before and is handed in now.
+    refused(&bench.pipeline.command(early), &["the key of ann was revoked by admin"]);
+    done(&approve(&mut bench, &ben, None));
+    assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "one of two");
+    done(&approve(&mut bench, &cleo, None));
+    assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
+    assert!(bench.pipeline.record().holding().is_none());
+}
+
+/// A question that is taken up after a restart has the answers of those who are enrolled still.
+#[test]
+fn an_answer_of_somebody_revoked_is_not_taken_up() {
+    let (mut bench, folder) = waiting_for_two();
+    let ann = protected(&mut bench, "ann");
+    done(&approve(&mut bench, &ann, None));
+    let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
+    assert_eq!(bench.pipeline.snapshot().prompts[0].approved_by, ["ann"]);
+    // Revoked while no engine runs: the store takes the act itself.
+    let store = bench.pipeline.record().ledger().store();
+    let persons = store.persons().unwrap();
+    let admin = persons.unasked(&folder).unwrap();
+    let signed = persons.revocation(persons.named("ann").unwrap(), &admin, "a test").unwrap();
+    let at_ms = store.views().unwrap().head().unwrap().at_ms;
+    let changes = vec![holdpoint_registry::Change::RevokePerson(Box::new(signed))];
+    let (command_id, audit) = ("revoke ann".to_owned(), Vec::new());
+    store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
+    let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
+    assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
+}
+
+/// Public parts lie in the folder for convenience alone.
+#[test]
+fn public_files_decide_nothing() {
+    let (mut bench, folder) = waiting(ProfileName::Human, true);
+    let ann = protected(&mut bench, "ann");
+    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "ann", Role::Safety).unwrap();
+    let public = |who: &Identity| format!("{} safety\n", keyfile::hex(who.info().public_key.as_bytes()));
+    // Swapped: another key claims the name.
+    fs::write(folder.join("ann.pub"), public(&eve)).unwrap();
+    refused(&approve(&mut bench, &eve, None), &["another key"]);
+    // Removed: the person decides as before.
+    fs::remove_file(folder.join("ann.pub")).unwrap();
+    done(&approve(&mut bench, &ann, None));
+    assert!(bench.pipeline.snapshot().prompts.is_empty());
+}
+
+/// The first administrator's key has no passphrase at first: under `human` it enrols nobody until it has one.
+#[test]
+fn the_unprotected_first_administrator_enrols_nobody_where_people_decide() {
+    let (mut bench, folder) = waiting(ProfileName::Human, false);
+    let admin = administrator(&bench, &folder);
+    let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
+    let enrol = |persons: &Persons| persons.enrolment(ben.info(), true, &admin, "a test").unwrap();
+    let reply = act(&mut bench, enrol);
+    refused(&reply, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin`"]);
+    admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    done(&act(&mut bench, enrol));
+}
+
+/// Enrols `who` by `admin`.
+fn by<'a>(who: &'a Identity, admin: &'a Identity) -> impl FnOnce(&Persons) -> SignedPersonAct + 'a {
+    move |persons| persons.enrolment(who.info(), true, admin, "a test").unwrap()
+}
+
+/// Enrolled by who is no administrator, or none any more.
+#[test]
+fn only_administrators_enrol() {
+    let (mut bench, folder) = waiting(ProfileName::Human, true);
+    let ann = protected(&mut bench, "ann");
+    let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
+    refused(&act(&mut bench, by(&ben, &ann)), &["only an administrator"]);
+    let admin = administrator(&bench, &folder);
+    refused(&revoke(&mut bench, &folder, "admin"), &["last administrator"]);
+    let second = enrolled(bench.pipeline.live().record, "second", Role::Admin, Keep::Plain);
+    done(&act(&mut bench, |persons| {
+        persons.revocation(persons.named("admin").unwrap(), &second, "a test").unwrap()
+    }));
+    refused(&act(&mut bench, by(&ben, &admin)), &["admin\" is not enrolled"]);
+    done(&act(&mut bench, by(&ben, &second)));
 }

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use holdpoint_approvals::{Approval, Identity, Nonce};
+use holdpoint_approvals::keyfile::Keep;
+use holdpoint_approvals::{Approval, Nonce};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::evidence::EpisodeValues;
@@ -18,6 +19,7 @@ use holdpoint_registry::AuditFilter;
 use holdpoint_runtime::capability;
 
 use super::*;
+use crate::people::persons::enrolled;
 use crate::pipeline::Pipeline;
 use crate::stages::emergency;
 use crate::stages::rollback::tests::Bench;
@@ -120,8 +122,7 @@ fn everything_that_changes_is_told_before_people_decide() {
     );
     let silent = Dossier { new_permissions: Vec::new(), ..kept.clone() };
     assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
-    let folder = pipeline.record().ledger().store().layout().identities();
-    let identity = Identity::create(&folder, "ann", Role::Safety).unwrap();
+    let identity = enrolled(pipeline.live().record, "ann", Role::Safety, Keep::Plain);
     let signed = identity.sign(Approval {
         who: String::new(),
         role: identity.info().role,

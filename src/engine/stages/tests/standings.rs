@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use holdpoint_approvals::Identity;
+use holdpoint_approvals::keyfile::Keep;
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
@@ -18,6 +19,7 @@ use holdpoint_registry::AuditFilter;
 
 use crate::binding::{party, terms_of};
 use crate::ledger::Note;
+use crate::people::persons::enrolled;
 use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
 use crate::world::live::LiveFault;
@@ -391,10 +393,9 @@ fn people_release_a_version_where_activations_are_bound_to_them() {
     let restricted =
         |bench: &Bench| bench.pipeline.record().ledger().version(&id).unwrap().1.flags.restricted;
     let ask = || Command::Release { operation: operation(&id), profiles: Vec::new() };
-    let identities = bench.pipeline.record().ledger().store().layout().identities();
     let people: Vec<Identity> = ["carl", "dora", "emil"]
         .into_iter()
-        .map(|name| Identity::create(&identities, name, Role::Safety).unwrap())
+        .map(|name| enrolled(bench.pipeline.live().record, name, Role::Safety, Keep::Plain))
         .collect();
     let answer = |bench: &mut Bench, who: &Identity, answer: Answer| {
         let asked = bench.pipeline.snapshot().prompts;

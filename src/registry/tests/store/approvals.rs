@@ -134,7 +134,7 @@ fn forged_and_unknown_ones_are_refused() {
     let elsewhere = tempfile::tempdir().unwrap();
     for (name, role, message) in [
         ("ada", Role::Operator, "another key"),
-        ("eve", Role::Operator, "no identity"),
+        ("eve", Role::Operator, "not enrolled"),
         ("ada", Role::Safety, "another key"),
     ] {
         let folder = elsewhere.path().join(format!("{name} {role}"));

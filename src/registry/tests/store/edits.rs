@@ -32,6 +32,8 @@ pub fn made(folder: &Path) {
     shadowed(&store, "grasp@1.1.0");
     shadowed(&store, "place@1.1.0");
     let signed = approve(&store, &person(&store, "ada"), "grasp@1.1.0", 1);
+    person(&store, "ben");
+    revoke(&store, "ben");
     let alarm = |state, json: &str| Change::AlarmChange {
         alarm: "a1".into(),
         subject: "grasp@1.1.0".into(),
@@ -188,7 +190,7 @@ fn key(table: &str) -> &'static str {
     match table {
         "meta" => "key",
         "context" | "version" | "approval_request" | "alarm" | "command" | "audit_head" => "id",
-        "family" => "name",
+        "family" | "person" => "name",
         "activation" | "evidence" | "audit" => "seq",
         "approval" => "nonce",
         other => panic!("{other} has no key here"),

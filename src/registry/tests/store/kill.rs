@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use holdpoint_approvals::{Identity, Nonce};
+use holdpoint_approvals::Nonce;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_registry::{AuditFilter, Change, Store, check_invariants, failpoint, verify};
 
@@ -46,10 +46,7 @@ fn work(folder: &Path) {
     if store.views().unwrap().context().unwrap().is_none() {
         bootstrap(&store, "grasp");
     }
-    let ada = match Identity::load(&store.layout().identities(), "ada").ok() {
-        Some(ada) => ada,
-        None => person(&store, "ada"),
-    };
+    let ada = person(&store, "ada");
     for step in 0u64.. {
         let views = store.views().unwrap();
         let status = views.families().unwrap().remove(0);

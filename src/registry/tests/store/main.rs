@@ -20,6 +20,7 @@ mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
+mod persons;
 mod rebuild;
 mod registry;
 mod released;

@@ -51,7 +51,31 @@ fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
     // The rows are those their records speak of; what comes after names its robot.
     assert_eq!(verify(&database, None).unwrap(), before);
     drop(opened);
-    assert_eq!(schema(&database), 2);
+    assert_eq!(schema(&database), 3);
     drop(open(&store));
     assert_eq!(verify(&database, None).unwrap(), before);
+}
+
+/// Schema 2 knew no persons: nobody is enrolled by the migration, whatever keys lie there.
+#[test]
+fn schema_2_gets_its_first_administrator_and_trusts_nobody_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    let database = store.join("holdpoint.db");
+    let connection = Connection::open(&database).unwrap();
+    connection.execute_batch(include_str!("../../schema/store-2.sql")).unwrap();
+    connection.pragma_update(None, "user_version", 2).unwrap();
+    drop(connection);
+    let before = verify(&database, None).unwrap();
+    assert!(Views::open(&database).unwrap().persons().unwrap().is_empty());
+    assert_eq!(schema(&database), 2, "reading changes nothing");
+    let opened = open(&store);
+    assert!(opened.persons().unwrap().is_empty());
+    assert_eq!(opened.first_administrator(0).unwrap().as_deref(), Some("admin"));
+    let names: Vec<_> = opened.persons().unwrap().all().map(|person| person.name.clone()).collect();
+    assert_eq!(names, ["admin"]);
+    drop(opened);
+    assert_eq!(schema(&database), 3);
+    let after = verify(&database, None).unwrap();
+    assert_eq!((after.records, after.persons), (before.records + 1, 1));
 }

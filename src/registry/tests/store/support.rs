@@ -161,9 +161,40 @@ pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
     ]
 }
 
-/// Someone who may decide.
+/// Someone who may decide; whoever is there already is taken as they are.
 pub fn person(store: &Store, name: &str) -> Identity {
-    Identity::create(&store.layout().identities(), name, Role::Operator).unwrap()
+    let folder = store.layout().identities();
+    let who = Identity::load(&folder, name)
+        .unwrap_or_else(|_| Identity::create(&folder, name, Role::Operator).unwrap());
+    enrol(store, &who);
+    who
+}
+
+/// Enrols somebody by the store's first administrator, unless they are.
+pub fn enrol(store: &Store, who: &Identity) {
+    store.first_administrator(0).unwrap();
+    let persons = store.persons().unwrap();
+    if persons.named(&who.info().name).is_none() {
+        let admin = administrator(store);
+        let act = persons.enrolment(who.info(), true, &admin, "a test").unwrap();
+        let command = format!("enrol {}", act.act().nonce);
+        let at_ms = store.views().unwrap().head().unwrap().at_ms;
+        store.commit(transaction(&command, at_ms, vec![Change::EnrolPerson(Box::new(act))])).unwrap();
+    }
+}
+
+/// Revokes somebody by the store's first administrator.
+pub fn revoke(store: &Store, name: &str) {
+    let persons = store.persons().unwrap();
+    let act = persons.revocation(persons.named(name).unwrap(), &administrator(store), "a test").unwrap();
+    let command = format!("revoke {}", act.act().nonce);
+    let at_ms = store.views().unwrap().head().unwrap().at_ms;
+    store.commit(transaction(&command, at_ms, vec![Change::RevokePerson(Box::new(act))])).unwrap();
+}
+
+/// The store's first administrator, with the key.
+pub fn administrator(store: &Store) -> Identity {
+    store.persons().unwrap().unasked(&store.layout().identities()).unwrap()
 }
 
 /// An approval of the shadowed `name` on its gate record, until 1000 ms.

@@ -1,0 +1,409 @@
+//! Persons: whose keys may decide in a store. A key is enrolled, and revoked, by a signed act of an administrator.
+//!
+//! Every act follows from the one before it in its store, so that none can be left out, put in another order or carried
+//! to another store. The first enrols the store's first administrator and is signed by that key itself; who comes later
+//! is somebody only through an administrator who is enrolled at that moment. One key is one person: a name and a key are
+//! used once, also after they were revoked.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+use serde::{Deserialize, Serialize};
+
+use super::identity::{Identity, IdentityInfo};
+use super::keyfile::{hex, parse_public};
+use super::signed::{ApprovalError, Nonce, REASON_BYTES_MAX, holds};
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::{Digest, is_name};
+use holdpoint_governance::words;
+use holdpoint_text::{Hint, is_visible};
+
+/// Separates these bytes from everything else that is ever signed.
+const DOMAIN: &str = "holdpoint/person-act/v1";
+/// What the first act of a store follows from.
+const FIRST: &str = "holdpoint/persons/v1";
+/// The most persons of a store, revoked ones included.
+pub const PERSONS_MAX: usize = 1000;
+
+words! {
+    /// What an administrator does with a person's key.
+    PersonActKind, "act about a person", {
+        /// What the key signs from now on may count.
+        Enrol = "enrol",
+        /// Nothing that the key signed, or will sign, counts any more.
+        Revoke = "revoke",
+    }
+}
+
+words! {
+    /// How a person stands in a store.
+    PersonState, "state of a person", {
+        Enrolled = "enrolled",
+        /// For good: neither the name nor the key is used again.
+        Revoked = "revoked",
+    }
+}
+
+/// What an administrator does with a person's key, and everything that is bound to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PersonAct {
+    pub act: PersonActKind,
+    /// Whom it is about.
+    pub name: String,
+    pub role: Role,
+    /// The person's public key, 64 hexadecimal digits.
+    pub key: String,
+    /// Whether the key had no passphrase when it was enrolled, as far as that could be seen.
+    pub unprotected: bool,
+    /// Name of the administrator; the first one's own for the first act of a store.
+    pub by: String,
+    /// Why, in the administrator's own words.
+    pub reason: String,
+    /// The store it was made for.
+    pub store_id: String,
+    /// Digest of the act before it in that store.
+    pub follows: Digest,
+    pub nonce: Nonce,
+}
+
+impl PersonAct {
+    /// The digest that is signed, and that the next act follows from: every field with its length, behind a domain tag.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
+        let Self { act, name, role, key, unprotected, by, reason, store_id, follows, nonce } = self;
+        let parts: [&[u8]; 10] = [
+            store_id.as_bytes(),
+            follows.bytes(),
+            act.name().as_bytes(),
+            name.as_bytes(),
+            role.name().as_bytes(),
+            key.as_bytes(),
+            if *unprotected { b"unprotected" } else { b"" },
+            by.as_bytes(),
+            reason.as_bytes(),
+            nonce.as_str().as_bytes(),
+        ];
+        Digest::of_parts(DOMAIN, &parts)
+    }
+}
+
+/// An act with its signature and the key that is to have made it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SignedPersonAct {
+    act: PersonAct,
+    public_key: String,
+    signature: String,
+}
+
+impl SignedPersonAct {
+    pub(super) const fn new(act: PersonAct, public_key: String, signature: String) -> Self {
+        Self { act, public_key, signature }
+    }
+
+    /// What was done. Trust it only after [`Persons::check`].
+    #[must_use]
+    pub const fn act(&self) -> &PersonAct {
+        &self.act
+    }
+}
+
+/// An act about a person that does not hold.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PersonError {
+    /// A field that is not allowed.
+    #[error("the act about the person {name:?} has a bad {field}: {allowed}")]
+    Field { name: String, field: &'static str, allowed: &'static str },
+    /// The signature is not by that key over these bytes.
+    #[error("the signature of {0:?} does not match the act")]
+    Signature(String),
+    #[error("the act about {name:?} was made for the store {found:?}")]
+    OtherStore { name: String, found: String },
+    /// Another act came between, or it was used before.
+    #[error("the act about {0:?} does not follow from the last one about people in this store")]
+    DoesNotFollow(String),
+    /// The signer is nobody, somebody else, or somebody who is revoked.
+    #[error("{0:?} is not enrolled in this store with the key that signed, and enrols and revokes nobody")]
+    SignerUnknown(String),
+    #[error("{name:?} is enrolled as {role}, and only an administrator enrols and revokes people")]
+    NoAdministrator { name: String, role: Role },
+    /// The first act of a store enrols the administrator who signs it.
+    #[error("the first person of a store is an administrator who enrols their own key; {0:?} is not")]
+    NotTheFirst(String),
+    #[error("the name {name:?} is {state} in this store already; a name stands for one key")]
+    NameTaken { name: String, state: PersonState },
+    #[error("the key of {name:?} is that of {other:?} already ({state}); one key is one person")]
+    KeyTaken { name: String, other: String, state: PersonState },
+    #[error("{0:?} is not enrolled in this store")]
+    NotEnrolled(String),
+    #[error("{0:?} is the last administrator of this store and cannot be revoked")]
+    LastAdministrator(String),
+    #[error("this store has 1000 persons already, revoked ones included")]
+    TooMany,
+}
+
+impl Hint for PersonError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::DoesNotFollow(_) => Some("sign it again over the store as it is now".into()),
+            Self::SignerUnknown(_) | Self::NoAdministrator { .. } => {
+                Some("`holdpoint identity list` names the administrators; name one with --by".into())
+            }
+            Self::NameTaken { .. } => Some("choose another name".into()),
+            Self::KeyTaken { .. } => Some("make another key with `holdpoint identity new`".into()),
+            Self::LastAdministrator(_) => Some("enrol another administrator first".into()),
+            Self::NotEnrolled(_) => Some("see `holdpoint identity list`".into()),
+            Self::Field { .. }
+            | Self::Signature(_)
+            | Self::OtherStore { .. }
+            | Self::NotTheFirst(_)
+            | Self::TooMany => None,
+        }
+    }
+}
+
+/// Somebody of a store, as the acts about them have it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Person {
+    pub name: String,
+    pub role: Role,
+    pub public_key: VerifyingKey,
+    pub state: PersonState,
+    /// Whether the key had no passphrase when it was enrolled.
+    pub unprotected: bool,
+    pub enrolled_by: String,
+    /// Absent while enrolled.
+    pub revoked_by: Option<String>,
+}
+
+impl Person {
+    /// Who this is to a signature.
+    #[must_use]
+    pub fn info(&self) -> IdentityInfo {
+        IdentityInfo { name: self.name.clone(), role: self.role, public_key: self.public_key }
+    }
+}
+
+/// Everybody of a store, enrolled or revoked: what its acts come to, one after the other.
+#[derive(Clone, Debug)]
+pub struct Persons {
+    store_id: String,
+    follows: Digest,
+    by_name: BTreeMap<String, Person>,
+}
+
+impl Persons {
+    /// Of a store without an act.
+    #[must_use]
+    pub fn none(store_id: &str) -> Self {
+        let follows = Digest::of_parts(FIRST, &[store_id.as_bytes()]);
+        Self { store_id: store_id.to_owned(), follows, by_name: BTreeMap::new() }
+    }
+
+    /// Everybody, by name.
+    pub fn all(&self) -> impl Iterator<Item = &Person> {
+        self.by_name.values()
+    }
+
+    /// Whether nobody was ever enrolled.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.by_name.is_empty()
+    }
+
+    /// Somebody by name, enrolled or revoked.
+    #[must_use]
+    pub fn named(&self, name: &str) -> Option<&Person> {
+        self.by_name.get(name)
+    }
+
+    /// Whoever has this key, enrolled or revoked.
+    #[must_use]
+    pub fn with_key(&self, key: &VerifyingKey) -> Option<&Person> {
+        self.all().find(|person| person.public_key == *key)
+    }
+
+    /// Those who may decide.
+    pub fn enrolled(&self) -> impl Iterator<Item = &Person> {
+        self.all().filter(|person| person.state == PersonState::Enrolled)
+    }
+
+    /// Those who may enrol and revoke.
+    pub fn administrators(&self) -> impl Iterator<Item = &Person> {
+        self.enrolled().filter(|person| person.role == Role::Admin)
+    }
+
+    /// An administrator whose key lies in this folder without a passphrase, so that nobody need be asked for one.
+    #[must_use]
+    pub fn unasked(&self, folder: &Path) -> Option<Identity> {
+        let load = |admin: &Person| Identity::load(folder, &admin.name).ok();
+        let is_theirs = |admin: &Person, key: &Identity| *key.info() == admin.info();
+        self.administrators().find_map(|admin| load(admin).filter(|key| is_theirs(admin, key)))
+    }
+
+    /// An act that enrols `who`, signed by an administrator.
+    ///
+    /// # Errors
+    /// If the machine gives no random number for the nonce.
+    pub fn enrolment(
+        &self,
+        who: &IdentityInfo,
+        unprotected: bool,
+        by: &Identity,
+        reason: &str,
+    ) -> Result<SignedPersonAct, ApprovalError> {
+        self.act(PersonActKind::Enrol, who, unprotected, (by, reason))
+    }
+
+    /// An act that revokes `who`, signed by an administrator.
+    ///
+    /// # Errors
+    /// If the machine gives no random number for the nonce.
+    pub fn revocation(
+        &self,
+        who: &Person,
+        by: &Identity,
+        reason: &str,
+    ) -> Result<SignedPersonAct, ApprovalError> {
+        self.act(PersonActKind::Revoke, &who.info(), who.unprotected, (by, reason))
+    }
+
+    fn act(
+        &self,
+        act: PersonActKind,
+        who: &IdentityInfo,
+        unprotected: bool,
+        (by, reason): (&Identity, &str),
+    ) -> Result<SignedPersonAct, ApprovalError> {
+        Ok(by.sign_act(PersonAct {
+            act,
+            name: who.name.clone(),
+            role: who.role,
+            key: hex(who.public_key.as_bytes()),
+            unprotected,
+            by: by.info().name.clone(),
+            reason: reason.to_owned(),
+            store_id: self.store_id.clone(),
+            follows: self.follows,
+            nonce: Nonce::random()?,
+        }))
+    }
+
+    /// Whether an act is allowed now: signed by an administrator who is enrolled, over this store as it stands.
+    ///
+    /// # Errors
+    /// [`PersonError`], the first thing that is wrong.
+    pub fn check(&self, signed: &SignedPersonAct) -> Result<(), PersonError> {
+        let act = &signed.act;
+        let name = || act.name.clone();
+        let field = |field, allowed| Err(PersonError::Field { name: name(), field, allowed });
+        if !is_name(&act.name) {
+            return field("name", "1 to 64 of a-z, 0-9, '.', '_', '-', starting with a letter or digit");
+        }
+        if act.reason.len() > REASON_BYTES_MAX || !is_visible(&act.reason) {
+            return field("reason", "1 to 4096 bytes that can be read");
+        }
+        let Some(key) = parse_public(&act.key).filter(|key| !key.is_weak() && hex(key.as_bytes()) == act.key)
+        else {
+            return field("key", "64 hexadecimal digits of an ed25519 public key");
+        };
+        if !holds(&signed.public_key, &signed.signature, act.digest().bytes()) {
+            return Err(PersonError::Signature(act.by.clone()));
+        }
+        if act.store_id != self.store_id {
+            return Err(PersonError::OtherStore { name: name(), found: act.store_id.clone() });
+        }
+        if act.follows != self.follows {
+            return Err(PersonError::DoesNotFollow(name()));
+        }
+        if self.is_empty() {
+            let own = act.by == act.name && signed.public_key == act.key;
+            let first = act.act == PersonActKind::Enrol && act.role == Role::Admin && own;
+            return if first { Ok(()) } else { Err(PersonError::NotTheFirst(name())) };
+        }
+        self.check_signer(signed)?;
+        match act.act {
+            PersonActKind::Enrol => self.check_enrolment(act, &key),
+            PersonActKind::Revoke => self.check_revocation(act, &key),
+        }
+    }
+
+    fn check_signer(&self, signed: &SignedPersonAct) -> Result<(), PersonError> {
+        let by = &signed.act.by;
+        let is_signer = |person: &&Person| {
+            person.state == PersonState::Enrolled && hex(person.public_key.as_bytes()) == signed.public_key
+        };
+        let signer =
+            self.named(by).filter(is_signer).ok_or_else(|| PersonError::SignerUnknown(by.clone()))?;
+        match signer.role {
+            Role::Admin => Ok(()),
+            role @ (Role::Operator | Role::Engineer | Role::Safety) => {
+                Err(PersonError::NoAdministrator { name: by.clone(), role })
+            }
+        }
+    }
+
+    fn check_enrolment(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+        let name = act.name.clone();
+        if let Some(other) = self.with_key(key).filter(|other| other.name != act.name) {
+            return Err(PersonError::KeyTaken { name, other: other.name.clone(), state: other.state });
+        }
+        if let Some(same) = self.named(&act.name) {
+            return Err(PersonError::NameTaken { name, state: same.state });
+        }
+        if self.by_name.len() >= PERSONS_MAX { Err(PersonError::TooMany) } else { Ok(()) }
+    }
+
+    fn check_revocation(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+        let enrolled = |person: &&Person| {
+            person.state == PersonState::Enrolled && (person.public_key, person.role) == (*key, act.role)
+        };
+        let Some(person) = self.named(&act.name).filter(enrolled) else {
+            return Err(PersonError::NotEnrolled(act.name.clone()));
+        };
+        if person.role == Role::Admin && self.administrators().count() == 1 {
+            return Err(PersonError::LastAdministrator(act.name.clone()));
+        }
+        Ok(())
+    }
+
+    /// Takes an act that is allowed.
+    ///
+    /// # Errors
+    /// As [`Persons::check`]; nothing has changed then.
+    pub fn push(&mut self, signed: &SignedPersonAct) -> Result<(), PersonError> {
+        self.check(signed)?;
+        let act = &signed.act;
+        match act.act {
+            PersonActKind::Enrol => {
+                let Some(public_key) = parse_public(&act.key) else {
+                    return Err(PersonError::Signature(act.by.clone()));
+                };
+                let person = Person {
+                    name: act.name.clone(),
+                    role: act.role,
+                    public_key,
+                    state: PersonState::Enrolled,
+                    unprotected: act.unprotected,
+                    enrolled_by: act.by.clone(),
+                    revoked_by: None,
+                };
+                self.by_name.insert(act.name.clone(), person);
+            }
+            PersonActKind::Revoke => {
+                if let Some(person) = self.by_name.get_mut(&act.name) {
+                    person.state = PersonState::Revoked;
+                    person.revoked_by = Some(act.by.clone());
+                }
+            }
+        }
+        self.follows = act.digest();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,127 @@
+//! Which acts about people a store takes, each attack by itself.
+
+use super::*;
+
+fn made(folder: &Path, name: &str, role: Role) -> Identity {
+    Identity::create(folder, name, role).unwrap()
+}
+
+fn enrol(persons: &mut Persons, who: &Identity, by: &Identity) -> Result<(), PersonError> {
+    let act = persons.enrolment(who.info(), true, by, "a test").unwrap();
+    persons.push(&act)
+}
+
+fn revoke(persons: &mut Persons, name: &str, by: &Identity) -> Result<(), PersonError> {
+    let who = persons.named(name).cloned().unwrap();
+    let act = persons.revocation(&who, by, "a test").unwrap();
+    persons.push(&act)
+}
+
+/// A store with an administrator and an engineer.
+fn begun(folder: &Path) -> (Persons, Identity, Identity) {
+    let (root, ada) = (made(folder, "admin", Role::Admin), made(folder, "ada", Role::Engineer));
+    let mut persons = Persons::none("a store");
+    enrol(&mut persons, &root, &root).unwrap();
+    enrol(&mut persons, &ada, &root).unwrap();
+    (persons, root, ada)
+}
+
+#[test]
+fn the_first_person_is_an_administrator_who_enrols_their_own_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let (root, ada) = (made(folder.path(), "admin", Role::Admin), made(folder.path(), "ada", Role::Engineer));
+    let mut persons = Persons::none("a store");
+    assert_eq!(enrol(&mut persons, &ada, &ada), Err(PersonError::NotTheFirst("ada".into())));
+    assert_eq!(enrol(&mut persons, &ada, &root), Err(PersonError::NotTheFirst("ada".into())));
+    enrol(&mut persons, &root, &root).unwrap();
+    let eve = made(folder.path(), "eve", Role::Admin);
+    assert_eq!(enrol(&mut persons, &eve, &eve), Err(PersonError::SignerUnknown("eve".into())));
+}
+
+#[test]
+fn only_an_administrator_who_is_enrolled_enrols_and_revokes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, ada) = begun(folder.path());
+    let ben = made(folder.path(), "ben", Role::Engineer);
+    let error = enrol(&mut persons, &ben, &ada).unwrap_err();
+    assert_eq!(error, PersonError::NoAdministrator { name: "ada".into(), role: Role::Engineer });
+    assert!(revoke(&mut persons, "admin", &ada).is_err());
+    let second = made(folder.path(), "second", Role::Admin);
+    enrol(&mut persons, &second, &root).unwrap();
+    revoke(&mut persons, "admin", &second).unwrap();
+    assert_eq!(enrol(&mut persons, &ben, &root), Err(PersonError::SignerUnknown("admin".into())));
+    assert!(persons.named("ben").is_none());
+    // Who claims an administrator's name has the key to show for it.
+    let other = tempfile::tempdir().unwrap();
+    let impostor = made(other.path(), "second", Role::Admin);
+    assert_eq!(enrol(&mut persons, &ben, &impostor), Err(PersonError::SignerUnknown("second".into())));
+}
+
+#[test]
+fn one_key_is_one_person_for_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, ada) = begun(folder.path());
+    let alias = IdentityInfo { name: "alias".into(), ..ada.info().clone() };
+    let act = persons.enrolment(&alias, false, &root, "a test").unwrap();
+    assert!(matches!(persons.push(&act), Err(PersonError::KeyTaken { other, .. }) if other == "ada"));
+    revoke(&mut persons, "ada", &root).unwrap();
+    for name in ["ada", "alias"] {
+        let who = IdentityInfo { name: name.into(), ..ada.info().clone() };
+        let act = persons.enrolment(&who, false, &root, "a test").unwrap();
+        assert!(persons.push(&act).is_err(), "{name}");
+    }
+    let other = tempfile::tempdir().unwrap();
+    let error = enrol(&mut persons, &made(other.path(), "ada", Role::Engineer), &root).unwrap_err();
+    assert!(matches!(error, PersonError::NameTaken { state: PersonState::Revoked, .. }), "{error}");
+}
+
+#[test]
+fn the_last_administrator_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, _) = begun(folder.path());
+    assert_eq!(revoke(&mut persons, "admin", &root), Err(PersonError::LastAdministrator("admin".into())));
+}
+
+#[test]
+fn an_act_is_for_one_store_and_one_moment() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, _) = begun(folder.path());
+    let ben = made(folder.path(), "ben", Role::Engineer);
+    let early = persons.enrolment(ben.info(), false, &root, "a test").unwrap();
+    let mut elsewhere = Persons::none("another store");
+    enrol(&mut elsewhere, &root, &root).unwrap();
+    assert!(matches!(elsewhere.push(&early), Err(PersonError::OtherStore { .. })));
+    persons.push(&early).unwrap();
+    assert_eq!(persons.push(&early), Err(PersonError::DoesNotFollow("ben".into())));
+}
+
+#[test]
+fn any_edit_voids_an_act() {
+    let folder = tempfile::tempdir().unwrap();
+    let (persons, root, _) = begun(folder.path());
+    let ben = made(folder.path(), "ben", Role::Operator);
+    let signed = persons.enrolment(ben.info(), false, &root, "a test").unwrap();
+    persons.check(&signed).unwrap();
+    type Edit = fn(&mut PersonAct);
+    let edits: [(&str, Edit); 10] = [
+        ("act", |a| a.act = PersonActKind::Revoke),
+        ("name", |a| a.name = "eve".into()),
+        ("role", |a| a.role = Role::Safety),
+        ("key", |a| a.key = hex(&[7; 32])),
+        ("unprotected", |a| a.unprotected = true),
+        ("by", |a| a.by = "ada".into()),
+        ("reason", |a| a.reason.push('!')),
+        ("store", |a| a.store_id.push('!')),
+        ("follows", |a| a.follows = Digest::of_parts("t", &[b"x"])),
+        ("nonce", |a| a.nonce = Nonce::from_bytes([8; 16])),
+    ];
+    for (name, edit) in edits {
+        let mut forged = signed.clone();
+        edit(&mut forged.act);
+        assert!(persons.check(&forged).is_err(), "{name}");
+    }
+    for reason in ["", " \u{200b}", &"x".repeat(REASON_BYTES_MAX + 1)] {
+        let act = persons.enrolment(ben.info(), false, &root, reason).unwrap();
+        assert!(matches!(persons.check(&act), Err(PersonError::Field { field: "reason", .. })));
+    }
+}

@@ -1,0 +1,277 @@
+//! An administrator's acts: signed here, and taken by the engine that runs on the store, else by the store itself.
+
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::Args;
+
+use super::listed::Standing;
+use crate::cli::context::CliContext;
+use crate::cli::decide::{parse_identity, parse_reason};
+use crate::cli::output::Output;
+use crate::cli::passphrase;
+use crate::cli::side::{door_error, refused, running};
+use crate::error::CliError;
+use holdpoint_approvals::keyfile::{self, Protection};
+use holdpoint_approvals::{Identity, IdentityInfo, PersonActKind, Persons, SignedPersonAct};
+use holdpoint_engine::door::Client;
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, Transaction, Views};
+use holdpoint_text::Untrusted;
+
+/// Which administrator, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct ActArgs {
+    /// The administrator who signs.
+    #[arg(long, value_name = "ADMIN", value_parser = parse_identity)]
+    by: String,
+    /// Why; goes into the audit log.
+    #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
+    reason: Untrusted,
+    /// Takes the passphrase of the administrator's key from this file (mode 0600) and not from the terminal. The
+    /// variable `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    #[arg(long, value_name = "FILE")]
+    passphrase_file: Option<PathBuf>,
+}
+
+/// Who takes an act.
+enum Taker {
+    /// The engine in another process.
+    Engine(Client),
+    /// Nobody has the store but this verb.
+    Own(Box<Store>),
+}
+
+/// A store whose persons are to change.
+struct Register {
+    taker: Taker,
+    layout: Layout,
+    persons: Persons,
+    /// The profile it was last used under.
+    profile: Option<ProfileName>,
+}
+
+impl Register {
+    /// Makes the store, and its first administrator, where there is none.
+    fn open(context: &CliContext) -> Result<Self, CliError> {
+        let layout = Layout::new(&context.data);
+        let taker = match running(context)? {
+            Some(client) => Taker::Engine(client),
+            None => {
+                let store = Store::open(&context.data).map_err(CliError::usage)?;
+                store.first_administrator(wall_ms()).map_err(CliError::usage)?;
+                Taker::Own(Box::new(store))
+            }
+        };
+        let views = Views::open(&layout.database()).map_err(CliError::usage)?;
+        let profile = views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile);
+        let persons = views.persons().map_err(CliError::usage)?;
+        Ok(Self { taker, layout, persons, profile })
+    }
+
+    /// An administrator who signs without being asked, where nobody has to be kept from the arm.
+    fn unasked(&self) -> Option<Identity> {
+        let allowed = self.profile != Some(ProfileName::Human);
+        if allowed { self.persons.unasked(&self.layout.identities()) } else { None }
+    }
+
+    /// Whose key opens, and is one that may enrol here.
+    fn administrator(
+        &self,
+        context: &CliContext,
+        name: &str,
+        file: Option<&Path>,
+        act: PersonActKind,
+    ) -> Result<Identity, CliError> {
+        let kept = passphrase::kept(context, name)?;
+        let strict = act == PersonActKind::Enrol && self.profile == Some(ProfileName::Human);
+        if strict && kept.protection() == Protection::None {
+            let text = format!(
+                "the key of {name} has no passphrase, and where the profile human decides none such enrols people"
+            );
+            let hint = format!("`holdpoint identity passphrase {name}` sets one and keeps the key");
+            return Err(CliError::held(text).with_hint(hint));
+        }
+        passphrase::unlock(kept, file)
+    }
+
+    fn take(self, signed: SignedPersonAct) -> Result<(), CliError> {
+        match self.taker {
+            Taker::Engine(mut client) => {
+                let command = Command::Person { signed: Box::new(signed) };
+                match client.ask(command).map_err(door_error)? {
+                    Reply::Accepted { .. } => Ok(()),
+                    Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
+                    Reply::Snapshot { .. }
+                    | Reply::Detail { .. }
+                    | Reply::Registry { .. }
+                    | Reply::Audit { .. }
+                    | Reply::Verified { .. } => {
+                        Err(CliError::internal("the engine answered with something that was not asked for"))
+                    }
+                }
+            }
+            Taker::Own(store) => {
+                self.persons.check(&signed).map_err(CliError::held)?;
+                let command_id = format!("person-{}", signed.act().nonce);
+                let change = match signed.act().act {
+                    PersonActKind::Enrol => Change::EnrolPerson(Box::new(signed)),
+                    PersonActKind::Revoke => Change::RevokePerson(Box::new(signed)),
+                };
+                let at_ms = store.opening().head.at_ms;
+                let at_ms = store.views().and_then(|views| views.head()).map_or(at_ms, |head| head.at_ms);
+                let (wall_ms, changes) = (wall_ms(), vec![change]);
+                let transaction = Transaction { command_id, at_ms, wall_ms, changes, audit: Vec::new() };
+                store.commit(transaction).map(drop).map_err(CliError::usage)
+            }
+        }
+    }
+}
+
+/// What became of a key that was just made.
+pub(super) enum Enrolment {
+    /// This administrator signed.
+    By { name: String, asked: bool },
+    /// Nobody signed; who can.
+    NotYet { admin: String },
+}
+
+impl Enrolment {
+    pub(super) const fn standing(&self) -> Standing {
+        match self {
+            Self::By { .. } => Standing::Enrolled,
+            Self::NotYet { .. } => Standing::NotEnrolled,
+        }
+    }
+
+    pub(super) fn sentence(&self, who: &str) -> String {
+        match self {
+            Self::By { name, asked: true } => format!("enrolled by {name}"),
+            Self::By { name, asked: false } => format!(
+                "enrolled by {name}, whose key has no passphrase: whoever can read it enrols people. \
+                 `holdpoint identity passphrase {name}` sets one"
+            ),
+            Self::NotYet { admin } => format!(
+                "not enrolled: {who} can decide nothing yet. \
+                 `holdpoint identity enrol {who} --by {admin} --reason TEXT` enrols the key"
+            ),
+        }
+    }
+}
+
+/// Has a key that was just made enrolled, by the administrator that was named or by one who need not be asked.
+pub(super) fn enrol_new(
+    context: &CliContext,
+    who: &Identity,
+    by: Option<&str>,
+    file: Option<&Path>,
+) -> Result<Enrolment, CliError> {
+    let register = Register::open(context)?;
+    let (admin, asked) = match by {
+        Some(by) => (Some(register.administrator(context, by, file, PersonActKind::Enrol)?), true),
+        None => (register.unasked(), false),
+    };
+    let Some(admin) = admin else {
+        let admin = register.persons.administrators().next();
+        let admin = admin.map_or_else(|| FIRST_ADMINISTRATOR.to_owned(), |admin| admin.name.clone());
+        return Ok(Enrolment::NotYet { admin });
+    };
+    let unprotected = is_unprotected(&register.layout, &who.info().name);
+    let signed = register.persons.enrolment(who.info(), unprotected, &admin, "a new identity");
+    register.take(signed.map_err(CliError::internal)?)?;
+    Ok(Enrolment::By { name: admin.info().name.clone(), asked })
+}
+
+/// Has a key enrolled that is there.
+pub(super) fn enrol(
+    context: &CliContext,
+    (name, public_key, role): (&str, Option<&str>, Option<Role>),
+    args: &ActArgs,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let folder = Layout::new(&context.data).identities();
+    let who = match public_key {
+        Some(given) => from_elsewhere(name, given, role)?,
+        None => in_folder(&folder, name, role)?,
+    };
+    let register = Register::open(context)?;
+    let admin =
+        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Enrol)?;
+    let unprotected = public_key.is_none() && is_unprotected(&register.layout, name);
+    let signed = register
+        .persons
+        .enrolment(&who, unprotected, &admin, args.reason.raw())
+        .map_err(CliError::internal)?;
+    register.take(signed.clone())?;
+    note_public(&folder, &who);
+    out.answer(&signed, |out| {
+        out.line(&format!("{name} is enrolled as {} by {}", who.role, admin.info().name))
+    })
+}
+
+/// Has somebody revoked.
+pub(super) fn revoke(
+    context: &CliContext,
+    name: &str,
+    args: &ActArgs,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let register = Register::open(context)?;
+    let Some(person) = register.persons.named(name) else {
+        let text = format!("{name} is not enrolled in this store");
+        return Err(CliError::usage(text).with_hint("see `holdpoint identity list`"));
+    };
+    let admin =
+        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Revoke)?;
+    let signed =
+        register.persons.revocation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
+    register.take(signed.clone())?;
+    out.answer(&signed, |out| {
+        out.line(&format!("{name} is revoked by {}: nothing that this key signed counts", admin.info().name))
+    })
+}
+
+fn is_unprotected(layout: &Layout, name: &str) -> bool {
+    matches!(Identity::protection(&layout.identities(), name), Ok(Protection::None))
+}
+
+/// Somebody whose key was made elsewhere.
+fn from_elsewhere(name: &str, given: &str, role: Option<Role>) -> Result<IdentityInfo, CliError> {
+    let (public_key, note) = match keyfile::parse_public(given) {
+        Some(key) => (key, String::new()),
+        None => keyfile::read_public(Path::new(given)).map_err(CliError::usage)?,
+    };
+    let role = role.or_else(|| note.parse().ok()).ok_or_else(|| {
+        CliError::usage("the public key names no role").with_hint("--role says what this person does")
+    })?;
+    Ok(IdentityInfo { name: name.to_owned(), role, public_key })
+}
+
+/// Somebody whose key is in the store's folder, in the role that was asked for.
+fn in_folder(folder: &Path, name: &str, role: Option<Role>) -> Result<IdentityInfo, CliError> {
+    let path = folder.join(format!("{name}.pub"));
+    match role {
+        Some(role) if path.exists() => {
+            let (public_key, _) = keyfile::read_public(&path).map_err(CliError::usage)?;
+            Ok(IdentityInfo { name: name.to_owned(), role, public_key })
+        }
+        Some(_) | None => Identity::find(folder, name).map_err(CliError::usage),
+    }
+}
+
+/// The public part lies beside the keys for convenience, in the role that was enrolled; nothing rests on it.
+fn note_public(folder: &Path, who: &IdentityInfo) {
+    let path = folder.join(format!("{}.pub", who.name));
+    if Identity::find(folder, &who.name).ok().as_ref() == Some(who) {
+        return;
+    }
+    drop(std::fs::remove_file(&path));
+    drop(keyfile::write_public(&path, &who.public_key, who.role.name()));
+}
+
+fn wall_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
+}

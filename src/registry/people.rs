@@ -1,0 +1,243 @@
+//! Persons in the store: the acts that enrol and revoke them, checked inside the transaction that keeps them, and the
+//! first administrator.
+
+use rusqlite::{Connection, params};
+
+use super::apply::{Applier, Touched};
+use super::change::{Change, Transaction};
+use super::error::StoreError;
+use super::migrate::version;
+use super::rows::ChainedTable;
+use super::store::Store;
+use holdpoint_approvals::keyfile::Protection;
+use holdpoint_approvals::{
+    Identity, IdentityError, Person, PersonActKind, PersonState, Persons, SignedPersonAct,
+};
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::canonical_json;
+use holdpoint_governance::record::RecordKind;
+
+/// What the first administrator is called; a number follows where the name is somebody else's.
+pub const FIRST_ADMINISTRATOR: &str = "admin";
+/// Names that are tried for the first administrator.
+const NAMES_MAX: usize = 100;
+
+/// A person's row beside the acts.
+struct PersonRow {
+    name: String,
+    role: String,
+    public_key: String,
+    state: String,
+    enrolled_by: String,
+    unprotected: bool,
+    revoked_by: Option<String>,
+}
+
+impl PersonRow {
+    fn is(&self, person: &Person) -> bool {
+        let key = holdpoint_approvals::keyfile::hex(person.public_key.as_bytes());
+        (self.role.as_str(), self.state.as_str()) == (person.role.name(), person.state.name())
+            && (&self.public_key, &self.enrolled_by) == (&key, &person.enrolled_by)
+            && (self.unprotected, &self.revoked_by) == (person.unprotected, &person.revoked_by)
+    }
+}
+
+/// Everybody of a store: each act is read from its row, in the order of the records, and checked again.
+///
+/// # Errors
+/// If the store cannot be read. The name and the problem of the first act that does not hold.
+pub(crate) fn read(
+    connection: &Connection,
+    store_id: &str,
+) -> rusqlite::Result<Result<Persons, (String, String)>> {
+    let mut persons = Persons::none(store_id);
+    if version(connection)? < ChainedTable::Person.since() {
+        return Ok(Ok(persons));
+    }
+    let mut select = connection.prepare_cached(
+        "SELECT name, role, public_key, state, enrolled_by, unprotected, revoked_by, seq, enrolled, revoked_seq, revoked
+         FROM person",
+    )?;
+    let mut found = select.query([])?;
+    let (mut rows, mut acts) = (Vec::new(), Vec::new());
+    while let Some(row) = found.next()? {
+        let name: String = row.get(0)?;
+        let enrolled: (u64, String) = (row.get(7)?, row.get(8)?);
+        acts.push((enrolled.0, name.clone(), PersonActKind::Enrol, enrolled.1));
+        if let (Some(seq), Some(text)) = (row.get::<_, Option<u64>>(9)?, row.get::<_, Option<String>>(10)?) {
+            acts.push((seq, name.clone(), PersonActKind::Revoke, text));
+        }
+        rows.push(PersonRow {
+            name,
+            role: row.get(1)?,
+            public_key: row.get(2)?,
+            state: row.get(3)?,
+            enrolled_by: row.get(4)?,
+            unprotected: row.get(5)?,
+            revoked_by: row.get(6)?,
+        });
+    }
+    acts.sort_by_key(|(seq, ..)| *seq);
+    for (_, name, kind, text) in acts {
+        let pushed = serde_json::from_str::<SignedPersonAct>(&text)
+            .map_err(|error| error.to_string())
+            .and_then(|signed| {
+                let act = signed.act();
+                if (&act.name, act.act) != (&name, kind) || canonical_json(&signed).ok() != Some(text) {
+                    return Err("the act is not what was recorded".to_owned());
+                }
+                persons.push(&signed).map_err(|error| error.to_string())
+            });
+        if let Err(problem) = pushed {
+            return Ok(Err((name, problem)));
+        }
+    }
+    for row in rows {
+        if persons.named(&row.name).is_none_or(|person| !row.is(person)) {
+            return Ok(Err((row.name, "the row is not what its acts say".to_owned())));
+        }
+    }
+    Ok(Ok(persons))
+}
+
+impl Applier<'_> {
+    /// Everybody of the store as this transaction has it so far.
+    pub(super) fn persons(&self) -> Result<Persons, StoreError> {
+        read(self.connection, self.place.store_id)
+            .map_err(StoreError::sql("read who may decide"))?
+            .map_err(|(name, problem)| StoreError::Person { name, problem })
+    }
+
+    /// Enrols or revokes, if the act is allowed.
+    pub(super) fn person_act(
+        &self,
+        signed: &SignedPersonAct,
+        kind: PersonActKind,
+    ) -> Result<Touched, StoreError> {
+        let act = signed.act();
+        let refuse = |problem: String| StoreError::Person { name: act.name.clone(), problem };
+        if act.act != kind {
+            return Err(refuse("the act is not what it is handed in as".to_owned()));
+        }
+        self.persons()?.check(signed).map_err(|error| refuse(error.to_string()))?;
+        self.write_person_act(signed)
+    }
+
+    /// Keeps an act that is allowed.
+    pub(super) fn write_person_act(&self, signed: &SignedPersonAct) -> Result<Touched, StoreError> {
+        let act = signed.act();
+        let text = canonical_json(signed).map_err(|error| StoreError::invalid("act", &act.name, error))?;
+        match act.act {
+            PersonActKind::Enrol => {
+                self.execute(
+                    "enrol a person",
+                    "INSERT INTO person (name, seq, role, public_key, state, unprotected, enrolled_by, enrolled, changed_ms)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+                    params![
+                        act.name,
+                        self.next_seq(),
+                        act.role.name(),
+                        act.key,
+                        PersonState::Enrolled.name(),
+                        act.unprotected,
+                        act.by,
+                        text,
+                        self.at_ms
+                    ],
+                )?;
+                Ok(Touched::new(RecordKind::PersonEnrolled, &act.name))
+            }
+            PersonActKind::Revoke => {
+                self.execute(
+                    "revoke a person",
+                    "UPDATE person SET state = ?2, revoked_seq = ?3, revoked_by = ?4, revoked = ?5, changed_ms = ?6
+                     WHERE name = ?1",
+                    params![
+                        act.name,
+                        PersonState::Revoked.name(),
+                        self.next_seq(),
+                        act.by,
+                        text,
+                        self.at_ms
+                    ],
+                )?;
+                Ok(Touched::new(RecordKind::PersonRevoked, &act.name))
+            }
+        }
+    }
+}
+
+impl Store {
+    /// Everybody of the store.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn persons(&self) -> Result<Persons, StoreError> {
+        self.views()?.persons()
+    }
+
+    /// Makes the store's first administrator if nobody was ever enrolled: a fresh key without a passphrase in
+    /// `keys/identities`, enrolled by itself. Of a store of an earlier version that is recorded as such. Tells the name
+    /// of whom it made.
+    ///
+    /// # Errors
+    /// If the key or the record cannot be written; a key that was written is taken the next time.
+    pub fn first_administrator(&self, wall_ms: i64) -> Result<Option<String>, StoreError> {
+        let views = self.views()?;
+        let persons = views.persons()?;
+        if !persons.is_empty() {
+            return Ok(None);
+        }
+        let head = views.head()?;
+        drop(views);
+        let admin = self.first_key()?;
+        let name = admin.info().name.clone();
+        let refused = |problem: String| StoreError::Person { name: name.clone(), problem };
+        let reason = if head.seq == 0 {
+            "the first administrator, made with the store"
+        } else {
+            "the first administrator, made when a store of an earlier version was opened: it kept people in files alone"
+        };
+        let act = persons
+            .enrolment(admin.info(), true, &admin, reason)
+            .map_err(|error| refused(error.to_string()))?;
+        self.commit(Transaction {
+            command_id: format!("first-administrator-{}", act.act().nonce),
+            at_ms: head.at_ms,
+            wall_ms,
+            changes: vec![Change::EnrolPerson(Box::new(act))],
+            audit: Vec::new(),
+        })?;
+        Ok(Some(name))
+    }
+
+    /// The key of the first administrator: one that an earlier try left, or a fresh one.
+    fn first_key(&self) -> Result<Identity, StoreError> {
+        let folder = self.layout().identities();
+        let refused = |name: &str, error: &IdentityError| StoreError::Person {
+            name: name.to_owned(),
+            problem: error.to_string(),
+        };
+        for number in 1..=NAMES_MAX {
+            let name = match number {
+                1 => FIRST_ADMINISTRATOR.to_owned(),
+                _ => format!("{FIRST_ADMINISTRATOR}-{number}"),
+            };
+            match Identity::create(&folder, &name, Role::Admin) {
+                Err(IdentityError::Exists(_)) => {}
+                made => return made.map_err(|error| refused(&name, &error)),
+            }
+            let left = Identity::open(&folder, &name).ok();
+            let left = left.filter(|kept| kept.info().role == Role::Admin);
+            if let Some(kept) = left.filter(|kept| kept.protection() == Protection::None)
+                && let Ok(identity) = kept.unlock(None)
+            {
+                return Ok(identity);
+            }
+        }
+        Err(StoreError::Person {
+            name: FIRST_ADMINISTRATOR.to_owned(),
+            problem: "every name that the first administrator could have is somebody's".to_owned(),
+        })
+    }
+}

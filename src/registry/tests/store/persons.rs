@@ -1,0 +1,145 @@
+//! Persons: enrolled and revoked by signed acts alone, in the chain like everything else.
+
+use holdpoint_approvals::{Identity, SignedPersonAct};
+use holdpoint_governance::approval::Role;
+use holdpoint_registry::{Change, Store, rebuild, verify};
+
+use crate::support::*;
+
+const NEW: &str = "grasp@1.1.0";
+
+/// A store with a candidate at the gate.
+fn begun(folder: &std::path::Path) -> Store {
+    let store = open(folder);
+    store.first_administrator(0).unwrap();
+    bootstrap(&store, "grasp");
+    shadowed(&store, NEW);
+    store
+}
+
+fn enrolment(store: &Store, who: &Identity, by: &Identity) -> SignedPersonAct {
+    store.persons().unwrap().enrolment(who.info(), true, by, "a test").unwrap()
+}
+
+fn revocation(store: &Store, name: &str, by: &Identity) -> SignedPersonAct {
+    let persons = store.persons().unwrap();
+    persons.revocation(persons.named(name).unwrap(), by, "a test").unwrap()
+}
+
+#[track_caller]
+fn refused(store: &Store, change: Change, said: &str) {
+    let before = store.views().unwrap().head().unwrap();
+    let error = commit(store, "refused", vec![change]).unwrap_err().to_string();
+    assert!(error.contains(said), "{error}");
+    assert_eq!(store.views().unwrap().head().unwrap(), before, "nothing was written");
+}
+
+fn enrol_change(signed: SignedPersonAct) -> Change {
+    Change::EnrolPerson(Box::new(signed))
+}
+
+#[test]
+fn the_first_administrator_is_made_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    assert_eq!(store.first_administrator(0).unwrap().as_deref(), Some("admin"));
+    assert_eq!(store.first_administrator(0).unwrap(), None);
+    let persons = store.persons().unwrap();
+    let admin = persons.named("admin").unwrap();
+    assert_eq!((admin.role, admin.unprotected, admin.enrolled_by.as_str()), (Role::Admin, true, "admin"));
+    // Another key cannot be the first any more.
+    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "eve", Role::Admin).unwrap();
+    refused(&store, enrol_change(enrolment(&store, &eve, &eve)), "not enrolled");
+    drop(store);
+    // A death between the key and its record: the key is taken the next time.
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let left = Identity::create(&store.layout().identities(), "admin", Role::Admin).unwrap();
+    store.first_administrator(0).unwrap();
+    assert_eq!(administrator(&store).info(), left.info());
+}
+
+#[test]
+fn only_an_administrators_act_for_this_store_enrols() {
+    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (store, other) = (begun(folder.path()), begun(elsewhere.path()));
+    let (ada, root) = (person(&store, "ada"), administrator(&store));
+    let keys = tempfile::tempdir().unwrap();
+    let ben = Identity::create(keys.path(), "ben", Role::Operator).unwrap();
+    refused(&store, enrol_change(enrolment(&store, &ben, &ada)), "only an administrator");
+    // Of another store, whose administrator has the same key or another one.
+    refused(&store, enrol_change(enrolment(&other, &ben, &root)), "made for the store");
+    refused(&store, enrol_change(enrolment(&store, &ben, &administrator(&other))), "not enrolled");
+    // An act that was overtaken, and one that was used.
+    let (early, act) = (enrolment(&store, &ben, &root), enrolment(&store, &ben, &root));
+    commit(&store, "enrol", vec![enrol_change(act.clone())]).unwrap();
+    refused(&store, enrol_change(early), "does not follow");
+    refused(&store, enrol_change(act), "does not follow");
+    // One key is one person, and a revocation is none who enrols.
+    let alias = Identity::create(tempfile::tempdir().unwrap().path(), "cleo", Role::Admin).unwrap();
+    commit(&store, "second", vec![enrol_change(enrolment(&store, &alias, &root))]).unwrap();
+    let revoked = revocation(&store, "admin", &alias);
+    refused(&store, enrol_change(revoked.clone()), "not what it is handed in as");
+    commit(&store, "revoke", vec![Change::RevokePerson(Box::new(revoked))]).unwrap();
+    let dora = Identity::create(keys.path(), "dora", Role::Operator).unwrap();
+    refused(&store, enrol_change(enrolment(&store, &dora, &root)), "not enrolled");
+    refused(&store, Change::RevokePerson(Box::new(revocation(&store, "cleo", &alias))), "last administrator");
+    let report = verify(&store.layout().database(), Some(store.public_key())).unwrap();
+    assert_eq!(report.persons, 4);
+}
+
+#[test]
+fn a_revoked_keys_approval_is_neither_kept_nor_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = begun(folder.path());
+    let (ada, root) = (person(&store, "ada"), administrator(&store));
+    let (kept, late) = (approve(&store, &ada, NEW, 1), approve(&store, &ada, NEW, 2));
+    commit(&store, "kept", vec![Change::PutApproval(Box::new(kept))]).unwrap();
+    let act = revocation(&store, "ada", &root);
+    commit(&store, "revoke", vec![Change::RevokePerson(Box::new(act))]).unwrap();
+    refused(&store, Change::PutApproval(Box::new(late)), "not enrolled");
+    refused(&store, consume(NEW, 1), "not enrolled any more");
+}
+
+/// Re-signed approvals with swapped public files, and removed identities, verified as sound.
+#[test]
+fn files_beside_the_store_say_nothing_of_persons() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = begun(folder.path());
+    let ada = person(&store, "ada");
+    let signed = approve(&store, &ada, NEW, 1);
+    let public = store.layout().identities().join("ada.pub");
+    std::fs::remove_file(&public).unwrap();
+    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "ada", Role::Operator).unwrap();
+    let of = |who: &Identity| holdpoint_approvals::keyfile::hex(who.info().public_key.as_bytes());
+    std::fs::write(&public, format!("{} operator\n", of(&eve))).unwrap();
+    let forged = Change::PutApproval(Box::new(approve(&store, &eve, NEW, 2)));
+    refused(&store, forged, "another key");
+    commit(&store, "kept", vec![Change::PutApproval(Box::new(signed))]).unwrap();
+    verify(&store.layout().database(), Some(store.public_key())).unwrap();
+}
+
+#[test]
+fn persons_are_made_anew_from_the_chain() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = begun(folder.path());
+    let (ada, root) = (person(&store, "ada"), administrator(&store));
+    commit(&store, "kept", vec![Change::PutApproval(Box::new(approve(&store, &ada, NEW, 1)))]).unwrap();
+    let act = revocation(&store, "ada", &root);
+    commit(&store, "revoke", vec![Change::RevokePerson(Box::new(act))]).unwrap();
+    let before: Vec<_> = store.persons().unwrap().all().cloned().collect();
+    drop(store);
+    let database = folder.path().join("holdpoint.db");
+    let edit = rusqlite::Connection::open(&database).unwrap();
+    edit.execute_batch(
+        "DROP TRIGGER person_revoked; UPDATE person SET state = 'enrolled', revoked_seq = NULL, \
+         revoked_by = NULL, revoked = NULL WHERE name = 'ada'",
+    )
+    .unwrap();
+    drop(edit);
+    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
+    assert!(error.contains("the person \"ada\" does not match the audit chain"), "{error}");
+    unless_in_use(|| rebuild(folder.path(), "{}", 0)).unwrap();
+    let store = open(folder.path());
+    assert_eq!(store.persons().unwrap().all().cloned().collect::<Vec<_>>(), before);
+}

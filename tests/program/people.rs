@@ -1,0 +1,149 @@
+//! Who may decide, from outside: enrolled and revoked by an administrator, whatever lies in the folder of keys.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::old_stores::{OPEN_ROLES, copied, holdpoint, text};
+
+/// A call that has to end with this code; what it printed and said.
+#[track_caller]
+fn ends(folder: &TempDir, call: &str, code: i32) -> String {
+    let words: Vec<&str> = call.split(' ').collect();
+    let output = holdpoint(folder, &words);
+    let said = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{call}: {said}");
+    said
+}
+
+#[track_caller]
+fn says(said: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(said.contains(part), "{part:?} is not in {said}");
+    }
+}
+
+/// Everybody's name and standing.
+fn standings(folder: &TempDir) -> Vec<(String, String)> {
+    let output = holdpoint(folder, &["identity", "list", "--json"]);
+    let list: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
+    let field = |one: &Value, name: &str| one[name].as_str().unwrap().to_owned();
+    list.iter().map(|one| (field(one, "name"), field(one, "state"))).collect()
+}
+
+fn is(folder: &TempDir, expected: &[(&str, &str)]) {
+    let expected: Vec<_> =
+        expected.iter().map(|(name, state)| ((*name).to_owned(), (*state).to_owned())).collect();
+    assert_eq!(standings(folder), expected);
+}
+
+fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let path = folder.join(name);
+    fs::write(&path, text).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+    path
+}
+
+#[test]
+fn people_come_and_go_by_an_administrators_act_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = ends(&folder, "identity new mara --role safety --unprotected", 0);
+    says(&said, &["made the identity mara", "enrolled by admin, whose key has no passphrase"]);
+    ends(&folder, "identity new omar --unprotected --by admin", 0);
+    is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
+    let mode = fs::metadata(folder.path().join("store/keys/identities/admin.key")).unwrap().permissions();
+    assert_eq!(mode.mode() & 0o7777, 0o600);
+    // Who is no administrator enrols and revokes nobody.
+    let said = ends(&folder, "identity new eve --unprotected --by mara", 3);
+    says(&said, &["mara", "only an administrator"]);
+    let said = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
+    says(&said, &["only an administrator"]);
+    let said = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
+    says(&said, &["last administrator", "enrol another administrator first"]);
+    // A name and a key are somebody's for good.
+    ends(&folder, "identity revoke omar --by admin --reason left", 0);
+    let said = ends(&folder, "identity enrol omar --by admin --reason back", 3);
+    says(&said, &["revoked in this store already"]);
+    let keys = folder.path().join("store/keys/identities");
+    for ending in ["key", "pub"] {
+        fs::copy(keys.join(format!("mara.{ending}")), keys.join(format!("alias.{ending}"))).unwrap();
+    }
+    let said = ends(&folder, "identity enrol alias --by admin --reason twin", 3);
+    says(&said, &["that of \"mara\" already", "one key is one person"]);
+    let all = [
+        ("admin", "enrolled"),
+        ("alias", "not-enrolled"),
+        ("eve", "not-enrolled"),
+        ("mara", "enrolled"),
+        ("omar", "revoked"),
+    ];
+    is(&folder, &all);
+    // Public files are read for signing: edited, removed or added they change nothing.
+    fs::copy(keys.join("eve.pub"), keys.join("mara.pub")).unwrap();
+    fs::remove_file(keys.join("omar.pub")).unwrap();
+    fs::copy(keys.join("eve.pub"), keys.join("zoe.pub")).unwrap();
+    says(&ends(&folder, "audit verify", 0), &["sound"]);
+    let standing = standings(&folder);
+    let of = |name: &str| standing.iter().find(|(known, _)| known == name).map(|(_, state)| state.as_str());
+    assert_eq!(
+        (of("mara"), of("omar"), of("zoe")),
+        (Some("enrolled"), Some("revoked"), Some("not-enrolled"))
+    );
+    // A key from elsewhere.
+    let elsewhere = tempfile::tempdir().unwrap();
+    ends(&elsewhere, "identity new cleo --role engineer --unprotected", 0);
+    let public = elsewhere.path().join("store/keys/identities/cleo.pub");
+    let call = format!("identity enrol cleo --public-key {} --by admin --reason hers", public.display());
+    says(&ends(&folder, &call, 0), &["cleo is enrolled as engineer by admin"]);
+}
+
+#[test]
+fn a_store_of_an_earlier_version_trusts_no_file() {
+    let folder = copied(OPEN_ROLES);
+    assert!(standings(&folder).iter().all(|(_, state)| state == "not-enrolled"));
+    // The first opening makes the administrator, and nobody else.
+    ends(&folder, "resume align --as omar --reason back", 0);
+    let found = standings(&folder);
+    assert!(found.contains(&("admin".to_owned(), "enrolled".to_owned())), "{found:?}");
+    assert!(found.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{found:?}");
+    let made = ends(&folder, "audit list --kind person-enrolled --json", 0);
+    says(&made, &["made when a store of an earlier version was opened"]);
+    // It was last used where people decide.
+    let said = ends(&folder, "identity enrol omar --by admin --reason known", 3);
+    says(&said, &["the key of admin has no passphrase"]);
+    let oak = file(folder.path(), "oak", "under the oak\n");
+    let oak = oak.display();
+    ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
+    let enrol = |who: &str| format!("identity enrol {who} --by admin --reason known --passphrase-file {oak}");
+    ends(&folder, &enrol("omar"), 0);
+    // A role outside the set is chosen anew.
+    ends(&folder, &enrol("mara --role safety"), 0);
+    let found = standings(&folder);
+    for name in ["mara", "omar"] {
+        assert!(found.contains(&(name.to_owned(), "enrolled".to_owned())), "{name}: {found:?}");
+    }
+    says(&ends(&folder, "audit verify", 0), &["sound"]);
+}
+
+#[test]
+fn under_human_the_first_administrator_needs_a_passphrase_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = file(folder.path(), "human.toml", "profile = \"human\"\n[[step]]\npass = { for_s = 1 }\n");
+    let oak = file(folder.path(), "oak", "under the oak\n");
+    let (script, oak) = (script.display(), oak.display());
+    // Nothing was judged by it.
+    ends(&folder, &format!("run --headless --script {script}"), 5);
+    let said = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
+    says(&said, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT` enrols the key"]);
+    let enrol = format!("identity enrol ben --by admin --reason joins --passphrase-file {oak}");
+    let said = ends(&folder, &enrol, 3);
+    says(&said, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin` sets one"]);
+    let before = fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap();
+    ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
+    ends(&folder, &enrol, 0);
+    assert_eq!(fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap(), before);
+    is(&folder, &[("admin", "enrolled"), ("ben", "enrolled")]);
+}
